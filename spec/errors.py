@@ -1,0 +1,20 @@
+"""The one exception for bad input from a user: a file, a parameter, a gaze, a camera."""
+
+import sys
+from collections.abc import Callable
+
+
+class InputError(ValueError):
+    """Bad input. The message names the offending value and says what is accepted."""
+
+
+def run_command_line(main: Callable[[], int | None]) -> None:
+    """Run `main`, turning InputError into one line on standard error and exit status 2, Ctrl-C into 130."""
+    try:
+        sys.exit(main() or 0)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
