@@ -1,0 +1,155 @@
+"""AcceleratorConfig: the one parameter object that yields the golden renderer, the RTL and the reports.
+
+TINY is for fast simulation, PAPER has the source's resources (section 7, "Hardware Implementation"), DEFAULT is
+PAPER's array with fewer front-end units and a narrower row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from spec.constants import MAX_LEVELS, SUPPORT_SIGMA, TILE
+from spec.formats import SQ, UQ, Fixed, SmallFloat
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberFormats:
+    """Every number format of the machine. docs/formats.md lists them with their records; tests/ justify the widths.
+
+    The array works in the log2 domain: alpha = 2^(log2(opacity) - u^2 - v^2), where (u, v) is the pixel's offset from
+    the splat's mean times the upper Cholesky factor of the conic, scaled by `constants.EXPONENT_SCALE`.
+    """
+
+    position: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
+    """Means in memory, world units relative to the model's origin."""
+    scale: SmallFloat = SmallFloat(sig_bits=12, exp_bits=6, bias=40, signed=False)
+    """Standard deviations in memory, world units; zero is a degenerate axis."""
+    quaternion: Fixed = SQ(0, 13)
+    """Normalised quaternion components in memory."""
+    log2_opacity: Fixed = SQ(4, 10)
+    """log2 of the amplified opacity, -16..7 in use."""
+    sh_dc: Fixed = SQ(2, 11)
+    """Base colour, SH_C0 * dc + 0.5, in memory; may be negative."""
+    sh_rest: Fixed = SQ(1, 10)
+    """Higher SH coefficients in memory."""
+    view: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
+    """View transform and perspective division."""
+    work: SmallFloat = SmallFloat(sig_bits=18, exp_bits=8, bias=127)
+    """Covariance, conic, support and colour arithmetic of the culling unit."""
+    mean2d: Fixed = SQ(14, 10)
+    """Projected means in pixels."""
+    conic: SmallFloat = SmallFloat(sig_bits=16, exp_bits=6, bias=63)
+    """Cholesky factors of the conic; at most EXPONENT_SCALE / sqrt(LOW_PASS) = 1.551, so the largest exponent is 0."""
+    colour: Fixed = UQ(1, 9)
+    """Splat colours; saturating."""
+    depth: Fixed = UQ(0, 14)
+    """Splat depth as a fraction of the frame's depth scale; saturating."""
+    depth_key: Fixed = UQ(0, 20)
+    """Sort key: linear between the frame's near and far registers; saturating."""
+    offset: Fixed = SQ(5, 14)
+    """u and v at the tile's centre; a pair that saturates it cannot touch the tile."""
+    factor: Fixed = SQ(1, 15)
+    """Cholesky factors as the slopes use them: the significand of a factor of exponent 0."""
+    exponent: Fixed = SQ(11, 14)
+    """Exponent of alpha in the log2 domain, accumulated exactly over the tile."""
+    slope: Fixed = SQ(7, 14)
+    """First differences of the exponent."""
+    curvature: Fixed = SQ(3, 14)
+    """Second differences of the exponent."""
+    cut: Fixed = SQ(3, 10)
+    """Exponent below which a pixel skips the splat; its fraction is that of the exponential."""
+    alpha: Fixed = UQ(1, 12)
+    """Alpha, 0..1 inclusive."""
+    transmittance: Fixed = UQ(0, 16)
+    """Transmittance; starts at its largest value."""
+    weight: Fixed = UQ(0, 14)
+    """T * alpha as the accumulators see it; the weights of a pixel and its last T sum to the first T exactly."""
+    accumulator: Fixed = UQ(1, 14)
+    """Colour sums."""
+    depth_accumulator: Fixed = UQ(0, 18)
+    """Depth sums."""
+    plane: Fixed = SQ(6, 12)
+    """Coefficients of a tile's blend plane."""
+    blend_weight: Fixed = UQ(1, 8)
+    """Weight of the outer level in a blend tile, 0..1 inclusive."""
+    exp2_segments: int = 16
+    """Segments of the piecewise linear 2^x on [0, 1)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcceleratorConfig:
+    """One machine. Rejects bad parameters in the constructor.
+
+    Attributes:
+        name: short name, used for folders and command lines.
+        cores_x, cores_y: pixel cores of the array; both divide TILE, and an array smaller than a tile passes over it
+            in blocks.
+        levels: foveation levels the machine supports; more than 1 adds the second accumulator bank and the blending unit.
+        depth: depth sums present.
+        support_sigma: Mahalanobis support radius, or None for alpha's cut alone.
+        culling_units: culling and conversion units.
+        sorting_units: hierarchical sorting units.
+        row_width: widest frame in pixels.
+        line_buffer_bytes, sort_buffer_bytes: capacity of a line buffer and of the double buffer before sorting.
+        formats: number formats.
+    """
+
+    name: str
+    cores_x: int = TILE
+    cores_y: int = TILE
+    levels: int = MAX_LEVELS
+    depth: bool = True
+    support_sigma: float | None = SUPPORT_SIGMA
+    culling_units: int = 8
+    sorting_units: int = 1
+    row_width: int = 1920
+    line_buffer_bytes: int = 1024
+    sort_buffer_bytes: int = 65536
+    formats: NumberFormats = field(default_factory=NumberFormats)
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("culling_units", 1, 64),
+            ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
+            ("sort_buffer_bytes", 256, 1 << 24),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} must be an integer, not {value!r}")
+            if not low <= value <= high:
+                raise ValueError(f"{name} must be in {low}..{high}, not {value!r}")
+        for name in ("cores_x", "cores_y"):
+            if TILE % getattr(self, name):
+                raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
+        if not isinstance(self.depth, bool):
+            raise TypeError(f"depth must be a bool, not {self.depth!r}")
+        if self.support_sigma is not None and not 0.5 <= self.support_sigma <= 8:
+            raise ValueError(f"support_sigma must be None or in 0.5..8, not {self.support_sigma!r}")
+        if not isinstance(self.formats, NumberFormats):
+            raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
+
+    @property
+    def blocks(self) -> int:
+        """Passes of the array over a tile."""
+        return (TILE // self.cores_x) * (TILE // self.cores_y)
+
+    @property
+    def level_banks(self) -> int:
+        """Levels accumulated side by side: 2 where blend tiles exist."""
+        return 2 if self.levels > 1 else 1
+
+    @property
+    def banks(self) -> int:
+        """Accumulator banks of a pixel core: one per block and level, index `block * level_banks + level`."""
+        return self.blocks * self.level_banks
+
+    def with_(self, **changes: object) -> AcceleratorConfig:
+        """A copy with some parameters changed."""
+        return replace(self, **changes)
+
+
+TINY = AcceleratorConfig(name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096)
+DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280)
+PAPER = AcceleratorConfig(name="paper")
+
+CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER)}

@@ -1,0 +1,190 @@
+"""Record layouts: what travels on every arrow, in memory and between units.
+
+A record is a list of named fields, each a number format or a plain unsigned integer, packed from bit 0 up. `rtl.shapes`
+turns it into an Amaranth layout, `Record.pack` into bit patterns; `dtype` is how the golden renderer holds it.
+docs/formats.md is generated from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.formats import UQ, Fixed, Format
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field: `count` numbers of one format; raw integers for Fixed, bit patterns for SmallFloat."""
+
+    name: str
+    format: Format
+    doc: str
+    count: int = 1
+
+    @property
+    def width(self) -> int:
+        """Bits of the whole field."""
+        return self.format.width * self.count
+
+
+@dataclass(frozen=True)
+class Record:
+    """A named layout. Field 0 sits in the lowest bits."""
+
+    name: str
+    doc: str
+    fields: tuple[Field, ...]
+
+    @property
+    def width(self) -> int:
+        """Bits of the record."""
+        return sum(f.width for f in self.fields)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Structured dtype of int64 raw values (Fixed) or bit patterns (SmallFloat)."""
+        return np.dtype([(f.name, np.int64, (f.count,)) if f.count > 1 else (f.name, np.int64) for f in self.fields])
+
+    def pack(self, row: Mapping[str, object] | np.void) -> int:
+        """The bit pattern of one row; ValueError where a raw value does not fit its field."""
+        bits, offset = 0, 0
+        for f in self.fields:
+            for raw in np.atleast_1d(row[f.name]).tolist():
+                low, high = (f.format.raw_min, f.format.raw_max) if isinstance(f.format, Fixed) else (0, (1 << f.format.width) - 1)
+                if not low <= raw <= high:
+                    raise ValueError(f"{self.name}.{f.name} must be in {low}..{high}, not {raw!r}")
+                bits |= (raw & ((1 << f.format.width) - 1)) << offset
+                offset += f.format.width
+        return bits
+
+    def unpack(self, bits: int) -> dict[str, int | list[int]]:
+        """The raw values of one bit pattern, by field."""
+        row: dict[str, int | list[int]] = {}
+        for f in self.fields:
+            values = []
+            for _ in range(f.count):
+                pattern = bits & ((1 << f.format.width) - 1)
+                values.append(int(f.format.from_bits(pattern)) if isinstance(f.format, Fixed) else pattern)
+                bits >>= f.format.width
+            row[f.name] = values if f.count > 1 else values[0]
+        return row
+
+
+def uint(bits: int) -> Fixed:
+    """A plain unsigned integer."""
+    return UQ(bits, 0)
+
+
+INDEX_BITS = 24
+"""Gaussian index: 16 M points."""
+
+COUNT_BITS = 24
+"""Entries of one tile."""
+
+TILE_BITS = 10
+"""Tile coordinate: frames up to 16,384 pixels."""
+
+
+def gaussian_geometry(config: AcceleratorConfig) -> Record:
+    """The first half of a Gaussian in memory; fetched for every point. One 32-byte DRAM burst."""
+    n = config.formats
+    return Record("GaussianGeometry", gaussian_geometry.__doc__, (
+        Field("mean", n.position, "position in world units, relative to the model's origin", 3),
+        Field("scale", n.scale, "standard deviations in world units", 3),
+        Field("quat", n.quaternion, "normalised quaternion, wxyz", 4),
+        Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
+        Field("bound", uint(2), "quality bound m - 1: the highest level that uses the point"),
+    ))
+
+
+def gaussian_colour(config: AcceleratorConfig) -> Record:
+    """The second half of a Gaussian in memory; fetched for survivors of culling only."""
+    n = config.formats
+    return Record("GaussianColour", gaussian_colour.__doc__, (
+        Field("dc", n.sh_dc, "base colour SH_C0 * dc + 0.5: r, g, b of level 1, then of the others", 3 * MAX_LEVELS),
+        Field("rest", n.sh_rest, "SH coefficients 1..15, r, g, b each, in 3DGS order", 45),
+    ))
+
+
+def splat2d(config: AcceleratorConfig) -> Record:
+    """A projected Gaussian: what culling and conversion hands on for every visible point."""
+    n = config.formats
+    return Record("Splat2D", splat2d.__doc__, (
+        Field("index", uint(INDEX_BITS), "Gaussian index; breaks ties of depth"),
+        Field("bound", uint(2), "quality bound m - 1"),
+        Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
+        Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
+        Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
+        Field("colour", n.colour, "colour: r, g, b of level 1, then of the others", 3 * MAX_LEVELS),
+        Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
+        Field("depth_key", n.depth_key, "sort key"),
+    ))
+
+
+def tile_header(config: AcceleratorConfig) -> Record:
+    """What the array must know of a tile before its entries; one per tile, empty tiles too, in tile order."""
+    n = config.formats
+    return Record("TileHeader", tile_header.__doc__, (
+        Field("tile_x", uint(TILE_BITS), "tile column"),
+        Field("tile_y", uint(TILE_BITS), "tile row"),
+        Field("outer", uint(1), "the tile's level is 2 or more, where alpha may reach 1"),
+        Field("blend", uint(1), "the tile blends its level with the next"),
+        Field("plane", n.plane, "blend parameter at the first pixel, its slope along x, along y", 3),
+        Field("count", uint(COUNT_BITS), "entries that follow"),
+    ))
+
+
+def array_entry(config: AcceleratorConfig) -> Record:
+    """A (splat, tile) pair in rendering order, with the values of the tile's level and, in a blend tile, of the next."""
+    n = config.formats
+    return Record("ArrayEntry", array_entry.__doc__, (
+        Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
+        Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
+        Field("use", uint(1), "the levels that use the point: the tile's, the next", 2),
+        Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity at the tile's level, at the next", 2),
+        Field("colour", n.colour, "r, g, b at the tile's level, at the next", 6),
+        Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
+    ))
+
+
+def pixel_op(config: AcceleratorConfig) -> Record:
+    """One splat at one level, as the setup unit hands it to the array."""
+    n = config.formats
+    return Record("PixelOp", pixel_op.__doc__, (
+        Field("exponent", n.exponent, "exponent of alpha at the tile's first pixel, half an ulp of `cut` included"),
+        Field("slope_x", n.slope, "first difference along x at the first pixel"),
+        Field("slope_y", n.slope, "first difference along y at the first pixel"),
+        Field("curve_xx", n.curvature, "second difference along x"),
+        Field("curve_xy", n.curvature, "mixed second difference"),
+        Field("curve_yy", n.curvature, "second difference along y"),
+        Field("cut", n.cut, "exponent below which a pixel skips the splat"),
+        Field("colour", n.colour, "r, g, b", 3),
+        Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
+        Field("bank", uint(1), "level bank: 0 the tile's level, 1 the next"),
+        Field("outer", uint(1), "alpha may reach 1"),
+        Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start afresh"),
+        Field("last", uint(1), "the background: weighted by the remaining transmittance, which it leaves as it is"),
+        Field("drain", uint(1), "last op of the tile in any bank: its rows leave the array"),
+    ))
+
+
+def pixel_row(config: AcceleratorConfig) -> Record:
+    """Finished pixels, levels blended: `cores_x` neighbours of one row of a tile, left to right."""
+    n, lanes = config.formats, config.cores_x
+    return Record("PixelRow", pixel_row.__doc__, (
+        Field("tile_x", uint(TILE_BITS), "tile column"),
+        Field("tile_y", uint(TILE_BITS), "tile row"),
+        Field("row", uint(4), "row inside the tile"),
+        Field("column", uint(4), "first column inside the tile, a multiple of the array's width"),
+        Field("colour", n.accumulator, "r, g, b of each pixel, background included", 3 * lanes),
+        Field("depth", n.depth_accumulator, "sum of weight * depth of each pixel, not yet divided by the coverage", lanes),
+        Field("transmittance", n.transmittance, "what is left at the end of each pixel; coverage is 1 minus it", lanes),
+    ))
+
+
+RECORDS = (gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row)
