@@ -31,6 +31,12 @@ class Field:
         """Bits of the whole field."""
         return self.format.width * self.count
 
+    @property
+    def raw_range(self) -> tuple[int, int]:
+        """Smallest and largest raw value of one number."""
+        fixed = isinstance(self.format, Fixed)
+        return (self.format.raw_min, self.format.raw_max) if fixed else (0, (1 << self.format.width) - 1)
+
 
 @dataclass(frozen=True)
 class Record:
@@ -55,7 +61,7 @@ class Record:
         bits, offset = 0, 0
         for f in self.fields:
             for raw in np.atleast_1d(row[f.name]).tolist():
-                low, high = (f.format.raw_min, f.format.raw_max) if isinstance(f.format, Fixed) else (0, (1 << f.format.width) - 1)
+                low, high = f.raw_range
                 if not low <= raw <= high:
                     raise ValueError(f"{self.name}.{f.name} must be in {low}..{high}, not {raw!r}")
                 bits |= (raw & ((1 << f.format.width) - 1)) << offset

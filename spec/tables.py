@@ -32,7 +32,8 @@ def exp2_segments(formats: NumberFormats) -> tuple[np.ndarray, np.ndarray]:
         exact = np.exp2((s * per_segment + r) / (1 << input_frac)) * (1 << frac)
         slope[s] = round((exact[-1] - exact[0]) / (per_segment - 1) * 2.0**shift)
         error = exact - np.floor(slope[s] * r / 2.0**shift)
-        base[s] = max(1 << frac, min(round((error.max() + error.min()) / 2), (2 << frac) - 1 - (int(slope[s]) * (per_segment - 1) >> shift)))
+        below_two = (2 << frac) - 1 - (int(slope[s]) * (per_segment - 1) >> shift)
+        base[s] = np.clip(round((error.max() + error.min()) / 2), 1 << frac, below_two)
     return base, slope
 
 
