@@ -194,7 +194,7 @@ def _fit_planes(t: np.ndarray) -> np.ndarray:
     n, tile, _ = t.shape
     y, x = np.indices((tile, tile))
     design = np.stack([np.ones(tile * tile), x.ravel(), y.ravel()], axis=1)
-    t = t.reshape(n, -1)
+    t = t.reshape(n, tile * tile)
     with np.errstate(invalid="ignore"):
         use = (t >= FIT_RANGE[0]) & (t <= FIT_RANGE[1])
     use |= ~use.any(axis=1, keepdims=True) & ~np.isnan(t)
