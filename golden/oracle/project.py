@@ -57,9 +57,9 @@ def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -
 
     Returns:
         The surviving splats, and the number culled by reason; a point counts under the first that applies:
-        `non_finite` (a field of the input), `near` (z <= camera.near), `overflow` (position or extent on the screen
-        beyond float64), `transparent` (alpha below 1/255 even at the centre, at every level that uses the point),
-        `outside` (the footprint misses the rectangle of the frame's pixel centres).
+        `non_finite` (a field of the input; or a zero quaternion), `near` (z <= camera.near), `overflow` (position or
+        extent on the screen beyond float64), `transparent` (alpha below 1/255 even at the centre, at every level that
+        uses the point), `outside` (the footprint misses the rectangle of the frame's pixel centres).
     """
     with np.errstate(all="ignore"):  # what is not finite here is culled by name below
         point = model.means @ camera.rotation.T + camera.translation
@@ -95,14 +95,15 @@ def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -
 
 
 def finite_input(model: GaussianModel) -> np.ndarray:
-    """(N,) bool: every field finite, but for a log scale of -inf, which is a degenerate axis."""
-    fields = (model.means, np.exp(model.log_scales), model.quats, model.opacity, model.sh_dc, model.sh_rest)
-    return np.logical_and.reduce([np.isfinite(f.reshape(len(model), -1)).all(axis=1) for f in fields])
+    """(N,) bool: every field finite, but for a log scale of -inf, which is a degenerate axis, and the quaternion not 0."""
+    fields = (model.means, model.quats, model.opacity, model.sh_dc, model.sh_rest)
+    finite = [np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in fields]
+    return np.logical_and.reduce([*finite, (model.log_scales < np.inf).all(axis=1), model.quats.any(axis=1)])
 
 
 def rotation_matrices(quats: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of the wxyz quaternions (N, 4), normalised first; a zero quaternion is the identity."""
-    w, x, y, z = (quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), 1e-12)).T
+    """(N, 3, 3) rotations of the wxyz quaternions (N, 4), normalised first."""
+    w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
