@@ -1,0 +1,71 @@
+"""One camera in a small JSON file, for `--camera FILE`."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from golden.scenes.camera import Camera
+from golden.scenes.files import atomic_output, read_json
+from spec.errors import InputError
+
+RIGID = 1e-4  # largest deviation of R R^T from the identity: six decimals typed by hand pass, a scaled matrix does not
+
+
+def save_camera(camera: Camera, path: Path | str) -> None:
+    """Write every field of `camera` by its name; `load_camera` returns it exactly.
+
+    Raises:
+        InputError: the folder does not exist or is not writable.
+    """
+    fields = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(camera).items()}
+    with atomic_output(path) as file:
+        file.write((json.dumps(fields, indent=1) + "\n").encode())
+
+
+def load_camera(path: Path | str) -> Camera:
+    """The camera in a JSON file: `rotation` (3x3, world to camera, OpenCV axes), `translation`, `fx`, `fy`, `width`, `height`
+    and, with defaults, `cx`, `cy` (the middle), `near` and `name`. Lengths in world units, the rest in pixels.
+
+    Raises:
+        InputError: a missing, unknown or impossible entry.
+    """
+    path = Path(path)
+    entry = read_json(path)
+    unknown = set(entry) - set(Camera.__dataclass_fields__)
+    if unknown:
+        raise InputError(f"{path}: {sorted(unknown)[0]!r} is no entry of a camera; accepted: {', '.join(Camera.__dataclass_fields__)}")
+    rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
+        raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows, determinant +1 are needed")
+    width, height = (_number(path, entry, key) for key in ("width", "height"))
+    if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
+        raise InputError(f"{path}: frame size {width:g}x{height:g}; whole numbers from 1 on are accepted")
+    positive = {key: _number(path, entry, key) for key in ("fx", "fy")} | {"near": _number(path, entry, "near", Camera.near)}
+    for key, value in positive.items():
+        if value <= 0:
+            raise InputError(f"{path}: {key} is {value:g}; more than 0 is accepted")
+    return Camera(rotation=rotation, translation=translation, width=int(width), height=int(height), **positive,
+                  cx=_number(path, entry, "cx", width / 2), cy=_number(path, entry, "cy", height / 2),
+                  name=str(entry.get("name", path.stem)))
+
+
+def _number(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
+    value = entry.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{path}: {key} is {value!r}; a finite number is needed")
+    return float(value)
+
+
+def _array(path: Path, entry: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.array(entry.get(key), np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{path}: {key} is {str(entry.get(key))[:60]}; {'x'.join(map(str, shape))} finite numbers are needed")
+    return array

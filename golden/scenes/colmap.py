@@ -1,0 +1,100 @@
+"""COLMAP models (text or binary, with or without rigs and frames) through pycolmap."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from golden.scenes.camera import Camera
+from golden.scenes.conventions import up_of_cameras
+from golden.scenes.datasets import Dataset, fit_to_images
+from golden.scenes.files import read_bytes, require_package
+from spec.errors import InputError
+
+PINHOLE = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
+"""Camera models without distortion, with their number of parameters; others are accepted when their distortion is zero."""
+FIRST_DISTORTION = {"SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4, "FULL_OPENCV": 4}
+
+
+def find_model(folder: Path) -> Path | None:
+    """The folder of the COLMAP model with images in a data set, or None."""
+    for part in ("sparse/0", "sparse", "colmap/sparse/0", "."):
+        if any((folder / part / f"images.{kind}").exists() for kind in ("bin", "txt")):
+            return folder / part
+    return None
+
+
+def load_colmap(folder: Path, model: Path) -> Dataset:
+    """The set whose photographs lie in `folder` and whose COLMAP model in `model`.
+
+    Photographs come from `images`, else from the least reduced `images_*`; without a folder of photographs there are none.
+
+    Raises:
+        InputError: a broken model, a distorted camera, a missing photograph, or the extra `models` is not installed.
+    """
+    pycolmap = require_package("pycolmap", f"reading {model}")
+    try:
+        reconstruction = pycolmap.Reconstruction(str(model))
+    except Exception as error:  # pycolmap raises what its C++ threw
+        raise InputError(f"{model}: is not a whole COLMAP model ({str(error).splitlines()[0]})") from error
+    posed = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
+    if not posed:
+        raise InputError(f"{model}: has {len(reconstruction.images)} images and none with a pose; at least one is needed")
+    cameras = [_camera(model, image, reconstruction.cameras[image.camera_id]) for image in posed]
+    photographs = find_images(folder)
+    images = None if photographs is None else [photographs / camera.name for camera in cameras]
+    points = list(reconstruction.points3D.values())
+    return Dataset(
+        cameras=tuple(cameras) if images is None else fit_to_images(cameras, images),
+        images=None if images is None else tuple(images),
+        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
+        point_colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+        up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
+    )
+
+
+def find_images(folder: Path) -> Path | None:
+    """The folder of photographs in a data set: `images`, else the least reduced `images_N`, else None."""
+    if (folder / "images").is_dir():
+        return folder / "images"
+    reduced = [p for p in folder.glob("images_*") if p.is_dir() and p.name[7:].isdigit()]
+    return min(reduced, key=lambda p: int(p.name[7:]), default=None)
+
+
+def _camera(model: Path, image: object, intrinsics: object) -> Camera:
+    kind, parameters = intrinsics.model.name, intrinsics.params
+    if kind not in PINHOLE and (kind not in FIRST_DISTORTION or np.any(parameters[FIRST_DISTORTION[kind] :])):
+        raise InputError(f"{model}: camera of {image.name} is {kind} with distortion; {' and '.join(PINHOLE)} are accepted "
+                         "(colmap image_undistorter makes them)")
+    pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world  # a property before pycolmap 3.12
+    matrix = pose.matrix()
+    return Camera(
+        rotation=np.ascontiguousarray(matrix[:, :3]), translation=np.ascontiguousarray(matrix[:, 3]),
+        fx=float(intrinsics.focal_length_x), fy=float(intrinsics.focal_length_y),
+        cx=float(intrinsics.principal_point_x), cy=float(intrinsics.principal_point_y),
+        width=int(intrinsics.width), height=int(intrinsics.height), name=image.name,
+    )
+
+
+def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 3) float64 positions and (P, 3) uint8 colours of a lone points3D.bin, for which pycolmap wants a whole model.
+
+    Raises:
+        InputError: missing or truncated.
+    """
+    data = read_bytes(path)
+    try:
+        (count,) = struct.unpack_from("<Q", data)
+        rows, offset = [], 8
+        for _ in range(count):
+            row = struct.unpack_from("<Q3d3BdQ", data, offset)  # id, xyz, rgb, error, length of the track
+            rows.append(row[1:7])
+            offset += struct.calcsize("<Q3d3BdQ") + 8 * row[8]
+        if offset > len(data):
+            raise struct.error(f"the last track ends at byte {offset} of {len(data)}")
+    except struct.error as error:
+        raise InputError(f"{path}: is not a whole points3D.bin ({error})") from error
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    return table[:, :3].copy(), table[:, 3:].astype(np.uint8)

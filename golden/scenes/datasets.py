@@ -1,0 +1,146 @@
+"""Posed photographs: one `Dataset` whatever wrote it, and which reader a path needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from golden.scenes.camera import Camera
+from spec.errors import InputError
+
+TEST_EVERY = 8
+"""Every 8th view, from the first on, is held out (Mip-NeRF 360, and every 3DGS paper since)."""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Cameras, their photographs, and the points a reconstruction left.
+
+    Attributes:
+        cameras: one per view, in the order of the photographs' names.
+        images: the photographs' paths, one per camera, or None where there are none.
+        points: (P, 3) float64 SfM points in world units; P may be 0.
+        point_colours: (P, 3) uint8 RGB.
+        up: (3,) unit vector, world up.
+        name: short name for folders and reports.
+    """
+
+    cameras: tuple[Camera, ...]
+    images: tuple[Path, ...] | None
+    points: np.ndarray
+    point_colours: np.ndarray
+    up: np.ndarray
+    name: str
+
+    def __post_init__(self) -> None:
+        if self.images is not None and len(self.images) != len(self.cameras):
+            raise ValueError(f"images must be one per camera ({len(self.cameras)}), not {len(self.images)!r}")
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def test_views(self) -> tuple[int, ...]:
+        """Indices of the held-out views."""
+        return tuple(range(0, len(self), TEST_EVERY))
+
+    @property
+    def train_views(self) -> tuple[int, ...]:
+        """Indices of the other views."""
+        return tuple(i for i in range(len(self)) if i % TEST_EVERY)
+
+    def photograph(self, index: int) -> np.ndarray:
+        """(height, width, 3) float32 in 0..1, sRGB as stored, read from disk at each call; alpha goes over white as in 3DGS.
+
+        Raises:
+            InputError: the view has no photograph, or it is unreadable or not of the camera's size.
+        """
+        if self.images is None:
+            raise InputError(f"{self.name}: has cameras but no photographs")
+        camera, path = self.cameras[index], self.images[index]
+        try:
+            with Image.open(path) as image:
+                rgba = np.asarray(image.convert("RGBA"), np.float32) / np.float32(255)
+        except (OSError, UnidentifiedImageError) as error:
+            raise InputError(f"{path}: is not a readable photograph ({error})") from error
+        if rgba.shape[:2] != (camera.height, camera.width):
+            raise InputError(f"{path}: is {rgba.shape[1]}x{rgba.shape[0]}, its camera {camera.width}x{camera.height}")
+        alpha = rgba[..., 3:]
+        return rgba[..., :3] * alpha + (1 - alpha)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) from the header of a photograph.
+
+    Raises:
+        InputError: missing or not an image.
+    """
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except (OSError, UnidentifiedImageError) as error:
+        raise InputError(f"{path}: is not a readable photograph ({error})") from error
+
+
+def fit_to_images(cameras: list[Camera], images: list[Path]) -> tuple[Camera, ...]:
+    """Each camera at its photograph's size: sets are shipped with photographs scaled down, intrinsics are not."""
+    sizes = [image_size(path) for path in images]
+    return tuple(
+        camera if (camera.width, camera.height) == size else camera.resized(*size)
+        for camera, size in zip(cameras, sizes, strict=True)
+    )
+
+
+def load_dataset(path: Path | str) -> Dataset:
+    """The data set at a path: a COLMAP, LLFF, nerfstudio or Blender folder, its transforms.json, or gsplat's .npz.
+
+    A COLMAP model wins over `poses_bounds.npy` in the same folder, since the latter was made from it.
+
+    Raises:
+        InputError: no such set, or anything wrong in it; the message names the file, the value and what is accepted.
+    """
+    from golden.scenes import colmap, llff, sfm_npz, transforms
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: does not exist; a folder with posed photographs, a transforms.json or an .npz is needed")
+    if path.is_file():
+        if path.suffix == ".npz":
+            return sfm_npz.load_npz(path)
+        if path.suffix == ".json":
+            return transforms.load_transforms(path)
+        raise InputError(f"{path}: is no known data set; a folder, a transforms.json or an .npz is accepted")
+    model = colmap.find_model(path)
+    if model is not None:
+        return colmap.load_colmap(path, model)
+    if (path / "poses_bounds.npy").exists():
+        return llff.load_llff(path)
+    for name in ("transforms.json", "transforms_train.json"):
+        if (path / name).exists():
+            return transforms.load_transforms(path / name)
+    raise InputError(f"{path}: has none of sparse/0/images.bin, poses_bounds.npy, transforms.json, transforms_train.json")
+
+
+def cameras_beside_model(path: Path) -> tuple[Camera, ...]:
+    """The cameras that came with a model: `cameras.json` of INRIA's trainer, or the data set the folder also is.
+
+    Args:
+        path: the model's folder or file; of a file in `point_cloud/iteration_*`, the training folder counts.
+
+    Raises:
+        InputError: there are cameras and they are malformed.
+    """
+    from golden.scenes import colmap, transforms
+
+    folder = path if path.is_dir() else path.parent
+    if folder.parent.name == "point_cloud":
+        folder = folder.parent.parent
+    if (folder / "cameras.json").exists():
+        return transforms.load_inria_cameras(folder / "cameras.json")
+    sets = ("poses_bounds.npy", "transforms.json", "transforms_train.json")
+    if path.is_dir() and (colmap.find_model(folder) or any((folder / name).exists() for name in sets)):
+        return load_dataset(folder).cameras
+    return ()

@@ -1,0 +1,83 @@
+"""Files: output that is never half-written, input whose every failure is an InputError naming the file."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from spec.errors import InputError
+
+
+@contextmanager
+def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
+    """A binary file that appears under `path` only once the block has ended without an exception.
+
+    Raises:
+        InputError: the folder does not exist or is not writable.
+    """
+    path = Path(path)
+    try:
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); name a file in an existing, writable folder") from error
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)  # mkstemp's 0600 is for secrets
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file that must exist and not be empty.
+
+    Raises:
+        InputError: missing, unreadable, a folder, or empty.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); a readable file is needed") from error
+    if not data:
+        raise InputError(f"{path}: is empty (0 bytes)")
+    return data
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        InputError: missing, empty, not JSON, or not an object.
+    """
+    try:
+        value = json.loads(read_bytes(path))
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not JSON ({error})") from error
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: holds a {type(value).__name__}; a JSON object is needed")
+    return value
+
+
+def require_package(name: str, purpose: str) -> Any:
+    """The imported optional package.
+
+    Raises:
+        InputError: not installed; the message names the extra.
+    """
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise InputError(f"{purpose} needs {name!r}, which is not installed: pip install 'msv2[models]'") from error

@@ -1,0 +1,57 @@
+"""LLFF: `poses_bounds.npy` beside a folder of photographs."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from golden.scenes.camera import Camera
+from golden.scenes.colmap import find_images, read_points
+from golden.scenes.conventions import camera_from_llff, up_of_cameras
+from golden.scenes.datasets import Dataset, image_size
+from golden.scenes.files import read_bytes
+from spec.errors import InputError
+
+PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
+
+
+def load_llff(folder: Path) -> Dataset:
+    """The set in an LLFF folder: rows of `poses_bounds.npy` belong to the photographs in name order.
+
+    A row is a 3x5 matrix (pose, then height, width and focal length of the full-size photograph), then the scene's nearest and
+    farthest depth, which nothing here needs. Points come from `sparse/0/points3D.bin` where it exists.
+
+    Raises:
+        InputError: malformed poses, no photographs, or another number of them than of poses.
+    """
+    path = folder / "poses_bounds.npy"
+    try:
+        rows = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        poses = np.asarray(rows, np.float64)[:, :15].reshape(-1, 3, 5)
+    except (ValueError, EOFError, IndexError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not an array of 17 numbers a view ({error})") from error
+    if rows.shape[1] != 17 or not np.isfinite(poses).all() or (poses[:, :, 4] <= 0).any():
+        raise InputError(f"{path}: shape {rows.shape}; finite poses with positive sizes and focal lengths, (N, 17), are accepted")
+    photographs = find_images(folder)
+    images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
+    if len(images) != len(poses):
+        raise InputError(f"{path}: {len(poses)} poses for {len(images)} photographs in {photographs or folder}; one each is needed")
+    cameras = tuple(_camera(pose, image) for pose, image in zip(poses, images, strict=True))
+    lone = folder / "sparse" / "0" / "points3D.bin"
+    points, colours = read_points(lone) if lone.exists() else (np.empty((0, 3)), np.empty((0, 3), np.uint8))
+    return Dataset(
+        cameras=cameras, images=tuple(images), points=points, point_colours=colours,
+        up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
+    )
+
+
+def _camera(pose: np.ndarray, image: Path) -> Camera:
+    rotation, translation = camera_from_llff(pose)
+    height, width, focal = pose[:, 4]
+    camera = Camera(rotation=rotation, translation=translation, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
+                    width=round(width), height=round(height), name=image.name)
+    return camera.resized(*image_size(image))

@@ -1,0 +1,130 @@
+"""Cameras in JSON: `transforms.json` of nerfstudio and Blender, `cameras.json` of INRIA's trainer."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from golden.scenes.camera import Camera
+from golden.scenes.conventions import UP_BY_FORMAT, camera_from_opencv, camera_from_opengl
+from golden.scenes.datasets import Dataset, image_size
+from golden.scenes.files import read_bytes, read_json
+from golden.scenes.ply import parse_header, read_vertices
+from spec.errors import InputError
+
+DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+
+
+def load_transforms(path: Path) -> Dataset:
+    """The set in a `transforms.json`: nerfstudio's (`fl_x`, per file or per frame) or Blender's (`camera_angle_x`).
+
+    Photographs that do not exist make a set without photographs, where the file gives the frame size. Points come from
+    nerfstudio's `ply_file_path`.
+
+    Raises:
+        InputError: a missing or malformed entry, a distorted lens, or some of the photographs missing.
+    """
+    meta = read_json(path)
+    frames = meta.get("frames")
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError(f"{path}: frames is {str(frames)[:40]}; a list of frames is needed")
+    frames = sorted(frames, key=lambda frame: str(frame.get("file_path")))
+    images = [_image_path(path, frame) for frame in frames]
+    found = [image.exists() for image in images]
+    if any(found) and not all(found):
+        raise InputError(f"{images[found.index(False)]}: does not exist, but {sum(found)} of {len(images)} photographs do")
+    cameras = tuple(_camera(path, {**meta, **frame}, image, all(found)) for frame, image in zip(frames, images, strict=True))
+    points, colours = _points(path.parent / meta["ply_file_path"]) if "ply_file_path" in meta else _no_points()
+    return Dataset(cameras=cameras, images=tuple(images) if all(found) else None, points=points, point_colours=colours,
+                   up=np.array(UP_BY_FORMAT["nerfstudio"]), name=path.absolute().parent.name)
+
+
+def _image_path(path: Path, frame: dict[str, Any]) -> Path:
+    name = frame.get("file_path")
+    if not isinstance(name, str):
+        raise InputError(f"{path}: file_path is {name!r}; a photograph's name is needed in every frame")
+    image = path.parent / name
+    return image if image.suffix else image.with_suffix(".png")  # Blender's names come without
+
+
+def _number(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
+    value = entry.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{path}: {key} is {value!r}; a finite number is needed")
+    return float(value)
+
+
+def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
+    try:
+        pose = np.array(entry.get("transform_matrix"), np.float64)
+    except (TypeError, ValueError):
+        pose = np.empty(0)
+    if pose.shape not in ((3, 4), (4, 4)) or not np.isfinite(pose).all():
+        raise InputError(f"{path}: transform_matrix of {entry['file_path']} is {str(entry.get('transform_matrix'))[:60]}; "
+                         "a finite 3x4 or 4x4 matrix is needed")
+    rotation = pose[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise InputError(f"{path}: transform_matrix of {entry['file_path']} is not a rotation and a translation; a rigid one is needed")
+    return pose
+
+
+def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) -> Camera:
+    distorted = [key for key in DISTORTION if _number(path, entry, key, 0.0)]
+    if distorted or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
+        raise InputError(f"{path}: {image.name} has lens distortion ({distorted or 'fisheye'}); undistorted photographs are accepted")
+    rotation, translation = camera_from_opengl(_pose(path, entry))
+    size = image_size(image) if image_exists else (0, 0)
+    width, height = round(_number(path, entry, "w", size[0])), round(_number(path, entry, "h", size[1]))
+    if width < 1 or height < 1:
+        raise InputError(f"{path}: frame size of {image.name} is {width}x{height} and {image} does not exist; w and h are needed")
+    if "fl_x" in entry:
+        fx = _number(path, entry, "fl_x")
+        fy = _number(path, entry, "fl_y", fx)
+    else:
+        fx = fy = width / 2 / math.tan(_number(path, entry, "camera_angle_x") / 2)
+    if min(fx, fy) <= 0:
+        raise InputError(f"{path}: focal length of {image.name} is {min(fx, fy):g} pixels; more than 0 is needed")
+    camera = Camera(rotation=rotation, translation=translation, fx=fx, fy=fy, cx=_number(path, entry, "cx", width / 2),
+                    cy=_number(path, entry, "cy", height / 2), width=width, height=height, name=image.name)
+    return camera.resized(*size) if image_exists and size != (width, height) else camera
+
+
+def _points(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    data = read_bytes(path)
+    vertices = read_vertices(path, data, parse_header(data, path))
+    missing = [key for key in ("x", "y", "z", "red", "green", "blue") if key not in vertices.dtype.names]
+    if missing:
+        raise InputError(f"{path}: property {missing[0]!r} is missing; x y z red green blue are needed")
+    return (np.stack([vertices[key].astype(np.float64) for key in "xyz"], axis=1),
+            np.stack([vertices[key].astype(np.uint8) for key in ("red", "green", "blue")], axis=1))
+
+
+def _no_points() -> tuple[np.ndarray, np.ndarray]:
+    return np.empty((0, 3)), np.empty((0, 3), np.uint8)
+
+
+def load_inria_cameras(path: Path) -> tuple[Camera, ...]:
+    """The cameras in a `cameras.json` of INRIA's trainer: camera to world in OpenCV axes, principal point in the middle.
+
+    Raises:
+        InputError: not such a file.
+    """
+    try:
+        entries = json.loads(read_bytes(path))
+        return tuple(_inria_camera(entry) for entry in entries)
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not a cameras.json of a 3DGS trainer ({error!r})") from error
+
+
+def _inria_camera(entry: dict[str, Any]) -> Camera:
+    pose = np.column_stack([np.array(entry["rotation"], np.float64), np.array(entry["position"], np.float64)])
+    rotation, translation = camera_from_opencv(pose)
+    width, height = int(entry["width"]), int(entry["height"])
+    return Camera(rotation=rotation, translation=translation, fx=float(entry["fx"]), fy=float(entry["fy"]), cx=width / 2,
+                  cy=height / 2, width=width, height=height, name=str(entry.get("img_name", entry.get("id", "camera"))))
