@@ -1,0 +1,109 @@
+"""One row of the rendering array: `cores_x` pixel cores and the op's fields delayed beside them.
+
+Rows are chained: what leaves `op_out`, `exponent_out` and `slope_out` enters the row below, which therefore works one
+cycle behind. Every port is a plain wire without back-pressure: one op a cycle, `valid` low is a bubble, credits are
+kept outside the array.
+
+An op that is on `op_in` in cycle 0 (PIPELINE = 3)::
+
+    cycle             0     1     2     3     4
+    op_in           < op >
+    exponent_in     < e  >
+    op_out                < op >                     with the row below's exponents beside it
+    (alpha)                     < a  >
+    draining                          <~~~~>         if op.drain: `transmittance` is final in this cycle
+    drained                                 <~~~~>   if op.drain: `colour` and `depth` are final in this cycle
+
+The two strobes are one cycle apart because transmittance is updated one stage before the sums, and the next tile's
+first op may follow at once. Whoever collects the row keeps `transmittance` for a cycle, after any multiplexer.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal, signed, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import shared
+from rtl.vrc_array.pixel_core import PixelCore
+from spec.config import AcceleratorConfig
+
+PIPELINE = 3
+"""Cycles from an op on `op_in` to the transmittance after it; the sums follow one cycle later."""
+
+
+def index_shape(count: int) -> unsigned:
+    """Shape of an index below `count`: at least one bit, so that every port exists in every configuration."""
+    return unsigned(max(1, (count - 1).bit_length()))
+
+
+def op_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What travels down the rows with the exponents."""
+    n = config.formats
+    return data.StructLayout({
+        "valid": 1,  # low: a bubble, all other fields are ignored
+        "curve_yy": signed(n.curvature.width),  # second difference along y
+        "cut": signed(n.cut.width),  # exponent below which a pixel skips the op
+        "bank": index_shape(config.banks),  # block * level_banks + level
+        "outer": 1,  # alpha may reach 1
+        "first": 1,  # state of this bank starts afresh
+        "last": 1,  # background: alpha 1, transmittance unchanged
+        "drain": 1,  # raises the strobes
+        "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
+        "depth": unsigned(n.depth.width),  # ignored without config.depth
+    })
+
+
+def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Accumulated state of one pixel in one level bank; depth stays 0 without config.depth."""
+    n = config.formats
+    return data.StructLayout({
+        "colour": data.ArrayLayout(unsigned(n.accumulator.width), 3),
+        "depth": unsigned(n.depth_accumulator.width),
+        "transmittance": unsigned(n.transmittance.width),
+    })
+
+
+class VrcRow(wiring.Component):
+    """A row of pixel cores.
+
+    Parameters:
+        config: the machine; `cores_x`, `banks`, `level_banks`, `depth` and the formats matter here.
+
+    Ports:
+        op_in, exponent_in, slope_in: an op, and per column the exponent and its first difference along y at this row.
+        op_out, exponent_out, slope_out: the same for the row below, one cycle later.
+        draining, draining_block: strobe PIPELINE cycles after a valid op with `drain`: `pixels[...].transmittance` of
+            that op's block is final. The block index says which block (constant 0 where blocks = 1).
+        drained, drained_block: the same one cycle later, for `pixels[...].colour` and `.depth`.
+        pixels: per column and level bank, the state of the block that the strobe names: transmittance of
+            `draining_block`, sums of `drained_block`. Undefined in other cycles.
+        stopped: per level bank, every pixel of the row, in every block, has T < t_stop. Combinational from the
+            transmittance registers: it speaks of the tile whose first op entered more than PIPELINE cycles ago, and
+            in machines with several blocks only once all blocks have had their first op.
+
+    Latency: PIPELINE cycles to transmittance, PIPELINE + 1 to the sums. Throughput: one op a cycle, in any order of banks.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        n, columns = config.formats, config.cores_x
+        exponents = data.ArrayLayout(signed(n.exponent.width), columns)
+        slopes = data.ArrayLayout(signed(n.slope.width), columns)
+        block = index_shape(config.blocks)
+        super().__init__({
+            "op_in": In(op_layout(config)),
+            "exponent_in": In(exponents),
+            "slope_in": In(slopes),
+            "op_out": Out(op_layout(config)),
+            "exponent_out": Out(exponents),
+            "slope_out": Out(slopes),
+            "draining": Out(1),
+            "draining_block": Out(block),
+            "drained": Out(1),
+            "drained_block": Out(block),
+            "pixels": Out(data.ArrayLayout(data.ArrayLayout(pixel_layout(config), config.level_banks), columns)),
+            "stopped": Out(config.level_banks),
+        })
