@@ -32,6 +32,12 @@ class Field:
         return self.format.width * self.count
 
     @property
+    def holder(self) -> type[np.signedinteger]:
+        """The smallest of int16, int32 and int64 that holds one number."""
+        high = self.raw_range[1]
+        return np.int16 if high < 1 << 15 else np.int32 if high < 1 << 31 else np.int64
+
+    @property
     def raw_range(self) -> tuple[int, int]:
         """Smallest and largest raw value of one number."""
         fixed = isinstance(self.format, Fixed)
@@ -53,8 +59,8 @@ class Record:
 
     @property
     def dtype(self) -> np.dtype:
-        """Structured dtype of int64 raw values (Fixed) or bit patterns (SmallFloat)."""
-        return np.dtype([(f.name, np.int64, (f.count,)) if f.count > 1 else (f.name, np.int64) for f in self.fields])
+        """Structured dtype of raw values (Fixed) or bit patterns (SmallFloat), each in the smallest of int16, 32, 64."""
+        return np.dtype([(f.name, f.holder, (f.count,)) if f.count > 1 else (f.name, f.holder) for f in self.fields])
 
     def pack(self, row: Mapping[str, object] | np.void) -> int:
         """The bit pattern of one row; ValueError where a raw value does not fit its field."""
@@ -108,12 +114,13 @@ def gaussian_geometry(config: AcceleratorConfig) -> Record:
     ))
 
 
-def gaussian_colour(config: AcceleratorConfig) -> Record:
-    """The second half of a Gaussian in memory; fetched for survivors of culling only."""
+def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
+    """The second half of a Gaussian in memory; fetched for survivors of culling only. Shorter for lower SH degrees."""
     n = config.formats
+    rest = (Field("rest", n.sh_rest, "SH coefficients from the first on, r, g, b each, in 3DGS order", 3 * ((sh_degree + 1) ** 2 - 1)),)
     return Record("GaussianColour", gaussian_colour.__doc__, (
         Field("dc", n.sh_dc, "base colour SH_C0 * dc + 0.5: r, g, b of level 1, then of the others", 3 * MAX_LEVELS),
-        Field("rest", n.sh_rest, "SH coefficients 1..15, r, g, b each, in 3DGS order", 45),
+        *(rest if sh_degree else ()),
     ))
 
 

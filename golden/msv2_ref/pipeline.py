@@ -1,0 +1,186 @@
+"""One frame through the integer renderer, stage by stage, with every arrow at hand."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from golden.msv2_ref import culling, sort_tmu, tiling, vrc_array
+from golden.msv2_ref.colour import splat_colours
+from golden.msv2_ref.quantise import GaussianWords, quantise_model
+from golden.msv2_ref.registers import FrameRegisters, frame_registers
+from golden.scenes.camera import Camera
+from golden.scenes.gaze import Display, FoveationMap, no_foveation
+from golden.scenes.model import GaussianModel
+from spec.config import DEFAULT, AcceleratorConfig
+from spec.constants import COVERAGE_VALID, MAX_LEVELS, TILE
+from spec.errors import InputError
+from spec.records import array_entry, splat2d, tile_header
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered frame and every arrow on the way to it.
+
+    Attributes:
+        config: the machine.
+        registers: what the host wrote.
+        words: the DRAM image.
+        projected: culling's result, one row per Gaussian.
+        entries: tile lists in rendering order.
+        groups: (tiles,) group of each tile after merging.
+        splats: the array's view of every Gaussian (colours are filled for the visible).
+        pixels: finished pixels by tile, raw.
+        seconds: wall time by stage.
+    """
+
+    config: AcceleratorConfig
+    registers: FrameRegisters
+    words: GaussianWords
+    projected: culling.Projected
+    entries: tiling.TileEntries
+    groups: np.ndarray
+    splats: vrc_array.ArraySplats
+    pixels: vrc_array.Pixels
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def _untile(self, tiled: np.ndarray) -> np.ndarray:
+        r = self.registers
+        grid = tiled.reshape(r.tiles_y, r.tiles_x, TILE, TILE, *tiled.shape[3:]).swapaxes(1, 2)
+        return grid.reshape(r.tiles_y * TILE, r.tiles_x * TILE, *tiled.shape[3:])[: r.height, : r.width]
+
+    @property
+    def image(self) -> np.ndarray:
+        """(height, width, 3) float64 colour before clamping and 8-bit rounding."""
+        return self.config.formats.accumulator.to_float(self._untile(self.pixels.colour))
+
+    @property
+    def transmittance(self) -> np.ndarray:
+        """(height, width) float64, what is left of the light at the end."""
+        return self.config.formats.transmittance.to_float(self._untile(self.pixels.transmittance))
+
+    @property
+    def depth(self) -> np.ndarray:
+        """(height, width) float64 z in world units, NaN where the coverage is below one half."""
+        coverage = 1 - self.transmittance
+        total = self.config.formats.depth_accumulator.to_float(self._untile(self.pixels.depth)) * self.registers.depth_far
+        return np.where(coverage >= COVERAGE_VALID, total / np.maximum(coverage, COVERAGE_VALID), np.nan)
+
+    @property
+    def headers(self) -> np.ndarray:
+        """(tiles,) TileHeader records, row-major."""
+        r = self.registers
+        headers = np.zeros(len(r.header), tile_header(self.config).dtype)
+        headers["tile_y"], headers["tile_x"] = np.divmod(np.arange(len(headers)), r.tiles_x)
+        headers["blend"], headers["outer"], headers["plane"] = r.header[:, 1], r.header[:, 2], r.plane
+        headers["count"] = np.diff(self.entries.start)
+        return headers
+
+    @property
+    def array_entries(self) -> np.ndarray:
+        """(entries,) ArrayEntry records in rendering order."""
+        e, s = self.entries, self.splats
+        rows = e.splat
+        level = np.repeat(self.registers.header[:, 0], np.diff(e.start))
+        both = np.minimum(np.stack([level, level + 1], 1), s.log2_opacity.shape[1] - 1)
+        out = np.zeros(len(rows), array_entry(self.config).dtype)
+        out["mean2d"], out["depth"] = s.mean2d[rows], s.depth[rows]
+        out["conic"] = self.config.formats.conic.quantise(self.projected.conic[rows])
+        out["use"] = e.use[:, None] >> np.arange(2) & 1
+        out["log2_opacity"] = s.log2_opacity[rows[:, None], both]
+        out["colour"] = s.colour[rows[:, None], both].reshape(-1, 6)
+        return out
+
+    @property
+    def splats2d(self) -> np.ndarray:
+        """(visible,) Splat2D records in index order."""
+        p, rows = self.projected, np.flatnonzero(self.projected.reason == culling.VISIBLE)
+        level = np.minimum(np.arange(MAX_LEVELS), self.splats.colour.shape[1] - 1)
+        out = np.zeros(len(rows), splat2d(self.config).dtype)
+        out["index"], out["bound"] = rows, self.words.geometry["bound"][rows]
+        out["mean2d"], out["depth"], out["depth_key"] = p.mean2d[rows], p.depth[rows], p.depth_key[rows]
+        out["conic"] = self.config.formats.conic.quantise(p.conic[rows])
+        out["log2_opacity"] = self.words.geometry["log2_opacity"][rows]
+        out["colour"] = self.splats.colour[rows][:, level].reshape(len(rows), -1)
+        return out
+
+    def stage(self, name: str) -> dict[str, np.ndarray]:
+        """The named arrow as arrays ready for `numpy.savez`."""
+        arrows = {
+            "gaussians": lambda: {"geometry": self.words.geometry, "colour": self.words.colour, "origin": self.words.origin},
+            "splats": lambda: {"splats": self.splats2d, "reason": self.projected.reason},
+            "entries": lambda: {"headers": self.headers, "entries": self.array_entries, "group": self.groups,
+                                "index": self.entries.splat, "background": self.registers.background},
+            "pixels": lambda: self.pixels._asdict(),
+        }
+        if name not in arrows:
+            raise InputError(f"stage {name!r} is not accepted: choose one of {', '.join(arrows)}")
+        return arrows[name]()
+
+
+def render(
+    model: GaussianModel | GaussianWords, camera: Camera, *, config: AcceleratorConfig = DEFAULT,
+    foveation: FoveationMap | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0), beta: int | None = None,
+    obb: bool = False,
+) -> Frame:
+    """Renders one frame.
+
+    Args:
+        model: the Gaussians, or their words when several frames share them.
+        camera: the view; at most `config.row_width` wide.
+        config: the machine.
+        foveation: tile levels and blend planes; None renders level 1 everywhere.
+        background: r, g, b in [0, 1].
+        beta: tile merge threshold; None chooses it from the counts.
+        obb: bounding boxes instead of the exact tile test.
+
+    Raises:
+        InputError: the frame is wider than the machine's rows or the model has more levels than it supports.
+    """
+    if not (1 <= camera.width <= config.row_width and 1 <= camera.height <= config.row_width):
+        size = f"{camera.width}x{camera.height}"
+        raise InputError(f"frame size {size} is not accepted: config {config.name!r} takes 1..{config.row_width} pixels")
+    seconds, clock = {}, time.perf_counter
+
+    begin = clock()
+    words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
+    foveation = foveation or no_foveation(Display(camera.width, camera.height))
+    supported = min(config.levels, words.levels)
+    if foveation.levels > supported:
+        raise InputError(
+            f"{foveation.levels} levels are not accepted: config {config.name!r} and the model support {supported}")
+    seconds["quantise"] = clock() - begin
+
+    begin = clock()
+    registers = frame_registers(config, camera, words, foveation, background)
+    projected = culling.project(config, words, registers)
+    seconds["culling"] = clock() - begin
+
+    begin = clock()
+    order = sort_tmu.depth_order(projected.depth_key, projected.reason == culling.VISIBLE)
+    seconds["sort"] = clock() - begin
+
+    begin = clock()
+    opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
+    entries = tiling.tile_entries(config, projected, opacity, bound, registers, order, obb=obb)
+    counts = np.diff(entries.start)
+    groups = sort_tmu.merge_tiles(counts, registers.tiles_x, sort_tmu.auto_beta(counts, config) if beta is None else beta)
+    seconds["tiles"] = clock() - begin
+
+    begin = clock()
+    colour = np.zeros((len(bound), words.levels, 3), np.int32)
+    colour[order] = splat_colours(config, words, registers, order)
+    significand, exponent = vrc_array.split_conic(config, projected.conic)
+    splats = vrc_array.ArraySplats(
+        projected.mean2d, significand, exponent, opacity[:, : words.levels].astype(np.int32), colour, projected.depth)
+    seconds["colour"] = clock() - begin
+
+    begin = clock()
+    tile_y, tile_x = np.divmod(np.arange(len(counts)), registers.tiles_x)
+    header = np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]])
+    work = vrc_array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
+    pixels = vrc_array.render(config, splats, work, registers.background)
+    seconds["array"] = clock() - begin
+    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds)

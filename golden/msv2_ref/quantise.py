@@ -1,0 +1,68 @@
+"""Model to Gaussian words: the DRAM image, `spec.records.gaussian_geometry` and `gaussian_colour`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.scenes.model import GaussianModel
+from spec.config import AcceleratorConfig
+from spec.constants import AMP_MAX, MAX_LEVELS, SH_C0
+from spec.records import gaussian_colour, gaussian_geometry
+
+
+@dataclass(frozen=True)
+class GaussianWords:
+    """The DRAM image of a model.
+
+    Attributes:
+        geometry: (N,) of `gaussian_geometry`'s dtype.
+        colour: (N,) of `gaussian_colour`'s dtype at `sh_degree`.
+        origin: (3,) float64, world position of the words' zero; the host subtracts it from the camera.
+        levels: foveation levels in use, 1..4.
+        sh_degree: 0..3.
+        saturated: values clipped to their format, by field.
+    """
+
+    geometry: np.ndarray
+    colour: np.ndarray
+    origin: np.ndarray
+    levels: int
+    sh_degree: int
+    saturated: dict[str, int]
+
+
+def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianWords:
+    """Rounds every parameter into its memory format.
+
+    The origin is the points' median, so that coordinates of planetary size lose nothing. Opacities of 0 become the
+    format's smallest, which alpha's cut removes. Levels a model lacks repeat its last one.
+    """
+    n = config.formats
+    geometry = np.zeros(len(model), gaussian_geometry(config).dtype)
+    colour = np.zeros(len(model), gaussian_colour(config, model.sh_degree).dtype)
+    origin = np.median(model.means, axis=0) if len(model) else np.zeros(3)
+
+    level = np.minimum(np.arange(MAX_LEVELS), model.levels - 1)
+    opacity = np.clip(model.opacity[:, level], 2.0**-16, None)
+    base = (SH_C0 * model.sh_dc[:, level] + 0.5).reshape(-1, 3 * MAX_LEVELS)
+    rest = model.sh_rest.reshape(len(model), -1)
+    norm = np.linalg.norm(model.quats, axis=1, keepdims=True)
+    scale = np.exp(np.minimum(model.log_scales, 80.0))
+
+    geometry["mean"] = n.position.quantise(model.means - origin)
+    geometry["scale"] = n.scale.quantise(scale)
+    geometry["quat"] = n.quaternion.quantise(model.quats / np.where(norm > 0, norm, 1.0))
+    geometry["log2_opacity"] = n.log2_opacity.quantise(np.log2(np.minimum(opacity, AMP_MAX)))
+    geometry["bound"] = model.quality_bound - 1
+    colour["dc"] = n.sh_dc.quantise(base)
+    if model.sh_degree:
+        colour["rest"] = n.sh_rest.quantise(rest)
+    saturated = {
+        "scale": int((scale > n.scale.max).sum()),
+        "opacity": int((opacity > AMP_MAX).sum()),
+        "dc": int((np.abs(base) > 2.0**n.sh_dc.int_bits).sum()),
+        "rest": int((np.abs(rest) > 2.0**n.sh_rest.int_bits).sum()),
+    }
+    return GaussianWords(geometry, colour, origin, model.levels, model.sh_degree, saturated)

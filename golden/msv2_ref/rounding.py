@@ -1,0 +1,48 @@
+"""Rounding of float64 results into small floats inside numba kernels: one operation, then one `rnd`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from spec.formats import SmallFloat
+
+_FRACTION = 52
+
+
+class RoundTo(NamedTuple):
+    """A SmallFloat as `rnd` takes it."""
+
+    drop: int
+    low: int
+    mask: int
+    smallest: float
+    largest: float
+
+
+def round_to(target: SmallFloat) -> RoundTo:
+    """The constants of one format."""
+    drop = _FRACTION + 1 - target.sig_bits
+    return RoundTo(drop, (1 << (drop - 1)) - 1, ~((1 << drop) - 1), target.min, target.max)
+
+
+@numba.njit(cache=True)
+def rnd(x, f):
+    """float64 `x` rounded to format `f`, HALF_EVEN; flushed to zero below the smallest, saturating above the largest.
+
+    With at most 25 significand bits, rounding the float64 result of one + - * / or sqrt gives the correctly rounded
+    small float (Figueroa 1995).
+    """
+    bits = np.float64(x).view(np.int64)
+    y = np.int64((bits + f.low + (bits >> f.drop & 1)) & f.mask).view(np.float64)
+    if abs(y) < f.smallest:
+        return 0.0
+    return min(max(y, -f.largest), f.largest)
+
+
+@numba.njit(cache=True)
+def dot3(f, a0, a1, a2, b0, b1, b2):
+    """a . b with every product and sum rounded, left to right."""
+    return rnd(rnd(rnd(a0 * b0, f) + rnd(a1 * b1, f), f) + rnd(a2 * b2, f), f)

@@ -1,0 +1,54 @@
+"""Sorting and tile merging: tile entries to ordered entries and groups (paper section 6.2, "Tile Merging")."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spec.config import AcceleratorConfig
+
+ENTRY_BYTES = 8
+"""Bytes of one entry in the sorting unit's buffer: tile, key and index."""
+
+
+def depth_order(depth_key: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """int32 rows of the visible splats by (depth key, Gaussian index).
+
+    Tile lists filled in this order are sorted by (native tile, depth key, index): the hierarchical sorter's total order.
+    """
+    rows = np.flatnonzero(visible).astype(np.int32)
+    return rows[np.argsort(depth_key[rows], kind="stable")]
+
+
+def auto_beta(counts: np.ndarray, config: AcceleratorConfig) -> int:
+    """Twice the mean count of the frame's non-empty tiles, capped by half of the double buffer."""
+    filled = counts[counts > 0]
+    mean = float(filled.mean()) if len(filled) else 0.0
+    return max(1, min(round(2 * mean), config.sort_buffer_bytes // 2 // ENTRY_BYTES))
+
+
+def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
+    """Group id of every tile, (tiles,) int64, consecutive from 0.
+
+    A non-empty tile closes a non-empty open group when total + count >= beta; after adding, a group with total >= beta
+    closes at once; empty tiles join the open group or open one; the end of a tile row flushes. `beta` 0 means 1.
+
+    Args:
+        counts: (tiles,) entries of each tile, row-major.
+        tiles_x: tiles in a row.
+        beta: merge threshold in entries.
+
+    Raises:
+        ValueError: beta is negative.
+    """
+    if beta < 0:
+        raise ValueError(f"beta must be 0 or more, not {beta!r}")
+    beta = max(beta, 1)
+    groups = np.empty(len(counts), np.int64)
+    group, total, open_ = 0, 0, False
+    for tile, count in enumerate(counts.tolist()):
+        if open_ and (tile % tiles_x == 0 or (count and total and total + count >= beta)):
+            group, total, open_ = group + 1, 0, False
+        groups[tile], total, open_ = group, total + count, True
+        if total >= beta:
+            group, total, open_ = group + 1, 0, False
+    return groups
