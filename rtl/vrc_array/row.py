@@ -20,21 +20,16 @@ first op may follow at once. Whoever collects the row keeps `transmittance` for 
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import shared
-from rtl.vrc_array.pixel_core import PixelCore
+from rtl.emit import add_shared
+from rtl.vrc_array.pixel_core import PixelCore, index_shape, pixel_layout
 from spec.config import AcceleratorConfig
 
 PIPELINE = 3
 """Cycles from an op on `op_in` to the transmittance after it; the sums follow one cycle later."""
-
-
-def index_shape(count: int) -> unsigned:
-    """Shape of an index below `count`: at least one bit, so that every port exists in every configuration."""
-    return unsigned(max(1, (count - 1).bit_length()))
 
 
 def op_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -51,16 +46,6 @@ def op_layout(config: AcceleratorConfig) -> data.StructLayout:
         "drain": 1,  # raises the strobes
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
         "depth": unsigned(n.depth.width),  # ignored without config.depth
-    })
-
-
-def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Accumulated state of one pixel in one level bank; depth stays 0 without config.depth."""
-    n = config.formats
-    return data.StructLayout({
-        "colour": data.ArrayLayout(unsigned(n.accumulator.width), 3),
-        "depth": unsigned(n.depth_accumulator.width),
-        "transmittance": unsigned(n.transmittance.width),
     })
 
 
@@ -107,3 +92,61 @@ class VrcRow(wiring.Component):
             "pixels": Out(data.ArrayLayout(data.ArrayLayout(pixel_layout(config), config.level_banks), columns)),
             "stopped": Out(config.level_banks),
         })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        op, valid = self._delayed(m)
+        read, write = self._banks(m, op, valid)
+        columns = range(self.config.cores_x)
+        cores = [add_shared(m, platform, f"core{x}", "pixel_core", PixelCore, self.config) for x in columns]
+        for level, stopped in enumerate(self.stopped):
+            m.d.comb += stopped.eq(Cat(core.stopped[level] for core in cores).all())
+        for x, core in enumerate(cores):
+            m.d.comb += [
+                core.exponent.eq(self.exponent_in[x]),
+                core.slope.eq(self.slope_in[x]),
+                core.curve_yy.eq(op[1].curve_yy),
+                self.exponent_out[x].eq(core.exponent_below),
+                self.slope_out[x].eq(core.slope_below),
+                core.alpha_op.cut.eq(op[1].cut),
+                core.alpha_op.outer.eq(op[1].outer),
+                core.alpha_op.last.eq(op[1].last),
+                core.blend_op.read.eq(read[2]),
+                core.blend_op.write.eq(write[2]),
+                core.blend_op.first.eq(op[2].first),
+                core.blend_op.last.eq(op[2].last),
+                core.sum_op.read.eq(read[3]),
+                core.sum_op.write.eq(write[3]),
+                core.sum_op.colour.eq(op[3].colour),
+                core.sum_op.depth.eq(op[3].depth),
+                core.draining_block.eq(self.draining_block),
+                core.drained_block.eq(self.drained_block),
+                self.pixels[x].eq(core.pixel),
+            ]
+        return m
+
+    def _delayed(self, m: Module) -> tuple[list, list[Value]]:
+        """The op by cycle, 0 to 3, and whether it is one; drives op_out and the strobes. Only `valid` has a reset."""
+        op, valid = [self.op_in], [self.op_in.valid]
+        for cycle in range(1, PIPELINE + 1):
+            op.append(Signal(op_layout(self.config), name=f"op{cycle}", reset_less=True))
+            valid.append(Signal(name=f"valid{cycle}"))
+            m.d.sync += [op[cycle].eq(op[cycle - 1]), valid[cycle].eq(valid[cycle - 1])]
+        m.d.comb += [
+            self.op_out.eq(op[1]),
+            self.op_out.valid.eq(valid[1]),
+            self.draining.eq(valid[PIPELINE] & op[PIPELINE].drain),
+            self.draining_block.eq(op[PIPELINE].bank >> self.config.level_banks - 1),
+        ]
+        m.d.sync += [self.drained.eq(self.draining), self.drained_block.eq(self.draining_block)]
+        return op, valid
+
+    def _banks(self, m: Module, op: list, valid: list[Value]) -> tuple[list[Signal], list[Signal]]:
+        """One-hot banks to read and to write, by cycle (2 and 3), decoded once for the row."""
+        read = [Signal(self.config.banks, name=f"read{cycle}", reset_less=True) for cycle in range(PIPELINE + 1)]
+        write = [Signal(self.config.banks, name=f"write{cycle}", reset_less=True) for cycle in range(PIPELINE + 1)]
+        for b in range(self.config.banks):
+            here = op[1].bank == b if self.config.banks > 1 else Const(1)
+            m.d.sync += [read[2][b].eq(here & ~op[1].first), write[2][b].eq(here & valid[1])]
+        m.d.sync += [read[3].eq(read[2]), write[3].eq(write[2])]
+        return read, write

@@ -1,0 +1,84 @@
+"""Components to Verilog: one module per distinct component, however often it is instantiated.
+
+Amaranth emits every submodule anew, so an array of 256 equal cores becomes 256 modules. `add_shared` adds a submodule that
+is emitted once and instantiated by name; in Amaranth's own simulator it is simply that submodule.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+from amaranth._toolchain.yosys import find_yosys
+from amaranth.back import rtlil
+from amaranth.hdl import ClockSignal, Instance, Module, ResetSignal, Value
+from amaranth.lib import wiring
+
+
+class Emission:
+    """The `platform` of one emission: collects the shared modules that elaboration meets, as RTLIL by name."""
+
+    def __init__(self) -> None:
+        self.modules: dict[str, str] = {}
+        self._made_by: dict[str, tuple] = {}
+        self._signatures: dict[str, wiring.Signature] = {}
+
+    def instance(self, name: str, make: Callable[..., wiring.Component], *args: Hashable) -> tuple[Any, Instance]:
+        """An interface object and the Instance of module `name` it is wired to; emits the module at first sight."""
+        if self._made_by.setdefault(name, (make, *args)) != (make, *args):
+            raise ValueError(f"{name} must be one module in an emission, {self._made_by[name]!r}, not {(make, *args)!r}")
+        if name not in self.modules:
+            component = make(*args)
+            self.modules[name] = rtlil.convert(component, name=name, platform=self, emit_src=False)
+            self._signatures[name] = component.signature
+        interface = self._signatures[name].create()
+        wires = {
+            f"{'i' if member.flow == wiring.In else 'o'}_{'__'.join(map(str, path))}": Value.cast(value)
+            for path, member, value in self._signatures[name].flatten(interface)
+        }
+        return interface, Instance(name, i_clk=ClockSignal(), i_rst=ResetSignal(), **wires)
+
+
+def add_shared(
+    m: Module, platform: object, label: str, name: str, make: Callable[..., wiring.Component], *args: Hashable,
+) -> Any:
+    """Add clocked submodule `label` = make(*args) to `m`, emitted once as module `name`; returns what bears its ports.
+
+    One name with two sets of arguments in one emission raises ValueError.
+    """
+    if isinstance(platform, Emission):
+        interface, m.submodules[label] = platform.instance(name, make, *args)
+        return interface
+    m.submodules[label] = component = make(*args)
+    return component
+
+
+def to_rtlil(component: wiring.Component, name: str) -> str:
+    """RTLIL of a component as module `name` and of the shared modules below it; deterministic."""
+    emission = Emission()
+    top = rtlil.convert(component, name=name, platform=emission, emit_src=False)
+    return "\n".join([*emission.modules.values(), top])
+
+
+def to_verilog(component: wiring.Component, name: str) -> str:
+    """Verilog-2001 of a component as module `name` and of the shared modules below it; deterministic.
+
+    Written by Yosys after `proc`: Amaranth's own `always @*` blocks leave signals X at time 0 in some simulators.
+    """
+    script = f"read_rtlil <<rtlil\n{to_rtlil(component, name)}\nrtlil\nproc\nopt_clean\nwrite_verilog -noattr -norename\n"
+    text = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
+    return text[text.index("module "):]  # without Yosys' version line
+
+
+def write_verilog(component: wiring.Component, name: str, folder: Path) -> Path:
+    """Write `to_verilog` to `folder/name.v` and return the path; an unchanged file keeps its time stamp."""
+    path = Path(folder) / f"{name}.v"
+    text = to_verilog(component, name)
+    if not path.exists() or path.read_text() != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_suffix(f".{os.getpid()}.tmp")
+        scratch.write_text(text)
+        scratch.replace(path)
+    return path

@@ -1,0 +1,231 @@
+"""Pixel core: the only arithmetic that exists once per pixel (docs/array.md, "A pixel and an op").
+
+Three stages, each between two ranks of registers; the row supplies the op's fields beside each stage::
+
+    cycle            0     1     2     3     4
+    exponent       < e  >
+    exponent_below       < e' >                     e + slope, for the core below
+    alpha_op             <cut >                     exponent against cut, 2^x to 1 - alpha
+    blend_op                   <bank>               T' = T (1 - alpha), weight
+    transmittance                    < T' >
+    sum_op                           <col.>         sums += weight * colour
+    sums                                   <sum>
+
+Latency 3 cycles to the transmittance and 4 to the sums, one op a cycle, whatever the order of banks: every loop through
+a bank (T to T', sum to sum) closes in one cycle.
+
+Nothing here has a reset: the first op of a tile defines all that the later ones read.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+
+import numpy as np
+from amaranth.hdl import Array, Cat, Const, Module, Shape, Signal, Value, signed, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from spec.config import AcceleratorConfig, NumberFormats
+from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
+
+
+def index_shape(count: int) -> Shape:
+    """Shape of an index below `count`: at least one bit, so that every port exists in every configuration."""
+    return unsigned(max(1, (count - 1).bit_length()))
+
+
+def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Accumulated state of one pixel in one level bank; depth stays 0 without config.depth."""
+    n = config.formats
+    return data.StructLayout({
+        "colour": data.ArrayLayout(unsigned(n.accumulator.width), 3),
+        "depth": unsigned(n.depth_accumulator.width),
+        "transmittance": unsigned(n.transmittance.width),
+    })
+
+
+def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Fields of the op in the alpha stage."""
+    return data.StructLayout({"cut": signed(config.formats.cut.width), "outer": 1, "last": 1})
+
+
+def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Fields of the op in the blend stage."""
+    return data.StructLayout({
+        "read": config.banks,  # one-hot bank; 0 if `first`, which reads afresh
+        "write": config.banks,  # one-hot bank; 0 in a bubble
+        "first": 1,
+        "last": 1,
+    })
+
+
+def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Fields of the op in the sum stage."""
+    n = config.formats
+    return data.StructLayout({
+        "read": config.banks,
+        "write": config.banks,
+        "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
+        "depth": unsigned(n.depth.width),
+    })
+
+
+def saturation_threshold(formats: NumberFormats) -> int:
+    """Smallest raw exponent (fraction of `cut`) whose alpha reaches level 1's upper bound; ValueError if alpha falls again."""
+    bits, segment_bits = formats.cut.frac_bits, formats.cut.frac_bits - (formats.exp2_segments - 1).bit_length()
+    base, slope = exp2_segments(formats)
+    f = np.arange(1 << bits)
+    s, r = f >> segment_bits, f & (1 << segment_bits) - 1
+    mantissa = base[s] + (slope[s] * r >> EXP2_SLOPE_FRAC + bits - formats.alpha.frac_bits)
+    reached = mantissa >> 1 >= alpha_max_l1(formats)
+    if not reached[-1] or (np.diff(reached.astype(int)) < 0).any():
+        raise ValueError(f"formats must give an alpha that crosses its upper bound once, not {formats!r}")
+    return int(np.argmax(reached)) - (1 << bits)
+
+
+class PixelCore(wiring.Component):
+    """One pixel.
+
+    Parameters:
+        config: the machine; `banks`, `level_banks`, `depth` and the formats matter here.
+
+    Ports, by the cycle in which an op meets them (see the module):
+        exponent, slope: 0; exponent of alpha at this pixel and its first difference along y.
+        exponent_below, slope_below: 1; the same for the pixel below. `curve_yy` is read in cycle 1.
+        alpha_op, blend_op, sum_op: 1, 2, 3.
+        draining_block, drained_block: blocks whose transmittance and whose sums `pixel` shows.
+        pixel: per level bank; straight from the registers.
+        stopped: per level bank, T < t_stop in every block.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        n = config.formats
+        if n.cut.frac_bits > n.exponent.frac_bits:
+            raise ValueError(f"cut must not have more fraction bits than exponent {n.exponent}, not {n.cut}")
+        if n.weight.frac_bits > n.transmittance.frac_bits:
+            raise ValueError(f"weight must not have more fraction bits than transmittance {n.transmittance}, not {n.weight}")
+        self.config = config
+        super().__init__({
+            "exponent": In(signed(n.exponent.width)),
+            "slope": In(signed(n.slope.width)),
+            "curve_yy": In(signed(n.curvature.width)),
+            "exponent_below": Out(signed(n.exponent.width)),
+            "slope_below": Out(signed(n.slope.width)),
+            "alpha_op": In(alpha_op_layout(config)),
+            "blend_op": In(blend_op_layout(config)),
+            "sum_op": In(sum_op_layout(config)),
+            "draining_block": In(index_shape(config.blocks)),
+            "drained_block": In(index_shape(config.blocks)),
+            "pixel": Out(data.ArrayLayout(pixel_layout(config), config.level_banks)),
+            "stopped": Out(config.level_banks),
+        })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        exponent = Signal.like(self.exponent, reset_less=True)
+        slope = Signal.like(self.slope, reset_less=True)
+        m.d.sync += [exponent.eq(self.exponent), slope.eq(self.slope)]
+        m.d.comb += [self.exponent_below.eq(exponent + slope), self.slope_below.eq(slope + self.curve_yy)]
+
+        keep, covered = self._alpha(m, exponent)
+        weight, touched = self._blend(m, keep, covered)
+        self._sums(m, weight, touched)
+        return m
+
+    def _alpha(self, m: Module, exponent: Value) -> tuple[Signal, Signal]:
+        """Stage 1: registers of 1 - alpha, in [0, 1), and of the exponent having reached the cut.
+
+        1 - alpha needs no integer bit because alpha is never 0 in a pixel that reaches its cut.
+        """
+        n, op = self.config.formats, self.alpha_op
+        frac = n.alpha.frac_bits
+        t = Signal(signed(n.exponent.width - n.exponent.frac_bits + n.cut.frac_bits))
+        m.d.comb += t.eq(exponent >> n.exponent.frac_bits - n.cut.frac_bits)
+
+        f = t[:n.cut.frac_bits]
+        segment_bits = n.cut.frac_bits - (n.exp2_segments - 1).bit_length()
+        base, slope = (Array(Const(int(v), int(table.max()).bit_length()) for v in table)[f[segment_bits:]]
+                       for table in exp2_segments(n))
+        mantissa = Signal(frac + 1)
+        m.d.comb += mantissa.eq(base + (slope * f[:segment_bits] >> EXP2_SLOPE_FRAC + n.cut.frac_bits - frac))
+
+        # A pixel that reaches its cut has alpha >= 1/255: the shift, -i, is 1 to `deepest`.
+        deepest = -(log2_alpha_min(n) >> n.cut.frac_bits)
+        shift = (~t[n.cut.frac_bits:])[:(deepest - 1).bit_length()]
+        alpha = Signal(frac)
+        m.d.comb += alpha.eq((mantissa >> 1) >> shift)
+
+        keep = Signal(frac, reset_less=True)
+        covered = Signal(reset_less=True)
+        one = op.last | (op.outer & (t >= 0))
+        with m.If(one):
+            m.d.sync += keep.eq(0)
+        with m.Elif(~op.outer & (t >= saturation_threshold(n))):
+            m.d.sync += keep.eq((1 << frac) - alpha_max_l1(n))
+        with m.Else():
+            m.d.sync += keep.eq(-alpha)
+        m.d.sync += covered.eq(op.last | (t >= op.cut))
+        return keep, covered
+
+    def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[Signal, Signal]:
+        """Stage 2: transmittance; registers of the weight and of whether the sums change.
+
+        T - rs(T alpha) = (T (1 - alpha) + half - 1) >> frac: the product with 1 - alpha needs no subtraction.
+        """
+        n, op = self.config.formats, self.blend_op
+        frac, drop = n.alpha.frac_bits, n.transmittance.frac_bits - n.weight.frac_bits
+        banks = [Signal(n.transmittance.width, name=f"transmittance{b}", reset_less=True) for b in range(self.config.banks)]
+        below = Signal(self.config.banks)
+        m.d.comb += below.eq(Cat(bank < t_stop(n) for bank in banks))
+
+        before = Signal(n.transmittance.width)
+        after = Signal(n.transmittance.width)
+        m.d.comb += [
+            before.eq(select(op.read, banks) | op.first.replicate(len(before))),
+            after.eq((before * keep + ((1 << frac - 1) - 1)) >> frac),
+        ]
+        touch = op.last | (covered & ~(op.read & below).any())
+        afresh = op.first & (op.last | ~covered)
+        for b, bank in enumerate(banks):
+            with m.If(op.write[b] & (op.first | (touch & ~op.last))):
+                m.d.sync += bank.eq(after | afresh.replicate(len(after)))
+
+        weight = Signal(n.weight.width, reset_less=True)
+        touched = Signal(reset_less=True)
+        m.d.sync += [
+            weight.eq(((before >> drop) - (after >> drop)) & covered.replicate(len(weight))),
+            touched.eq(touch | op.first),
+        ]
+        for level in range(self.config.level_banks):
+            blocks = slice(level, None, self.config.level_banks)
+            m.d.comb += [
+                self.stopped[level].eq(below[blocks].all()),
+                self.pixel[level].transmittance.eq(Array(banks[blocks])[self.draining_block]),
+            ]
+        return weight, touched
+
+    def _sums(self, m: Module, weight: Value, touched: Value) -> None:
+        """Stage 3: colour and depth sums."""
+        n, op = self.config.formats, self.sum_op
+        sums = [(op.colour[c], n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel]) for c in range(3)]
+        if self.config.depth:
+            sums.append((op.depth, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
+        for s, (value, value_format, sum_format, outputs) in enumerate(sums):
+            shift = n.weight.frac_bits + value_format.frac_bits - sum_format.frac_bits
+            banks = [Signal(sum_format.width, name=f"sum{s}_{b}", reset_less=True) for b in range(self.config.banks)]
+            total = Signal(sum_format.width + shift)
+            m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + weight * value)
+            for b, bank in enumerate(banks):
+                with m.If(op.write[b] & touched):
+                    m.d.sync += bank.eq(total >> shift)
+            for level, output in enumerate(outputs):
+                m.d.comb += output.eq(Array(banks[level::self.config.level_banks])[self.drained_block])
+
+
+def select(one_hot: Value, choices: list[Value]) -> Value:
+    """The choice whose bit of `one_hot` is set; 0 where none is."""
+    return reduce(or_, (choice & bit.replicate(len(choice)) for bit, choice in zip(one_hot, choices, strict=True)))

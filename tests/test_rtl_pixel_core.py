@@ -1,0 +1,185 @@
+"""The pixel core in Amaranth's own simulator against a small integer model of docs/array.md."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+
+import pytest
+from amaranth.sim import Simulator
+
+from rtl.vrc_array.pixel_core import PixelCore
+from rtl.vrc_array.row import VrcRow
+from spec.config import DEFAULT, TINY, AcceleratorConfig
+from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
+
+N = DEFAULT.formats
+CUT_MIN = log2_alpha_min(N)
+PLAIN = DEFAULT.with_(cores_x=2)
+
+
+@dataclass(frozen=True)
+class Op:
+    """An op with the exponents of every core of the row."""
+
+    e: tuple[int, ...]
+    cut: int
+    bank: int = 0
+    outer: int = 1
+    first: int = 0
+    last: int = 0
+    drain: int = 0
+    colour: tuple[int, int, int] = (0, 0, 0)
+    depth: int = 0
+    slope: int = 0
+    curve: int = 0
+    valid: int = 1
+
+
+@dataclass
+class Pixel:
+    """State of one pixel in one bank, and docs/array.md's rules for it."""
+
+    depth_present: bool
+    transmittance: int = 0
+    sums: list[int] = field(default_factory=lambda: [0] * 4)
+
+    def apply(self, op: Op, e: int) -> None:
+        if op.first:
+            self.transmittance, self.sums = N.transmittance.raw_max, [0] * 4
+        t = e >> N.exponent.frac_bits - N.cut.frac_bits
+        if not (op.last or (t >= op.cut and self.transmittance >= t_stop(N))):
+            return
+        alpha = alpha_of(t, op.outer, op.last)
+        after = self.transmittance - round_shift(self.transmittance * alpha, N.alpha.frac_bits)
+        drop = N.transmittance.frac_bits - N.weight.frac_bits
+        weight = (self.transmittance >> drop) - (after >> drop)
+        for i, value in enumerate((*op.colour, op.depth if self.depth_present else 0)):
+            from_format, to = (N.colour, N.accumulator) if i < 3 else (N.depth, N.depth_accumulator)
+            self.sums[i] += round_shift(weight * value, N.weight.frac_bits + from_format.frac_bits - to.frac_bits)
+        if not op.last:
+            self.transmittance = after
+
+
+def round_shift(x: int, n: int) -> int:
+    return (x + (1 << n - 1)) >> n
+
+
+def alpha_of(t: int, outer: int, last: int) -> int:
+    one = 1 << N.alpha.frac_bits
+    if last:
+        return one
+    alpha = one
+    if t < 0:
+        base, slope = exp2_segments(N)
+        f, i = t & (1 << N.cut.frac_bits) - 1, t >> N.cut.frac_bits
+        per_segment = (1 << N.cut.frac_bits) // N.exp2_segments
+        s, r = divmod(f, per_segment)
+        alpha = int(base[s] + (slope[s] * r >> EXP2_SLOPE_FRAC + N.cut.frac_bits - N.alpha.frac_bits)) >> -i
+    return alpha if outer else min(alpha, alpha_max_l1(N))
+
+
+def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[tuple], list[tuple], list[list[int]]]:
+    """(expected, seen, stopped): per drained op, block, [column][level] of (transmittance, colour sums, depth)."""
+    row = VrcRow(config)
+    lanes, seen, stopped = range(config.cores_x), [], []
+    blank = Op(e=(0,) * config.cores_x, cut=0, valid=0, drain=1)
+
+    async def bench(ctx) -> None:
+        kept = None
+        for op in [*ops, *[blank] * 5]:
+            for name in ("valid", "cut", "bank", "outer", "first", "last", "drain", "depth"):
+                ctx.set(getattr(row.op_in, name), getattr(op, name))
+            ctx.set(row.op_in.curve_yy, op.curve)
+            for c in range(3):
+                ctx.set(row.op_in.colour[c], op.colour[c])
+            for x in lanes:
+                ctx.set(row.exponent_in[x], op.e[x])
+                ctx.set(row.slope_in[x], op.slope)
+            if ctx.get(row.drained):
+                sums = [[tuple(ctx.get(p.colour[c]) for c in range(3)) + (ctx.get(p.depth),) for p in row.pixels[x]] for x in lanes]
+                seen.append((kept[0], ctx.get(row.drained_block), kept[1], sums))
+            if ctx.get(row.draining):
+                kept = ctx.get(row.draining_block), [[ctx.get(p.transmittance) for p in row.pixels[x]] for x in lanes]
+            stopped.append([ctx.get(s) for s in row.stopped])
+            await ctx.tick()
+            if op.valid:
+                check_below(ctx, row, op, lanes)
+
+    def check_below(ctx, row, op, lanes) -> None:
+        for x in lanes:
+            assert ctx.get(row.exponent_out[x]) == wrap(op.e[x] + op.slope, N.exponent.width)
+            assert ctx.get(row.slope_out[x]) == wrap(op.slope + op.curve, N.slope.width)
+        assert ctx.get(row.op_out.valid) and ctx.get(row.op_out.cut) == op.cut
+
+    simulator = Simulator(row)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+    state = [[Pixel(config.depth) for _ in range(config.banks)] for _ in lanes]
+    expected, levels = [], config.level_banks
+    for op in (op for op in ops if op.valid):
+        for x in lanes:
+            state[x][op.bank].apply(op, op.e[x])
+        if op.drain:
+            block = op.bank // levels
+            banks = [[state[x][block * levels + level] for level in range(levels)] for x in lanes]
+            expected.append((block, block, [[p.transmittance for p in b] for b in banks], [[tuple(p.sums) for p in b] for b in banks]))
+    return expected, seen, stopped
+
+
+def wrap(x: int, width: int) -> int:
+    return (x + (1 << width - 1) & (1 << width) - 1) - (1 << width - 1)
+
+
+def level_exponent(t: int, ulp: int = 0) -> int:
+    """Exponent whose `cut` resolution value is t."""
+    return (t << N.exponent.frac_bits - N.cut.frac_bits) + ulp
+
+
+def white(t: int, **fields: object) -> Op:
+    """An op of exponent t in both lanes (an ulp of the exponent below the next t in the second), full colours."""
+    fields = {"cut": CUT_MIN, "colour": (1023, 512, 1), "depth": N.depth.raw_max, **fields}
+    return Op(e=(level_exponent(t), level_exponent(t, 15)), **fields)
+
+
+@pytest.mark.parametrize("outer", [0, 1])
+def test_alpha_of_every_exponent(outer: int) -> None:
+    """Each op starts and drains a tile: transmittance and weight show alpha at every t from below the cut to above 0."""
+    ops = [white(t, outer=outer, first=1, drain=1, bank=t & 1) for t in range(CUT_MIN - 3, 40)]
+    ops += [white(t, outer=outer, first=1, drain=1) for t in (1024, (1 << 21) - 1, -(1 << 21), -(1 << 21) + 8000, -9 * 1024, -65536)]
+    expected, seen, _ = run(PLAIN, ops)
+    fresh = [(e, s) for op, e, s in zip(ops, expected, seen, strict=True)]
+    for op, (e, s) in zip(ops, fresh, strict=True):
+        assert e[0] == s[0]
+        for x in range(2):
+            assert (e[2][x][op.bank], e[3][x][op.bank]) == (s[2][x][op.bank], s[3][x][op.bank]), op
+
+
+@pytest.mark.parametrize("config", [PLAIN, PLAIN.with_(depth=False), PLAIN.with_(levels=1)], ids=["default", "flat", "level1"])
+def test_random_tiles(config: AcceleratorConfig) -> None:
+    """Tiles back to back, banks alternating, bubbles, stops, empty tiles; everything of every drain is compared."""
+    rng = random.Random(7)
+    ops: list[Op] = []
+    for _ in range(60):
+        dense, entries, outer = rng.random() < 0.4, rng.choice((0, 0, 1, 2, 12)), rng.randrange(2)
+        tile = [(bank, False) for _ in range(entries) for bank in range(config.banks)]
+        tile += [(bank, True) for bank in range(config.banks)]
+        begun: set[int] = set()
+        for i, (bank, last) in enumerate(tile):
+            cut = rng.randint(CUT_MIN, 600)
+            near = rng.choice((cut, 0, -1, -3000)) if not dense else rng.randint(-700, 5)
+            e = tuple(0 if last else level_exponent(near) + rng.randint(-40, 40) for _ in range(2))
+            ops.append(Op(
+                e=e, cut=cut, bank=bank, outer=1 if last else outer, first=int(bank not in begun), last=int(last),
+                drain=int(i == len(tile) - 1), colour=tuple(rng.choice((0, 1023, rng.randrange(1024))) for _ in range(3)),
+                depth=rng.randrange(1 << N.depth.width), slope=rng.randint(-(1 << 21), (1 << 21) - 1),
+                curve=rng.randint(-(1 << 17), (1 << 17) - 1),
+            ))
+            begun.add(bank)
+            if rng.random() < 0.1:
+                ops.append(Op(e=(5, 5), cut=-8000, bank=bank, first=1, last=1, drain=1, valid=0, colour=(9, 9, 9)))
+    expected, seen, _ = run(config, ops)
+    assert len(expected) == 60
+    assert seen == expected
