@@ -272,6 +272,18 @@ def test_42_ellipse_on_a_tile_edge(offset_px):
     assert frame.coverage[8, 15] > 0.004
 
 
+@pytest.mark.parametrize("tile_test", ["exact", "obb"])
+def test_42_56_a_tile_reaches_no_farther_than_the_frame(tile_test):
+    """A circle of 6 px radius centred below a frame of 40x20 pixels enters tile 1 of the last row; of tile 2 it would only
+    enter what lies below the frame: at x = 32.5 it reaches up to y = 19.6, and the last pixel centre is at 19.5."""
+    sigma = np.sqrt(4 - 0.3) / 50 * 2
+    mean = ((29.5 - 20) / 50 * 2, (24.8 - 10) / 50 * 2, 2)
+    frame = checked(splats(mean, scale=(sigma, sigma, 1e-9), opacity=1.0), view(40, 20, cx=20, cy=10), tile_test=tile_test)
+    exact = tile_test == "exact"  # the box of a circle is a square, and enters both
+    assert frame.tile_entries[1].tolist() == ([0, 1, 0] if exact else [0, 1, 1])
+    assert (frame.coverage[19] > 0).any()
+
+
 def test_43_every_splat_in_one_tile():
     n = 3000
     rng = np.random.default_rng(4)
