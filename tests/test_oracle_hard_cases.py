@@ -320,3 +320,5 @@ def test_what_does_not_fit_is_refused():
         render(model, camera, tile_test="aabb")
     with pytest.raises(ValueError, match="not 'table'"):
         render(model, camera, weights="table")
+    with pytest.raises(ValueError, match="each of 2 levels, not "):
+        render(model, camera, alpha_max=(0.99,))

@@ -3,18 +3,76 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit, prange
 
 from golden.oracle.ellipse import exponent
+from golden.oracle.project import Splats
+from golden.oracle.tiles import TileLists
+from golden.scenes.gaze import FoveationMap
 from spec.constants import ALPHA_MIN, T_STOP
 
 
+def blend_tiles(
+    splats: Splats,
+    lists: TileLists,
+    foveation: FoveationMap,
+    weight: np.ndarray,
+    *,
+    support_sigma: float | None,
+    alpha_max: Sequence[float],
+    background: Sequence[float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Render every tile; in blend tiles both levels go through the same list, each with its own transmittance.
+
+    Args:
+        weight: (height, width) float64 in 0..1, share of the tile's second level in each pixel.
+        support_sigma: Mahalanobis radius that bounds a splat's support, or None.
+        alpha_max: alpha's upper bound for each level.
+        background: red, green, blue, weighted by the final transmittance.
+
+    Returns:
+        Image (height, width, 3), sum of T alpha z (height, width) and transmittance (height, width), all float64.
+    """
+    fields = (
+        splats.mean2d, splats.factor, splats.depth, splats.opacity, splats.colour, splats.quality_bound,
+        math.inf if support_sigma is None else support_sigma**2 / 2,
+    )  # fmt: skip
+    return _blend(
+        lists.start, lists.entries, foveation.tile_level, foveation.blend, foveation.tile, weight,
+        np.array(alpha_max, float), np.array(background, float), fields,
+    )  # fmt: skip
+
+
+@njit(cache=True, parallel=True)
+def _blend(start, entries, tile_level, blend, tile, weight, alpha_max, background, fields):
+    height, width = weight.shape
+    tiles_x = tile_level.shape[1]
+    image, depth_sum, transmittance = np.empty((height, width, 3)), np.empty((height, width)), np.empty((height, width))
+    for t in prange(len(start) - 1):
+        ty, tx = t // tiles_x, t % tiles_x
+        level = int(tile_level[ty, tx])
+        here = entries[start[t] : start[t + 1]]
+        for row in range(ty * tile, min((ty + 1) * tile, height)):
+            for column in range(tx * tile, min((tx + 1) * tile, width)):
+                x, y = column + 0.5, row + 0.5
+                w = weight[row, column] if blend[ty, tx] else 0.0
+                first = last = _composite(x, y, here, level, alpha_max[level], *fields)
+                if w > 0.0:
+                    last = _composite(x, y, here, level + 1, alpha_max[level + 1], *fields)
+                for c in range(3):
+                    first_colour = first[c] + first[4] * background[c]
+                    last_colour = last[c] + last[4] * background[c]
+                    image[row, column, c] = (1 - w) * first_colour + w * last_colour
+                depth_sum[row, column] = (1 - w) * first[3] + w * last[3]
+                transmittance[row, column] = (1 - w) * first[4] + w * last[4]
+    return image, depth_sum, transmittance
+
+
 @njit(cache=True)
-def composite(
-    x, y, level, entries, mean2d, factor, depth, opacity, colour, quality_bound, q_support, alpha_max
-) -> tuple[float, float, float, float, float]:  # fmt: skip
+def _composite(x, y, entries, level, alpha_max, mean2d, factor, depth, opacity, colour, quality_bound, q_support):
     """One level of one pixel, centre (x, y): sums of T alpha times red, green, blue and depth, and the final T.
 
     A splat is composited before the pixel stops, so that an alpha of 1 still shows its colour; 3DGS stops before.
@@ -39,51 +97,3 @@ def composite(
         if transmittance < T_STOP:
             break
     return red, green, blue, depth_sum, transmittance
-
-
-@njit(cache=True, parallel=True)
-def blend_tiles(
-    start, entries, mean2d, factor, depth, opacity, colour, quality_bound, tile_level, blend, weight, tile, q_support,
-    alpha_max, background,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Render every tile; in blend tiles both levels go through the same list, each with its own transmittance.
-
-    Args:
-        start, entries: the tile lists, see `tiles.TileLists`.
-        mean2d .. quality_bound: the splats' fields, see `project.Splats`.
-        tile_level, blend: (tiles_y, tiles_x), see `gaze.FoveationMap`.
-        weight: (height, width) float64, share of the tile's second level in each pixel.
-        tile: tile edge in pixels.
-        q_support: largest exponent that any splat covers, may be inf.
-        alpha_max: (levels,) float64.
-        background: (3,) float64.
-
-    Returns:
-        image (height, width, 3), depth sum (height, width) and transmittance (height, width), all float64.
-    """
-    height, width = weight.shape
-    tiles_x = tile_level.shape[1]
-    image, depth_sum, transmittance = np.empty((height, width, 3)), np.empty((height, width)), np.empty((height, width))
-    for t in prange(len(start) - 1):
-        ty, tx = t // tiles_x, t % tiles_x
-        here = entries[start[t] : start[t + 1]]
-        for row in range(ty * tile, min((ty + 1) * tile, height)):
-            for column in range(tx * tile, min((tx + 1) * tile, width)):
-                w = weight[row, column] if blend[ty, tx] else 0.0
-                level = int(tile_level[ty, tx])
-                first = last = composite(
-                    column + 0.5, row + 0.5, level, here, mean2d, factor, depth, opacity, colour, quality_bound,
-                    q_support, alpha_max[level],
-                )  # fmt: skip
-                if w > 0.0:
-                    last = composite(
-                        column + 0.5, row + 0.5, level + 1, here, mean2d, factor, depth, opacity, colour, quality_bound,
-                        q_support, alpha_max[level + 1],
-                    )  # fmt: skip
-                for c in range(3):
-                    level_1 = first[c] + first[4] * background[c]
-                    level_2 = last[c] + last[4] * background[c]
-                    image[row, column, c] = (1 - w) * level_1 + w * level_2
-                depth_sum[row, column] = (1 - w) * first[3] + w * last[3]
-                transmittance[row, column] = (1 - w) * first[4] + w * last[4]
-    return image, depth_sum, transmittance

@@ -91,28 +91,17 @@ def render(
     _check_fit(foveation, model, camera)
     if weights not in ("exact", "plane"):
         raise ValueError(f"weights must be 'exact' or 'plane', not {weights!r}")
+    if len(alpha_max) < model.levels:
+        raise ValueError(f"alpha_max must hold a bound for each of {model.levels} levels, not {alpha_max!r}")
 
     splats, culled = project(model, camera, support_sigma)
     lists = tile_lists(splats, foveation, tile_test)
     visible = len(np.unique(lists.entries))
     culled["no_tile"] = len(splats) - visible
 
+    weight = foveation.blend_weights_exact if weights == "exact" else foveation.blend_weights_plane
     image, depth_sum, transmittance = blend_tiles(
-        lists.start,
-        lists.entries,
-        splats.mean2d,
-        splats.factor,
-        splats.depth,
-        splats.opacity,
-        splats.colour,
-        splats.quality_bound,
-        foveation.tile_level,
-        foveation.blend,
-        foveation.blend_weights_exact if weights == "exact" else foveation.blend_weights_plane,
-        foveation.tile,
-        np.inf if support_sigma is None else support_sigma**2 / 2,
-        np.array(alpha_max, float),
-        np.array(background, float),
+        splats, lists, foveation, weight, support_sigma=support_sigma, alpha_max=alpha_max, background=background
     )
     coverage = 1.0 - transmittance
     with np.errstate(invalid="ignore", divide="ignore"):
