@@ -44,8 +44,12 @@ class NumberFormats:
     """Splat colours; saturating."""
     depth: Fixed = UQ(0, 14)
     """Splat depth as a fraction of the frame's depth scale; saturating."""
-    depth_key: Fixed = UQ(0, 20)
-    """Sort key: linear between the frame's near and far registers; saturating."""
+    depth_key: Fixed = UQ(24, 0)
+    """Sort key: ulps of the `view` format between the near plane and z, so 32 octaves at full precision; saturating.
+
+    Relative precision is what order needs: a key of 20 bits linear up to four times the 99th percentile of z lost 11 dB in
+    garden_large, and needed registers that an outlier could spoil.
+    """
     offset: Fixed = SQ(5, 14)
     """u and v at the tile's centre; a pair that saturates it cannot touch the tile."""
     factor: Fixed = SQ(1, 15)

@@ -117,7 +117,8 @@ def gaussian_geometry(config: AcceleratorConfig) -> Record:
 def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
     """The second half of a Gaussian in memory; fetched for survivors of culling only. Shorter for lower SH degrees."""
     n = config.formats
-    rest = (Field("rest", n.sh_rest, "SH coefficients from the first on, r, g, b each, in 3DGS order", 3 * ((sh_degree + 1) ** 2 - 1)),)
+    count = 3 * ((sh_degree + 1) ** 2 - 1)
+    rest = (Field("rest", n.sh_rest, "SH coefficients of degree 1 and more, r, g, b each, in 3DGS order", count),)
     return Record("GaussianColour", gaussian_colour.__doc__, (
         Field("dc", n.sh_dc, "base colour SH_C0 * dc + 0.5: r, g, b of level 1, then of the others", 3 * MAX_LEVELS),
         *(rest if sh_degree else ()),

@@ -16,7 +16,7 @@ import numpy as np
 from golden.msv2_ref.parallel import for_slices
 from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
-from golden.msv2_ref.rounding import RoundTo, dot3, rnd, round_to
+from golden.msv2_ref.rounding import RoundTo, dot3, pattern, rnd, round_to
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import EXPONENT_SCALE, LOW_PASS, TILE
@@ -65,7 +65,7 @@ class CullingConstants(NamedTuple):
     mean_max: float
     depth_one: float
     depth_max: float
-    key_max: float
+    key_max: int
     cut_ulp: float
     faintest: int
     widest: int
@@ -80,7 +80,7 @@ def culling_constants(config: AcceleratorConfig) -> CullingConstants:
         to_view=round_to(n.view), to_work=round_to(n.work), to_conic=round_to(n.conic), low_pass=float(n.work.round(LOW_PASS)),
         scale=float(n.work.round(EXPONENT_SCALE)), quat_one=1 << (2 * n.quaternion.frac_bits), mean_one=2.0**n.mean2d.frac_bits,
         mean_min=float(n.mean2d.raw_min), mean_max=float(n.mean2d.raw_max), depth_one=2.0**n.depth.frac_bits,
-        depth_max=float(n.depth.raw_max), key_max=float(n.depth_key.raw_max), cut_ulp=2.0**-n.cut.frac_bits,
+        depth_max=float(n.depth.raw_max), key_max=n.depth_key.raw_max, cut_ulp=2.0**-n.cut.frac_bits,
         faintest=tables.log2_alpha_min(n), widest=1 << 30 if support is None else support)
 
 
@@ -95,8 +95,7 @@ class _Camera(NamedTuple):
     near: float
     width: int
     height: int
-    key_near: float
-    key_scale: float
+    key_near: int
     depth_scale: float
 
 
@@ -210,7 +209,7 @@ def _project(_slice, begin, end, mean, axis, quat, opacity, cam, k, reason, mean
         box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1, y0, y1
         reason[i] = OUTSIDE if x0 > x1 or y0 > y1 else VISIBLE
         depth[i] = int(min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max))
-        depth_key[i] = int(min(max(np.floor(rnd(rnd(z - cam.key_near, V) * cam.key_scale, V)), 0.0), k.key_max))
+        depth_key[i] = min(pattern(z, V) - cam.key_near, k.key_max)
 
 
 def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> Projected:
@@ -222,7 +221,7 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
     used = np.arange(g["log2_opacity"].shape[1]) <= g["bound"][:, None]
     strongest = np.where(used, g["log2_opacity"], n.log2_opacity.raw_min).max(axis=1).astype(np.int32)
     camera = _Camera(r.position, r.rotation, r.focal, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
-                     r.key_near, r.key_scale, r.depth_scale)
+                     r.key_near, r.depth_scale)
     for_slices(_project, count, n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), np.ascontiguousarray(g["quat"]),
                strongest, camera, culling_constants(config), *out)
     return out

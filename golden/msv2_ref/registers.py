@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.msv2_ref.quantise import GaussianWords
+from golden.msv2_ref.rounding import pattern, round_to
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
@@ -25,7 +26,7 @@ class FrameRegisters:
         limits: (4,) clamp of x/z (low, high) and y/z (low, high).
         near: near plane.
         width, height: frame in pixels.
-        key_near, key_scale: depth key = (z - key_near) * key_scale, in ulps of `depth_key`.
+        key_near: integer pattern (exponent and fraction) of the near plane; depth key = pattern of z minus this.
         depth_scale: reciprocal of the z that saturates `depth`.
         depth_far: that z, float64; the host turns depths back with it.
         background: (3,) int64 raw `colour`.
@@ -41,8 +42,7 @@ class FrameRegisters:
     near: float
     width: int
     height: int
-    key_near: float
-    key_scale: float
+    key_near: int
     depth_scale: float
     depth_far: float
     background: np.ndarray
@@ -60,23 +60,18 @@ class FrameRegisters:
         return -(-self.height // TILE)
 
 
-def depth_range(means: np.ndarray, camera: Camera) -> tuple[float, float]:
-    """(near, far) of z over the points in front of the camera and inside the widened frustum.
+def depth_far(means: np.ndarray, camera: Camera) -> float:
+    """The z at which depth saturates: from the points in front of the camera and inside the widened frustum.
 
-    Far is a high percentile, so that one outlier does not eat the key; points beyond it saturate and keep index order.
+    A high percentile, so that one outlier does not cost everyone's resolution.
     """
-    z = means @ camera.rotation[2] + camera.translation[2]
-    x = means @ camera.rotation[0] + camera.translation[0]
-    y = means @ camera.rotation[1] + camera.translation[1]
+    x, y, z = camera.rotation @ means.T + camera.translation[:, None]
     visible = z > camera.near
     for along, focal, centre, size in ((x, camera.fx, camera.cx, camera.width), (y, camera.fy, camera.cy, camera.height)):
         pixel = focal * along + centre * z
         visible &= (pixel > -0.15 * size * z) & (pixel < 1.15 * size * z)
-    z = z[visible & np.isfinite(z)]
-    if not len(z):
-        return camera.near, camera.near + 1.0
-    far = min(float(z.max()), 4.0 * float(np.percentile(z, 99)))
-    return float(z.min()), max(far, float(z.min()) * 1.001)
+    z = z[visible]
+    return min(float(z.max()), 4.0 * float(np.percentile(z, 99))) if len(z) else 2 * camera.near
 
 
 def frame_registers(
@@ -93,8 +88,7 @@ def frame_registers(
     """
     n = config.formats
     means = n.position.to_float(words.geometry["mean"]) + words.origin
-    near, far = depth_range(means, camera)
-    key_ulp = 2.0**n.depth_key.frac_bits
+    far = depth_far(means, camera)
     margin = FRUSTUM_MARGIN
     limits = [-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx,
               -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy]
@@ -104,7 +98,7 @@ def frame_registers(
         rotation=n.view.round(camera.rotation), focal=n.view.round([camera.fx, camera.fy]),
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
-        key_near=float(n.view.round(near)), key_scale=float(n.view.round((key_ulp - 1) / (far - near))),
+        key_near=pattern(float(n.view.round(camera.near)), round_to(n.view)),
         depth_scale=float(n.view.round(1 / far)), depth_far=1 / float(n.view.round(1 / far)),
         background=n.colour.quantise(background), header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
         plane=n.plane.quantise(foveation.plane.reshape(-1, 3)))

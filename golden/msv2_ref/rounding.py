@@ -43,6 +43,12 @@ def rnd(x, f):
 
 
 @numba.njit(cache=True)
+def pattern(x, f):
+    """Exponent and fraction of a positive number of format `f` as one integer: monotone, one step an ulp."""
+    return np.float64(x).view(np.int64) >> f.drop
+
+
+@numba.njit(cache=True)
 def dot3(f, a0, a1, a2, b0, b1, b2):
     """a . b with every product and sum rounded, left to right."""
     return rnd(rnd(rnd(a0 * b0, f) + rnd(a1 * b1, f), f) + rnd(a2 * b2, f), f)
