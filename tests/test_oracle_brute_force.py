@@ -123,7 +123,7 @@ def colours_of(model, view, i):
         0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y),
         -0.4570457994644658 * x * (4 * z * z - x * x - y * y), 1.445305721320277 * z * (x * x - y * y),
         -0.5900435899266435 * x * (x * x - 3 * y * y),
-    ]  # fmt: skip
+    ]
     rest = sum((b * c for b, c in zip(basis, model.sh_rest[i], strict=False)), np.zeros(3))
     return np.maximum(0.28209479177387814 * model.sh_dc[i] + rest + 0.5, 0)
 

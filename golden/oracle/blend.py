@@ -39,11 +39,11 @@ def blend_tiles(
     fields = (
         splats.mean2d, splats.factor, splats.depth, splats.opacity, splats.colour, splats.quality_bound,
         math.inf if support_sigma is None else support_sigma**2 / 2,
-    )  # fmt: skip
+    )
     return _blend(
         lists.start, lists.entries, foveation.tile_level, foveation.blend, foveation.tile, weight,
         np.array(alpha_max, float), np.array(background, float), fields,
-    )  # fmt: skip
+    )
 
 
 @njit(cache=True, parallel=True)

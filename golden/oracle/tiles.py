@@ -45,7 +45,7 @@ def tile_lists(splats: Splats, foveation: FoveationMap, tile_test: str = "exact"
     scene = (
         order, splats.mean2d, splats.cov2d, splats.factor, splats.q_max, foveation.tile_level, foveation.blend,
         foveation.tile, display.width_px, display.height_px, tile_test == "exact",
-    )  # fmt: skip
+    )
     counts = np.zeros(foveation.tile_level.size, np.int64)
     _visit(*scene, counts, np.empty(0, np.int64))
     start = np.concatenate([[0], np.cumsum(counts)])
@@ -57,7 +57,7 @@ def tile_lists(splats: Splats, foveation: FoveationMap, tile_test: str = "exact"
 @njit(cache=True)
 def _visit(
     order, mean2d, cov2d, factor, q_max, tile_level, blend, tile, width, height, exact, slot, entries
-) -> None:  # fmt: skip
+) -> None:
     """Advance slot[tile] for every pair, in depth order; write the splat there if `entries` has room for all."""
     tiles_y, tiles_x = tile_level.shape
     for i in order:

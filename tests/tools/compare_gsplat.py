@@ -92,7 +92,7 @@ def gsplat_image(model: GaussianModel, camera: Camera, *, stop_after: bool) -> n
     image, _ = gsplat.accumulate(
         means2d, conics, opacity[None], colours[None], torch.from_numpy(gaussian), torch.from_numpy(pixel),
         torch.zeros(len(pixel), dtype=torch.int64), camera.width, camera.height,
-    )  # fmt: skip
+    )
     return image[0].numpy()
 
 
