@@ -38,10 +38,11 @@ def load_camera(path: Path | str) -> Camera:
     entry = read_json(path)
     unknown = set(entry) - set(Camera.__dataclass_fields__)
     if unknown:
-        raise InputError(f"{path}: {sorted(unknown)[0]!r} is no entry of a camera; accepted: {', '.join(Camera.__dataclass_fields__)}")
+        accepted = ", ".join(Camera.__dataclass_fields__)
+        raise InputError(f"{path}: {sorted(unknown)[0]!r} is no entry of a camera; accepted: {accepted}")
     rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
-        raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows, determinant +1 are needed")
+        raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows are needed")
     width, height = (_number(path, entry, key) for key in ("width", "height"))
     if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
         raise InputError(f"{path}: frame size {width:g}x{height:g}; whole numbers from 1 on are accepted")

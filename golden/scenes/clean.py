@@ -30,8 +30,8 @@ class Fields:
 def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float, float] | np.ndarray) -> GaussianModel:
     """The model of a file's fields, without the splats no renderer can draw.
 
-    A splat is dropped, and counted in `dropped` under the first reason that applies, when a field holds a NaN, when its position,
-    rotation, scale or colour is infinite, or when its quaternion is zero (no direction to normalise to). A log scale of -inf
+    A splat is dropped, and counted in `dropped` under the first reason that applies, when a field holds a NaN, when its
+    position, rotation, scale or colour is infinite, or when its quaternion is zero (nothing to normalise). A log scale of -inf
     is a degenerate axis and stays; an infinite opacity logit has become 0 or 1 and stays.
 
     Raises:

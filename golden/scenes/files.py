@@ -24,7 +24,7 @@ def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
     try:
         descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); name a file in an existing, writable folder") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); an existing, writable folder is needed") from error
     try:
         with os.fdopen(descriptor, "wb") as file:
             yield file

@@ -13,8 +13,8 @@ from spec.constants import MAX_LEVELS, SMFR_FRACTIONS
 def smfr_levels(model: GaussianModel, levels: int = MAX_LEVELS, seed: int = 0) -> GaussianModel:
     """Nested random subsets of a model's points (SMFR, Single-Model FR: paper section 7, variants).
 
-    One seeded permutation ranks the points; level L uses the first SMFR_FRACTIONS[L] of them, so each level is a subset of the one
-    before and the quality bound is the number of levels a point is in. Opacity and DC of level 1 are copied to each level.
+    One seeded permutation ranks the points; level L uses the first SMFR_FRACTIONS[L] of them, so each level is a subset of the
+    one before and the quality bound is the number of levels a point is in. Opacity and DC of level 1 are copied to each level.
 
     Args:
         levels: 1..4.

@@ -35,11 +35,11 @@ def load_llff(folder: Path) -> Dataset:
             raise
         raise InputError(f"{path}: is not an array of 17 numbers a view ({error})") from error
     if rows.shape[1] != 17 or not np.isfinite(poses).all() or (poses[:, :, 4] <= 0).any():
-        raise InputError(f"{path}: shape {rows.shape}; finite poses with positive sizes and focal lengths, (N, 17), are accepted")
+        raise InputError(f"{path}: shape {rows.shape}; (N, 17) with finite poses, positive sizes and focal lengths is accepted")
     photographs = find_images(folder)
     images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
     if len(images) != len(poses):
-        raise InputError(f"{path}: {len(poses)} poses for {len(images)} photographs in {photographs or folder}; one each is needed")
+        raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; as many needed")
     cameras = tuple(_camera(pose, image) for pose, image in zip(poses, images, strict=True))
     lone = folder / "sparse" / "0" / "points3D.bin"
     points, colours = read_points(lone) if lone.exists() else (np.empty((0, 3)), np.empty((0, 3), np.uint8))

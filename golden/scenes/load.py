@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from golden.scenes.camera import Camera
 from golden.scenes.clean import concatenate
 from golden.scenes.datasets import cameras_beside_model
@@ -18,7 +16,7 @@ from golden.scenes.splat import load_splat
 from spec.errors import InputError
 
 EMBEDDED = "embedded"
-ACCEPTED = "PLY (3DGS or compressed), .spz, .sog, a SOG folder or its meta.json, a folder of SOG folders, .splat, a training folder"
+ACCEPTED = "3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a folder of such, .splat, a training folder"
 
 
 @dataclass(frozen=True)
@@ -105,5 +103,5 @@ def _load_folder(path: Path) -> GaussianModel:
         return replace(load_model(max(iterations, key=lambda p: int(p.parent.name[10:]))), name=name)
     files = sorted(p for p in path.iterdir() if p.suffix.lower() in (".ply", ".spz", ".sog", ".splat"))
     if len(files) != 1:
-        raise InputError(f"{path}: a folder with {len(files)} model files; accepted: {ACCEPTED}, or a folder with one model file")
+        raise InputError(f"{path}: a folder with {len(files)} model files; accepted: {ACCEPTED}, a folder with one model")
     return load_model(files[0])

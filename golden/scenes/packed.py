@@ -53,7 +53,7 @@ def load_spz(path: Path, name: str) -> GaussianModel:
     except (zlib.error, struct.error) as error:
         raise InputError(f"{path}: is not a whole SPZ file ({error})") from error
     if magic != b"NGSP" or version not in SPZ_VERSIONS:
-        raise InputError(f"{path}: is {magic!r} version {version}; SPZ (NGSP) version {', '.join(map(str, SPZ_VERSIONS))} is accepted")
+        raise InputError(f"{path}: is {magic!r} version {version}; b'NGSP' version {SPZ_VERSIONS} is accepted")
     return _load(path, name, "spz", lambda gsply: gsply.read_spz(path))
 
 

@@ -64,7 +64,7 @@ def parse_header(data: bytes, path: Path) -> Header:
     """
     match = re.match(rb"ply\r?\n.*?^end_header\r?\n", data[:MAX_HEADER], re.DOTALL | re.MULTILINE)
     if match is None:
-        what = "its header does not end (truncated?)" if data.startswith(b"ply") else f"starts with {data[:8]!r}, not with 'ply'"
+        what = "has no end of header (truncated?)" if data.startswith(b"ply") else f"starts with {data[:8]!r}"
         raise InputError(f"{path}: {what}; a PLY file is needed")
     encoding, elements, comments = "", {}, []
     for line in match.group().decode("ascii", "replace").splitlines()[1:-1]:
@@ -178,7 +178,7 @@ def _rest_names(path: Path, properties: tuple[str, ...]) -> list[str]:
     found = {name for name in properties if name.startswith("f_rest_")}
     names = [f"f_rest_{i}" for i in range(len(found))]
     if set(names) != found or len(found) not in [3 * k for k in SH_REST_COUNT.values()]:
-        raise InputError(f"{path}: {len(found)} f_rest properties; f_rest_0 to f_rest_8, 23 or 44, or none, are accepted (SH 0-3)")
+        raise InputError(f"{path}: {len(found)} f_rest properties; f_rest_0 to _8, _23, _44 or none")
     return names
 
 
@@ -188,7 +188,7 @@ def _level_count(path: Path, properties: tuple[str, ...]) -> int:
     if not found and "quality_bound" not in properties:
         return 0
     if not 1 <= len(found) <= MAX_LEVELS or found != {f"opacity_l{level + 1}" for level in range(len(found))}:
-        raise InputError(f"{path}: level opacities are {sorted(found)}; opacity_l1 up to at most opacity_l{MAX_LEVELS} are accepted")
+        raise InputError(f"{path}: level opacities are {sorted(found)}; opacity_l1 to opacity_l{MAX_LEVELS} are accepted")
     return len(found)
 
 

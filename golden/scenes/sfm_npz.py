@@ -28,7 +28,8 @@ def load_npz(path: Path) -> Dataset:
         raise InputError(f"{path}: is not a whole .npz ({error})") from error
     for key, shape in SHAPES.items():
         actual = arrays[key].shape if key in arrays else None
-        if actual is None or len(actual) != len(shape) or any(want not in (None, have) for want, have in zip(shape, actual, strict=True)):
+        fits = actual is not None and len(actual) == len(shape)
+        if not fits or any(want not in (None, have) for want, have in zip(shape, actual, strict=True)):
             raise InputError(f"{path}: {key} has shape {actual}; {shape} is needed (None: any)")
     views, intrinsics = arrays["viewmats"].astype(np.float64), arrays["Ks"].astype(np.float64)
     if len(views) != len(intrinsics) or not len(views) or len(arrays["means3d"]) != len(arrays["colors"]):
@@ -40,6 +41,7 @@ def load_npz(path: Path) -> Dataset:
         for i, (view, k) in enumerate(zip(views, intrinsics, strict=True))
     )
     return Dataset(
-        cameras=cameras, images=None, points=arrays["means3d"].astype(np.float64), point_colours=arrays["colors"].astype(np.uint8),
+        cameras=cameras, images=None, points=arrays["means3d"].astype(np.float64),
+        point_colours=arrays["colors"].astype(np.uint8),
         up=up_of_cameras(views[:, :3, :3]), name=path.stem,
     )

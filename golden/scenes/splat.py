@@ -33,5 +33,6 @@ def load_splat(path: Path, name: str) -> GaussianModel:
     )
     model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT["splat"])
     if 2 * len(model) < len(rows):
-        raise InputError(f"{path}: {len(rows) - len(model)} of {len(rows)} rows are no splats ({model.dropped}); is it a .splat file?")
+        bad = len(rows) - len(model)
+        raise InputError(f"{path}: {bad} of {len(rows)} rows are no splats ({model.dropped}); is it a .splat file?")
     return model

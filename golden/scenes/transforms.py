@@ -68,19 +68,19 @@ def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
                          "a finite 3x4 or 4x4 matrix is needed")
     rotation = pose[:3, :3]
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise InputError(f"{path}: transform_matrix of {entry['file_path']} is not a rotation and a translation; a rigid one is needed")
+        raise InputError(f"{path}: transform_matrix of {entry['file_path']} is not rigid; rotation and translation are needed")
     return pose
 
 
 def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) -> Camera:
     distorted = [key for key in DISTORTION if _number(path, entry, key, 0.0)]
     if distorted or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
-        raise InputError(f"{path}: {image.name} has lens distortion ({distorted or 'fisheye'}); undistorted photographs are accepted")
+        raise InputError(f"{path}: {image.name} has a distorted lens ({distorted or 'fisheye'}); a pinhole is accepted")
     rotation, translation = camera_from_opengl(_pose(path, entry))
     size = image_size(image) if image_exists else (0, 0)
     width, height = round(_number(path, entry, "w", size[0])), round(_number(path, entry, "h", size[1]))
     if width < 1 or height < 1:
-        raise InputError(f"{path}: frame size of {image.name} is {width}x{height} and {image} does not exist; w and h are needed")
+        raise InputError(f"{path}: frame of {image.name} is {width}x{height} and {image} is missing; w and h are needed")
     if "fl_x" in entry:
         fx = _number(path, entry, "fl_x")
         fy = _number(path, entry, "fl_y", fx)

@@ -1,0 +1,45 @@
+"""SMFR levels: nested, seeded, of the paper's sizes."""
+
+import numpy as np
+import pytest
+from scenes_samples import float32_model
+
+from golden.scenes.levels import smfr_levels
+
+
+def test_levels_are_nested_random_subsets_of_the_right_sizes():
+    model = float32_model(n=1000, levels=1)
+    levels = smfr_levels(model)
+    bound = levels.quality_bound.astype(int)
+    assert [int((bound > level).sum()) for level in range(4)] == [1000, 400, 220, 170]
+    assert bound.min() == 1 and levels.levels == 4
+    for level in range(4):
+        np.testing.assert_array_equal(levels.opacity[:, level], model.opacity[:, 0])
+        np.testing.assert_array_equal(levels.sh_dc[:, level], model.sh_dc[:, 0])
+    np.testing.assert_array_equal(levels.means, model.means)
+    kept = np.flatnonzero(bound > 1)  # drawn from everywhere, not from one end
+    assert abs(kept.mean() - 500) < 50
+
+
+def test_seed_decides():
+    model = float32_model(n=300, levels=1)
+    first = smfr_levels(model, seed=3).quality_bound
+    np.testing.assert_array_equal(smfr_levels(model, seed=3).quality_bound, first)
+    assert (smfr_levels(model, seed=4).quality_bound != first).any()
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3])
+def test_fewer_levels_are_the_first_of_more(levels):
+    model = float32_model(n=300, levels=1)
+    bound = smfr_levels(model, levels).quality_bound
+    np.testing.assert_array_equal(bound, np.minimum(smfr_levels(model).quality_bound, levels))
+
+
+def test_one_point_is_in_every_level():
+    assert smfr_levels(float32_model(n=3, levels=1).select(np.array([1]))).quality_bound[0] == 4
+
+
+@pytest.mark.parametrize("levels", [0, 5])
+def test_number_of_levels(levels):
+    with pytest.raises(ValueError, match=f"not {levels}"):
+        smfr_levels(float32_model(levels=1), levels)
