@@ -65,9 +65,8 @@ def cell_random(i, j):
 @njit(cache=True)
 def value_noise(u, v):
     """Smooth noise in [0, 1): hashed lattice values, smoothstep between them."""
-    i, j = math.floor(u), math.floor(v)
-    a, b = int(i), int(j)
-    s, t = smooth(u - i, 0.0, 1.0), smooth(v - j, 0.0, 1.0)
+    a, b = math.floor(u), math.floor(v)
+    s, t = smooth(u - a, 0.0, 1.0), smooth(v - b, 0.0, 1.0)
     low = cell_random(a, b) + (cell_random(a + 1, b) - cell_random(a, b)) * s
     high = cell_random(a, b + 1) + (cell_random(a + 1, b + 1) - cell_random(a, b + 1)) * s
     return low + (high - low) * t
@@ -84,7 +83,7 @@ def _planks(a, b, u, v):
     """Boards along u, one period wide, four long, staggered by row, with grain and dark joints."""
     row = math.floor(v)
     along = u / 4.0 + 0.37 * row
-    board = cell_random(int(math.floor(along)), int(row))
+    board = cell_random(math.floor(along), row)
     grain = value_noise(1.3 * u + 17.0 * board, 9.0 * v)
     colour = mix(a, b, 0.65 * board + 0.35 * grain)
     joint = min(min(v - row, row + 1.0 - v), 4.0 * min(along - math.floor(along), math.floor(along) + 1.0 - along))
@@ -98,7 +97,7 @@ def _brick(a, b, u, v):
     x = 0.5 * u + 0.5 * (row % 2)
     column = math.floor(x)
     edge = min(2.0 * min(x - column, column + 1.0 - x), min(v - row, row + 1.0 - v))
-    tone = 0.72 + 0.4 * cell_random(int(column), int(row)) + 0.25 * (fractal(3.0 * u, 3.0 * v) - 0.5)
+    tone = 0.72 + 0.4 * cell_random(column, row) + 0.25 * (fractal(3.0 * u, 3.0 * v) - 0.5)
     return mix(b, scale(a, tone), smooth(edge, 0.05, 0.11))
 
 
@@ -108,9 +107,9 @@ def _text(a, b, u, v):
     line = math.floor(v)
     column = math.floor(1.6 * u)
     x, y = 1.6 * u - column, v - line
-    word = cell_random(int(math.floor(column / 3.0)) + 7, int(line))
+    word = cell_random(math.floor(column / 3.0) + 7, line)
     inked = 0.22 < y < 0.78 and word > 0.12 and line % 6 != 0
-    glyph = cell_random(int(column), int(line))
+    glyph = cell_random(column, line)
     stroke = (x < 0.3) or (glyph > 0.45 and y < 0.42) or (glyph < 0.6 and x > 0.62 and y > 0.45)
     return b if inked and stroke and x < 0.85 else a
 
@@ -123,10 +122,9 @@ def _books(a, b, u, v):
     if height < 0.35:
         return a
     spine = math.floor(u + 0.5 * shelf)
-    i, j = int(spine), int(shelf)
-    if height > 2.6 + 1.1 * cell_random(i, j + 31):
+    if height > 2.6 + 1.1 * cell_random(spine, shelf + 31):
         return b
-    hue, tone = cell_random(i, j), 0.35 + 0.5 * cell_random(i, j + 57)
+    hue, tone = cell_random(spine, shelf), 0.35 + 0.5 * cell_random(spine, shelf + 57)
     colour = scale((
         0.55 + 0.45 * math.cos(6.2831853 * hue), 0.5 + 0.4 * math.cos(6.2831853 * (hue + 0.31)),
         0.5 + 0.4 * math.cos(6.2831853 * (hue + 0.63)),
@@ -155,7 +153,7 @@ def _rug(a, b, u, v):
         return b
     if petal > 0.74:
         return mix(a, b, 0.5 + 0.5 * math.copysign(1.0, math.sin(36.0 * angle)))
-    return (0.86, 0.72, 0.42) if int(math.floor(7.0 * petal)) % 2 else a
+    return (0.86, 0.72, 0.42) if math.floor(7.0 * petal) % 2 else a
 
 
 @njit(cache=True)

@@ -127,14 +127,16 @@ def _bound(group: list) -> np.ndarray:
 
 
 def _room(b: _Builder) -> None:
-    half, mid = HALF * np.eye(3), 0.5 * HEIGHT * Z
+    # Floor, ceiling and walls reach 6 cm past the corners, unseen, so that splats at the edges can cover the seams.
+    half, mid, over = HALF * np.eye(3), 0.5 * HEIGHT * Z, 1.0 + 0.06 / HALF
+    x, y, z = over * half[0], over * half[1], over * mid
     b.group()
-    b.rect("floor", 0 * Z, half[0], half[1])
-    b.rect("ceiling", HEIGHT * Z, half[0], half[1])
-    b.rect("brick", mid - half[0], half[1], mid)
-    b.rect("stripes", mid + half[0], half[1], mid)
-    b.rect("plaster", mid - half[1], half[0], mid)
-    b.rect("plaster", mid + half[1], half[0], mid, (WINDOW[0] / HALF, WINDOW[1] / (0.5 * HEIGHT)))
+    b.rect("floor", 0 * Z, x, y)
+    b.rect("ceiling", HEIGHT * Z, x, y)
+    b.rect("brick", mid - half[0], y, z)
+    b.rect("stripes", mid + half[0], y, z)
+    b.rect("plaster", mid - half[1], x, z)
+    b.rect("plaster", mid + half[1], x, z, (WINDOW[0] / HALF / over, WINDOW[1] / (0.5 * HEIGHT) / over))
 
 
 def _window(b: _Builder) -> None:

@@ -3,6 +3,8 @@
 Every primitive is one of five unit shapes carried to its place by an affine map. A ray is taken to the shape's own
 frame without normalising its direction, so its parameter t is the same number in both frames. The float operations of
 a ray depend on that ray alone: results are bit-identical from run to run and for any number of threads.
+
+numba's cache does not see that an imported function changed: after an edit of `embedded_textures`, touch this file.
 """
 
 from __future__ import annotations
@@ -298,5 +300,6 @@ def trace(world: World, origin: np.ndarray, direction: np.ndarray) -> tuple[np.n
     n = len(origin)
     distance, primitive = np.empty(n), np.empty(n, np.int64)
     normal, colour = np.empty((n, 3)), np.empty((n, 3))
-    _trace(world, np.ascontiguousarray(origin, float), np.ascontiguousarray(direction, float), distance, primitive, normal, colour)
+    rays = (np.ascontiguousarray(origin, float), np.ascontiguousarray(direction, float))
+    _trace(world, *rays, distance, primitive, normal, colour)
     return distance, primitive, normal, colour
