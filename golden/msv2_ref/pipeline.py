@@ -19,6 +19,9 @@ from spec.constants import COVERAGE_VALID, MAX_LEVELS, TILE
 from spec.errors import InputError
 from spec.records import array_entry, splat2d, tile_header
 
+STAGES = ("gaussians", "splats", "entries", "pixels")
+"""Arrows that a frame can dump."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -107,7 +110,7 @@ class Frame:
         return out
 
     def stage(self, name: str) -> dict[str, np.ndarray]:
-        """The named arrow as arrays ready for `numpy.savez`."""
+        """The named arrow (one of STAGES) as arrays ready for `numpy.savez`."""
         arrows = {
             "gaussians": lambda: {"geometry": self.words.geometry, "colour": self.words.colour, "origin": self.words.origin},
             "splats": lambda: {"splats": self.splats2d, "reason": self.projected.reason},
@@ -115,8 +118,6 @@ class Frame:
                                 "index": self.entries.splat, "background": self.registers.background},
             "pixels": lambda: self.pixels._asdict(),
         }
-        if name not in arrows:
-            raise InputError(f"stage {name!r} is not accepted: choose one of {', '.join(arrows)}")
         return arrows[name]()
 
 

@@ -1,0 +1,105 @@
+"""Render a scene with the integer golden renderer: pictures and numbers."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from golden.metrics.image import max_abs_error, psnr_vs
+from golden.msv2_ref import culling, pipeline
+from golden.oracle.render import render as render_oracle
+from golden.scenes.files import atomic_output
+from golden.scenes.pictures import depth_picture, levels_picture, save_png
+from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from spec.config import CONFIGS
+from spec.errors import InputError, run_command_line
+
+EXAMPLES = """examples:
+  python golden/render.py                                        the embedded scene
+  python golden/render.py truck.splat --size 640x360 --compare oracle
+  python golden/render.py rock_sh3/ --gaze 320,180 --levels 4    foveated, nested random subsets
+  python golden/render.py scene.ply --camera view.json --dump entries --out build/render/view
+"""
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="golden/render.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_request_arguments(parser)
+    parser.add_argument("--config", default="paper", choices=list(CONFIGS), help="machine (default: paper, the widest rows)")
+    parser.add_argument("--compare", choices=["oracle"], help="render the float64 oracle too and report the difference")
+    parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
+    parser.add_argument("--out", metavar="DIR", help="output folder (default: build/render/NAME)")
+    return parser.parse_args(argv)
+
+
+def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, object]:
+    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage."""
+    counts = np.diff(frame.entries.start)
+    reason = np.bincount(frame.projected.reason, minlength=4)
+    used = int((np.bincount(frame.entries.splat, minlength=1) > 0).sum())
+    culled = {name: int(reason[code]) for code, name in culling.REASONS.items()}
+    return {
+        **request.record,
+        "config": frame.config.name,
+        "splats": len(request.model),
+        "visible": used,
+        "culled": {**culled, "no_tile": int(reason[culling.VISIBLE]) - used, **request.model.dropped},
+        "saturated": frame.words.saturated,
+        "entries": len(frame.entries.splat),
+        "entries_filtered": frame.entries.filtered,
+        "entries_per_tile": {
+            "mean": float(counts.mean()), "max": int(counts.max()), "empty": int((counts == 0).sum()),
+            **{f"p{p}": float(np.percentile(counts, p)) for p in (5, 25, 50, 75, 95)},
+        },
+        "tiles": len(counts),
+        "blend_tiles": int(request.foveation.blend.sum()),
+        "groups": int(frame.groups[-1]) + 1,
+        "coverage": float((1 - frame.transmittance).mean()),
+        "seconds": {**frame.seconds, "total": sum(frame.seconds.values())},
+    }
+
+
+def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, float]:
+    """Errors against the oracle given the same level planes, and against exact eccentricities where there is a gaze."""
+    given = {"foveation": request.foveation, "background": request.background, "support_sigma": frame.config.support_sigma}
+    oracle = render_oracle(request.model, request.camera, weights="plane", **given)
+    numbers = {"psnr_vs_oracle_db": psnr_vs(frame.image, oracle.image),
+               "max_abs_error": max_abs_error(frame.image, oracle.image)}
+    if request.foveation.gaze_xy is not None:
+        exact = render_oracle(request.model, request.camera, weights="exact", **given)
+        numbers["psnr_vs_exact_levels_db"] = psnr_vs(frame.image, exact.image)
+    return numbers
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command line's work."""
+    args = parse_arguments(argv)
+    if args.dump and args.dump not in pipeline.STAGES:
+        raise InputError(f"stage {args.dump!r} is not accepted: choose one of {', '.join(pipeline.STAGES)}")
+    request = resolve(args)
+    frame = pipeline.render(
+        request.model, request.camera, config=CONFIGS[args.config], foveation=request.foveation, background=request.background)
+    stats = frame_statistics(frame, request)
+    if args.compare:
+        stats.update(compare_with_oracle(frame, request))
+
+    out = make_folder(args.out or Path("build/render") / request.model.name)
+    save_png(out / "frame.png", frame.image)
+    save_png(out / "depth.png", depth_picture(frame.depth))
+    save_png(out / "levels.png", levels_picture(frame.image, request.foveation))
+    if args.dump:
+        with atomic_output(out / f"{args.dump}.npz") as file:
+            np.savez_compressed(file, **frame.stage(args.dump))
+    write_json(out / "stats.json", stats)
+    shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
+    print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
+                                 for key in shown if key in stats))
+
+
+if __name__ == "__main__":
+    run_command_line(main)

@@ -1,0 +1,145 @@
+"""What a user asks to see, once for every command line: scene, camera, size, gaze, levels, background."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from golden.scenes.camera import Camera
+from golden.scenes.camera_file import load_camera
+from golden.scenes.files import atomic_output
+from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
+from golden.scenes.levels import smfr_levels
+from golden.scenes.load import EMBEDDED, load_scene
+from golden.scenes.model import MAX_LEVELS, GaussianModel
+from golden.scenes.orbit import orbit_camera
+from spec.errors import InputError
+
+ORBIT_VIEWS = 8
+"""Views of the orbit that --camera INDEX counts through where a model has no cameras of its own."""
+
+MAX_SIZE = 8192
+"""Widest and highest frame any renderer takes, in pixels; the machine's rows may be narrower."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A resolved request.
+
+    Attributes:
+        model: the Gaussians, with as many levels as asked for.
+        camera: the view at the frame's size.
+        foveation: tile levels and blend planes; level 1 everywhere without a gaze.
+        background: r, g, b in [0, 1].
+        record: the request as JSON-ready values, for the file beside every picture.
+    """
+
+    model: GaussianModel
+    camera: Camera
+    foveation: FoveationMap
+    background: tuple[float, float, float]
+    record: dict[str, object]
+
+
+def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None) -> None:
+    """Adds the arguments that `resolve` reads; `size` is the default frame size, None the camera's own."""
+    default_size = size or "the camera's; 640x360 on an orbit"
+    parser.add_argument("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
+                        help="model file or folder, or 'embedded' (default)")
+    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
+                        help="an orbit (default), one of the scene's cameras (an orbit view if it has none), a JSON file")
+    parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
+    parser.add_argument("--gaze", default="none", metavar="X,Y|none", help="gazed pixel; turns foveation on (default: none)")
+    parser.add_argument("--levels", type=int, default=None, metavar="N",
+                        help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
+    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="in [0, 1] (default: 0,0,0)")
+    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+
+
+def resolve(args: argparse.Namespace) -> Request:
+    """The request behind parsed arguments.
+
+    Raises:
+        InputError: a value that no frame can be made of.
+    """
+    size = parse_size(args.size) if args.size else None
+    background = parse_numbers("background", args.background, 3)
+    if not all(0 <= c <= 1 for c in background):
+        raise InputError(f"background {args.background!r} is not accepted: three numbers in 0..1 are")
+    gaze = None if args.gaze.lower() == "none" else parse_numbers("gaze", args.gaze, 2)
+    if args.levels is not None and not 1 <= args.levels <= MAX_LEVELS:
+        raise InputError(f"levels {args.levels} is not accepted: 1..{MAX_LEVELS} are")
+    if args.seed < 0:
+        raise InputError(f"seed {args.seed} is not accepted: 0 or more is")
+
+    scene = load_scene(args.scene)
+    model = scene.model
+    if args.levels is not None and args.levels > 1 and model.levels == 1:
+        model = smfr_levels(model, args.levels, args.seed)
+    levels = min(args.levels or model.levels, model.levels)
+    camera = _camera(args.camera, model, scene.cameras, size)
+    display = Display(camera.width, camera.height)
+    foveation = no_foveation(display) if gaze is None else foveation_map(display, tuple(gaze), levels)
+    record = {
+        "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
+        "background": background, "seed": args.seed,
+    }
+    return Request(model, camera, foveation, tuple(background), record)
+
+
+def _camera(name: str, model: GaussianModel, cameras: Sequence[Camera], size: tuple[int, int] | None) -> Camera:
+    orbit = name == "orbit"
+    if not orbit and not name.lstrip("-").isdigit():
+        camera = load_camera(name)
+        return camera.resized(*size) if size else camera
+    index = 0 if orbit else int(name)
+    count = len(cameras) or ORBIT_VIEWS
+    if not 0 <= index < count:
+        raise InputError(f"camera {name} is not accepted: 0..{count - 1}, 'orbit' or a JSON file are")
+    if cameras and (not orbit or model.name == EMBEDDED):  # the embedded cameras are an orbit
+        return cameras[index].resized(*size) if size else cameras[index]
+    return orbit_camera(model, index, ORBIT_VIEWS, *(size or (640, 360)))
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WxH"."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()) or not (1 <= int(width) <= MAX_SIZE and 1 <= int(height) <= MAX_SIZE):
+        raise InputError(f"size {text!r} is not accepted: WxH with both in 1..{MAX_SIZE} is")
+    return int(width), int(height)
+
+
+def parse_numbers(name: str, text: str, count: int) -> list[float]:
+    """`count` finite numbers separated by commas."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(v) < float("inf") for v in values):
+        raise InputError(f"{name} {text!r} is not accepted: {count} numbers separated by commas are")
+    return values
+
+
+def make_folder(path: Path | str) -> Path:
+    """The folder, created with its parents.
+
+    Raises:
+        InputError: a file is in the way, or the place is not writable.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"output folder {path} is not accepted ({error.strerror}): a writable place is") from error
+    return path
+
+
+def write_json(path: Path, content: dict[str, object]) -> None:
+    """JSON, complete or not at all; infinities and NaNs become null."""
+    text = json.dumps(content, indent=1, default=float)
+    text = json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1)
+    with atomic_output(path) as file:
+        file.write((text + "\n").encode())
