@@ -1,0 +1,12 @@
+"""The volume rendering array, in the order of the data.
+
+    array       the whole: streams at both ends, tile-level early stop, `emit_vrc_array`
+    setup       entries to pixel ops, background ops included
+    polynomial  the setup unit's arithmetic
+    blocks      issue: drains held back; arrays smaller than a tile pass over it block by block
+    expand      one polynomial to a row of exponents
+    row         a row of pixel cores; rows work one cycle behind each other
+    pixel_core  alpha, transmittance and sums of one pixel
+    collect     finished rows into the line buffer
+    blend       two levels to one
+"""

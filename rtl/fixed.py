@@ -1,0 +1,53 @@
+"""Rounding, saturation and re-scaling of fixed-point values.
+
+Values are plain Amaranth integers; a format's fraction bits are the caller's knowledge, and Amaranth's widening
+arithmetic keeps every intermediate exact. Rounding is HALF_UP, `rs(x, n) = (x + 2^(n-1)) >> n` of docs/array.md.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Mux, Value
+
+from spec.formats import Fixed
+
+
+def _check_shift(n: int, low: int) -> None:
+    if not isinstance(n, int) or isinstance(n, bool):
+        raise TypeError(f"shift must be an integer, not {n!r}")
+    if n < low:
+        raise ValueError(f"shift must be at least {low}, not {n!r}")
+
+
+def as_integer(x: Value) -> Value:
+    """x as a signed value of the same number; an unsigned one gains a zero on top."""
+    return x if x.shape().signed else Cat(x, Const(0, 1)).as_signed()
+
+
+def round_shift(x: Value, n: int) -> Value:
+    """`rs(x, n)`, exact in width; n >= 0, where 0 leaves x as it is."""
+    _check_shift(n, 0)
+    return (x + (1 << (n - 1))) >> n if n else x
+
+
+def negated_round_shift(x: Value, n: int) -> Value:
+    """`-rs(x, n)`, n >= 1, in one addition: -((x + h) >> n) = (~x + h) >> n where h = 2^(n-1)."""
+    _check_shift(n, 1)
+    return (~as_integer(x) + (1 << (n - 1))) >> n
+
+
+def fits(x: Value, number: Fixed) -> Value:
+    """Whether x, in units of the format's ulp, is representable: the bits above the format all repeat its top one."""
+    above = as_integer(x)[number.width - number.signed :]
+    return ~above.any() | above.all() if number.signed else ~above.any()
+
+
+def saturate(x: Value, number: Fixed) -> Value:
+    """x clamped to the format's range, in the format's shape."""
+    x = as_integer(x)
+    return modular(Mux(fits(x, number), x, Mux(x[-1], number.raw_min, number.raw_max)), number)
+
+
+def modular(x: Value, number: Fixed) -> Value:
+    """The low bits of x in the format's shape: exact wherever the true value fits, whatever the intermediates did."""
+    low = as_integer(x)[: number.width]
+    return low.as_signed() if number.signed else low

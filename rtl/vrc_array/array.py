@@ -1,0 +1,150 @@
+"""The volume rendering array: ordered (splat, tile) entries in, finished pixel rows out.
+
+    tiles, entries -> SetupUnit -> BlockSequencer -> Expand -> VrcRow x cores_y -> Collect -> pixels
+                          ^              ^                          |                 |
+                          |              +--------- may_drain ------|-----------------+
+                          +----------------- stopped ---------------+
+
+Only what is before the sequencer's output can wait; from there to the line buffer every latency is fixed. Numbers for E =
+`expand.latency`, P = `row.PIPELINE`: an op is in row r 1 + E + r cycles after its issue.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import add_shared, to_verilog
+from rtl.shapes import layout, shape
+from rtl.vrc_array.blocks import BlockSequencer
+from rtl.vrc_array.collect import Collect, place_layout
+from rtl.vrc_array.expand import Expand
+from rtl.vrc_array.row import PIPELINE, VrcRow
+from rtl.vrc_array.setup import SetupUnit
+from spec.config import AcceleratorConfig
+from spec.records import array_entry, pixel_row, tile_header
+
+TILES_IN_FLIGHT = 4
+"""Tiles between their header's transfer and their last op's leaving the rows; keeps short tiles flowing."""
+
+COUNTER_BITS = 32
+
+
+class VrcArray(wiring.Component):
+    """The array with its setup unit and line buffer.
+
+    Parameters:
+        config: the machine.
+
+    Ports:
+        tiles: one header per tile, in the order in which pixels are wanted.
+        entries: after each header as many as its count, in rendering order.
+        background: r, g, b behind everything; stable during a frame.
+        pixels: all pixel rows of every tile, in order of tile, block (row-major), row.
+        ops: ops issued to the cores since reset, one for each block.
+        skipped: entries skipped since reset because their tile's pixels had all stopped.
+        busy: a tile or its pixels are on their way.
+
+    Throughput: one entry a cycle; two cycles where both levels of a blend tile use it, `config.blocks` times as many where the
+    array is smaller than a tile. A tile ends with one more op for each level, and not sooner than `cores_y` cycles a block.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            "tiles": In(stream.Signature(layout(tile_header(config)))),
+            "entries": In(stream.Signature(layout(array_entry(config)))),
+            "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
+            "pixels": Out(stream.Signature(layout(pixel_row(config)))),
+            "ops": Out(COUNTER_BITS),
+            "skipped": Out(COUNTER_BITS),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.setup = setup = SetupUnit(self.config)
+        m.submodules.sequencer = sequencer = BlockSequencer(self.config)
+        m.submodules.expand = expand = Expand(self.config)
+        m.submodules.collect = collect = Collect(self.config)
+        rows = [add_shared(m, platform, f"row{y}", "vrc_row", VrcRow, self.config) for y in range(self.config.cores_y)]
+        wiring.connect(m, wiring.flipped(self.entries), setup.entries)
+        wiring.connect(m, setup.ops, sequencer.ops)
+        wiring.connect(m, collect.pixels, wiring.flipped(self.pixels))
+        m.d.comb += [
+            setup.background.eq(self.background),
+            sequencer.may_drain.eq(collect.may_drain),
+            collect.draining.eq(sequencer.draining),
+            expand.issue.eq(sequencer.issue),
+        ]
+        self._chain(m, expand, rows, collect)
+        in_flight = self._take_tiles(m, setup, collect, rows)
+        m.d.comb += self.busy.eq(in_flight.any() | collect.busy)
+        m.d.sync += [self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped)]
+        return m
+
+    def _chain(self, m: Module, expand: Expand, rows: list[VrcRow], collect: Collect) -> None:
+        """Rows below each other, and each into the collection."""
+        op, exponents, slopes = expand.op, expand.exponents, expand.slopes
+        for row, finished in zip(rows, collect.rows, strict=True):
+            m.d.comb += [
+                row.op_in.eq(op),
+                row.exponent_in.eq(exponents),
+                row.slope_in.eq(slopes),
+                finished.draining.eq(row.draining),
+                finished.drained.eq(row.drained),
+                finished.pixels.eq(row.pixels),
+            ]
+            op, exponents, slopes = row.op_out, row.exponent_out, row.slope_out
+
+    def _take_tiles(self, m: Module, setup: SetupUnit, collect: Collect, rows: list[VrcRow]) -> Signal:
+        """Headers to the setup unit and their places to the collection; returns the number of tiles in flight.
+
+        A level's pixels are known to have stopped once its first op in the tile has left the last row; and what is known
+        is of the tile that the setup unit works on only while no other is in flight.
+        """
+        in_flight = Signal(range(TILES_IN_FLIGHT + 1))
+        m.submodules.places = places = SyncFIFOBuffered(width=place_layout(self.config).size, depth=TILES_IN_FLIGHT)
+        place, header = data.View(place_layout(self.config), places.w_data), self.tiles.payload
+        taken, room = Signal(), in_flight != TILES_IN_FLIGHT
+        m.d.comb += [
+            setup.tiles.payload.eq(header),
+            setup.tiles.valid.eq(self.tiles.valid & room),
+            self.tiles.ready.eq(setup.tiles.ready & room),
+            taken.eq(self.tiles.valid & self.tiles.ready),
+            places.w_en.eq(taken),
+            *(place[name].eq(header[name]) for name in ("tile_x", "tile_y", "blend", "plane")),
+            collect.places.payload.eq(places.r_data),
+            collect.places.valid.eq(places.r_rdy),
+            places.r_en.eq(collect.places.ready),
+        ]
+        first, left = self._leaving(m, rows[-1].op_out)
+        m.d.sync += in_flight.eq(in_flight + taken - left)
+        for level in range(self.config.level_banks):
+            known, stopped = Signal(name=f"known_{level}"), Signal(name=f"stopped_{level}")
+            m.d.sync += [
+                known.eq((known | first[level]) & ~left),
+                stopped.eq(Cat(row.stopped[level] for row in rows).all()),
+            ]
+            m.d.comb += setup.stopped[level].eq(known & stopped & (in_flight == 1))
+        return in_flight
+
+    def _leaving(self, m: Module, op: data.View) -> tuple[Signal, Signal]:
+        """Strobes: (per level its first op, the tile's last op), of the last block, a cycle before `stopped` tells of them."""
+        whole = op.valid & (op.bank >= (self.config.blocks - 1) * self.config.level_banks)
+        level = op.bank[0] if self.config.level_banks == 2 else 0
+        strobes: Value = Cat(whole & op.drain, *(whole & op.first & (level == i) for i in range(self.config.level_banks)))
+        for i in range(PIPELINE - 1):
+            later = Signal(len(strobes), name=f"leaving_{i}")
+            m.d.sync += later.eq(strobes)
+            strobes = later
+        return strobes[1:], strobes[0]
+
+
+def emit_vrc_array(config: AcceleratorConfig) -> str:
+    """The array of `config` as Verilog, top module `vrc_array`; ports of streams are named `entries__payload` and so on."""
+    return to_verilog(VrcArray(config), "vrc_array")

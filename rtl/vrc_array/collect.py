@@ -1,0 +1,205 @@
+"""Collection of finished rows: a drain's rows, one a cycle, levels blended, into the line buffer.
+
+The rows work one cycle behind each other, so that at most one finishes in a cycle; nothing in the array can wait. A drain is
+therefore issued only `cores_y` cycles or more after the one before, and only when the line buffer is sure to have room for all
+of its rows. What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
+
+    cycle from a drain's strobe    0   1     E + P + 1     E + P + 2     E + P + 4
+    draining                       ~~~~
+    place of row 0                     <  >
+    transmittance of row 0                   <      >
+    sums of row 0                                          <      >
+    both, row multiplexer passed                                         <      >     place and weights arrive beside them
+
+with E the latency of `expand`, P that of a row. Blending (where there are levels) and the line buffer follow.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.pipeline import Pipeline, Staged
+from rtl.shapes import layout, shape
+from rtl.vrc_array import expand
+from rtl.vrc_array.blend import BLEND_LATENCY, Blend, BlendWeights, weights_latency
+from rtl.vrc_array.row import PIPELINE, pixel_layout
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.records import TILE_BITS, pixel_row
+
+_FAN_IN = 4
+"""Rows that one stage of the row multiplexer joins."""
+
+_PLACE = ("tile_x", "tile_y", "row", "column")
+
+
+def place_latency(config: AcceleratorConfig) -> int:
+    """Cycles that a row's place waits for its pixels."""
+    return expand.latency(config) + PIPELINE + 3
+
+
+def place_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What the collection must know of a tile."""
+    return data.StructLayout({
+        "tile_x": TILE_BITS,
+        "tile_y": TILE_BITS,
+        "blend": 1,
+        "plane": data.ArrayLayout(shape(config.formats.plane), 3),
+    })
+
+
+def finished_row(config: AcceleratorConfig) -> wiring.Signature:
+    """A row of cores as the collection sees it; `rtl.vrc_array.row` says when what is valid."""
+    pixel = data.ArrayLayout(pixel_layout(config), config.level_banks)
+    return wiring.Signature({
+        "draining": Out(1),
+        "drained": Out(1),
+        "pixels": Out(data.ArrayLayout(pixel, config.cores_x)),
+    })
+
+
+class Collect(wiring.Component):
+    """Rows of the array to a stream of pixel rows.
+
+    Parameters:
+        config: the machine.
+        lines: rows of the line buffer, at least cores_y; None gives 2 * cores_y, so that a drain may overlap the last.
+
+    Ports:
+        draining: strobe, a drain is issued; `may_drain` must be high.
+        may_drain: a drain may be issued in this cycle.
+        places: one word for each tile, there before its first drain, taken with its last row.
+        rows: the rows of cores.
+        pixels: pixel rows, in order of drains and rows.
+        busy: rows are on their way or in the line buffer.
+
+    Storage: `lines` rows of pixels, 32 x 1,292 bits for 16 x 16 cores with depth. Throughput: one row a cycle. Latency from
+    `draining` to the first pixel row: place_latency + 1, BLEND_LATENCY more with levels, and 2 of the line buffer.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        if lines is not None and (not isinstance(lines, int) or isinstance(lines, bool)):
+            raise TypeError(f"lines must be an integer or None, not {lines!r}")
+        if lines is not None and lines < config.cores_y:
+            raise ValueError(f"lines must be at least {config.cores_y}, not {lines!r}")
+        self.config, self.lines = config, 2 * config.cores_y if lines is None else lines
+        super().__init__({
+            "draining": In(1),
+            "may_drain": Out(1),
+            "places": In(stream.Signature(place_layout(config))),
+            "rows": In(finished_row(config)).array(config.cores_y),
+            "pixels": Out(stream.Signature(layout(pixel_row(config)))),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        self._credits(m)
+        place = self._places(m)
+        end = place_latency(self.config)
+        valid = place["valid"].at(end)
+        pixels = self._picked(m)
+        if self.config.level_banks == 2:
+            mixed = self._blended(m, place, valid, pixels)
+            end += BLEND_LATENCY
+        else:
+            mixed = [lane[0] for lane in pixels]
+        self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed)
+        return m
+
+    def _credits(self, m: Module) -> None:
+        """Free rows of the line buffer that no drain has claimed, and the distance between drains."""
+        rows = self.config.cores_y
+        free, wait = Signal(range(self.lines + 1), init=self.lines), Signal(range(rows))
+        m.d.comb += [self.may_drain.eq((free >= rows) & (wait == 0)), self.busy.eq(free != self.lines)]
+        m.d.sync += [
+            free.eq(free - Mux(self.draining, rows, 0) + (self.pixels.valid & self.pixels.ready)),
+            wait.eq(Mux(self.draining, rows - 1, wait - wait.any())),
+        ]
+
+    def _places(self, m: Module) -> dict[str, Staged]:
+        """The place of each row of a drain, from the cycle after its strobe on."""
+        config, head = self.config, self.places.payload
+        running, row = Signal(), Signal(range(config.cores_y))
+        column, block_row = Signal(range(TILE // config.cores_x)), Signal(range(TILE // config.cores_y))
+        row_ends = running & (row == config.cores_y - 1)
+        column_ends, tile_ends = column == TILE // config.cores_x - 1, block_row == TILE // config.cores_y - 1
+        m.d.comb += self.places.ready.eq(row_ends & column_ends & tile_ends)
+        m.d.sync += [running.eq(self.draining | running & ~row_ends), row.eq(Mux(running & ~row_ends, row + 1, 0))]
+        with m.If(row_ends):
+            m.d.sync += column.eq(Mux(column_ends, 0, column + 1))
+            with m.If(column_ends):
+                m.d.sync += block_row.eq(Mux(tile_ends, 0, block_row + 1))
+        p = Pipeline(m, load=running)
+        fields = {
+            "tile_x": head.tile_x, "tile_y": head.tile_y, "row": Cat(row, block_row),
+            "column": Cat(Const(0, (config.cores_x - 1).bit_length()), column),
+        }
+        place = {name: p.data(name, value) for name, value in fields.items()}
+        if config.level_banks == 2:
+            place |= {"blend": p.data("blend", head.blend), "plane": p.data("plane", head.plane)}
+        return {"valid": p.control("valid", running), **place}
+
+    def _picked(self, m: Module) -> data.View:
+        """The pixels of the row that finishes: two stages of multiplexing, and one of waiting for transmittances."""
+        def cat(pick) -> list[Value]:
+            return [Cat(pick(bank) for lane in row.pixels for bank in lane) for row in self.rows]
+
+        t = self._joined(m, "t", [row.draining for row in self.rows], cat(lambda pixel: pixel.transmittance))
+        later = Signal.like(t, name="t_later", reset_less=True)
+        m.d.sync += later.eq(t)
+        sums = self._joined(m, "sums", [row.drained for row in self.rows], cat(lambda pixel: Cat(*pixel.colour, pixel.depth)))
+        shape, t_width = self.rows[0].pixels.shape(), len(self.rows[0].pixels[0][0].transmittance)
+        picked, sum_width = Signal(shape, name="picked"), len(self.rows[0].pixels[0][0].as_value()) - t_width
+        for i, pixel in enumerate(bank for lane in picked for bank in lane):
+            m.d.comb += pixel.as_value().eq(Cat(sums.word_select(i, sum_width), later.word_select(i, t_width)))
+        return picked
+
+    def _joined(self, m: Module, name: str, strobes: list[Value], values: list[Value]) -> Signal:
+        """The value whose strobe is high, two cycles later."""
+        groups = []
+        for i in range(0, len(values), _FAN_IN):
+            group = Signal(len(values[0]), name=f"{name}_group_{i // _FAN_IN}", reset_less=True)
+            pairs = zip(strobes[i : i + _FAN_IN], values[i : i + _FAN_IN], strict=True)
+            m.d.sync += group.eq(reduce(or_, (Mux(strobe, value, 0) for strobe, value in pairs)))
+            groups.append(group)
+        joined = Signal(len(values[0]), name=name, reset_less=True)
+        m.d.sync += joined.eq(reduce(or_, groups))
+        return joined
+
+    def _blended(self, m: Module, place: dict, valid: Value, pixels: data.View) -> list[data.View]:
+        """One level per pixel, BLEND_LATENCY cycles later."""
+        m.submodules.weights = weights = BlendWeights(self.config)
+        m.submodules.blend = blend = Blend(self.config)
+        start = place_latency(self.config) - weights_latency(self.config)
+        for name in ("valid", "blend", "plane", "row", "column"):
+            m.d.comb += getattr(weights, name).eq(place[name].at(start))
+        m.d.comb += [blend.valid.eq(valid), blend.weights.eq(weights.weights), blend.pixels.eq(pixels)]
+        return list(blend.mixed)
+
+    def _buffer(self, m: Module, place: dict, mixed: list[data.View]) -> None:
+        """The line buffer; what `config` lacks is not stored."""
+        members = dict(self.pixels.payload.shape())
+        if not self.config.depth:
+            del members["depth"]
+        stored = data.StructLayout({name: field.shape for name, field in members.items()})
+        m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines)
+        word = Signal(stored)
+        m.d.comb += [word[name].eq(place[name]) for name in _PLACE]
+        for x, pixel in enumerate(mixed):
+            m.d.comb += [word.colour[3 * x + c].eq(pixel.colour[c]) for c in range(3)]
+            m.d.comb += word.transmittance[x].eq(pixel.transmittance)
+            if self.config.depth:
+                m.d.comb += word.depth[x].eq(pixel.depth)
+        out = data.View(stored, lines.r_data)
+        m.d.comb += [lines.w_data.eq(word), lines.w_en.eq(place["valid"])]
+        m.d.comb += [self.pixels.valid.eq(lines.r_rdy), lines.r_en.eq(self.pixels.ready)]
+        m.d.comb += [self.pixels.payload[name].eq(out[name]) for name in members]
