@@ -11,7 +11,7 @@ from golden.scenes.clean import concatenate
 from golden.scenes.datasets import cameras_beside_model
 from golden.scenes.model import GaussianModel
 from golden.scenes.packed import load_compressed_ply, load_sog, load_spz
-from golden.scenes.ply import load_ply, parse_header
+from golden.scenes.ply import MAX_HEADER, load_ply, parse_header
 from golden.scenes.splat import load_splat
 from spec.errors import InputError
 
@@ -39,9 +39,9 @@ def load_scene(name_or_path: Path | str) -> Scene:
         InputError: as `load_model`; or the cameras beside the model are malformed.
     """
     if str(name_or_path) == EMBEDDED and not Path(EMBEDDED).exists():
-        from golden.scenes.embedded import embedded_cameras, embedded_model  # ray-traced on first use
+        from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # ray-traced on first use
 
-        return Scene(embedded_model(), tuple(embedded_cameras()))
+        return Scene(cached_embedded_model(), tuple(embedded_cameras()))
     path = Path(name_or_path)
     return Scene(load_model(path), cameras_beside_model(path))
 
@@ -75,7 +75,7 @@ def _reader(path: Path) -> Callable[[Path, str], GaussianModel]:
     """The reader for a file's content."""
     try:
         with open(path, "rb") as file:
-            head = file.read(1 << 16)
+            head = file.read(MAX_HEADER)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); accepted: {ACCEPTED}") from error
     if not head:
@@ -95,7 +95,7 @@ def _load_folder(path: Path) -> GaussianModel:
     name = path.absolute().name
     if (path / "meta.json").exists():
         return load_sog(path, name)
-    parts = sorted(folder for folder in path.iterdir() if (folder / "meta.json").is_file())
+    parts = list(folder for folder in path.iterdir() if (folder / "meta.json").is_file())
     if parts:
         return concatenate([load_sog(part, part.name) for part in parts], name)
     iterations = [p for p in path.glob("point_cloud/iteration_*/point_cloud.ply") if p.parent.name[10:].isdigit()]

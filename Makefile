@@ -1,0 +1,54 @@
+# Targets only dispatch to Python; every command line has --help.
+PYTHON ?= python3
+RUN := .venv/bin/python
+EXTRAS ?=
+
+option = $(if $($(1)),--$(2) "$($(1))")
+request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
+	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup base tested demo render frame sim synth bench docs test test-long lint
+
+help: ## this list
+	@$(PYTHON) tools/make_help.py
+
+setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,metrics
+	@$(PYTHON) tools/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
+
+base:
+	@$(PYTHON) tools/setup_environment.py --extras none
+
+tested:
+	@$(PYTHON) tools/setup_environment.py --extras models,synth,dev
+
+demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures
+	@$(RUN) -m tb.demo $(call option,OUT,out)
+
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=
+	@$(RUN) golden/render.py $(request) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+
+frame: base ## a whole frame through the RTL, compared bit for bit; SCENE= SIZE=WxH CONFIG= CAMERA= GAZE=X,Y LEVELS=N
+	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config)
+
+sim: base ## unit simulation; TEST=vrc|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
+	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
+		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
+
+synth: tested ## synthesis; UNIT= TECH=generic|asap7 CLOCK_PS=N, liberty folder in MSV2_PDK
+	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,OUT,out)
+
+bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
+	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+
+docs: tested ## regenerate docs/formats.md
+	@$(RUN) -m spec.document
+
+test: tested ## the tests (minutes)
+	@$(RUN) -m pytest -m "not long"
+
+test-long: tested ## the long tests as well
+	@$(RUN) -m pytest
+
+lint: tested ## ruff
+	@$(RUN) -m ruff check .
