@@ -1,0 +1,76 @@
+"""Static timing of a netlist in OpenSTA (Debian's package `opensta`, command `sta`)."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from synth.liberty import Technology
+
+INPUT_DELAY = 0.15
+"""Share of the clock by which inputs arrive: they come from registers outside the unit, over a row's wires."""
+
+OUTPUT_DELAY = 0.05
+"""Share of the clock after which outputs must be stable: they go to registers outside the unit."""
+
+WIRE_DERATE = 1.15
+"""Delays with wires against delays without: no placement is made, so the clock is reported with and without it."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Result of a run; ps."""
+
+    clock_ps: float
+    slack_ps: float
+    path: str
+    version: str
+
+    @property
+    def zero_slack_ps(self) -> float:
+        """The shortest clock."""
+        return self.clock_ps - self.slack_ps
+
+
+def available() -> bool:
+    """Whether `sta` can be run."""
+    return shutil.which("sta") is not None
+
+
+def run_sta(commands: str, folder: Path, name: str = "sta") -> str:
+    """Output of OpenSTA for a script; the script stays in `folder` to be run again by hand."""
+    script = folder / f"{name}.tcl"
+    script.write_text(commands)
+    done = subprocess.run(["sta", "-no_splash", "-no_init", "-exit", str(script)], capture_output=True, text=True, check=False)
+    if done.returncode or "Error:" in done.stdout + done.stderr:
+        raise RuntimeError(f"sta failed on {script}:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def preamble(verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path) -> str:
+    """Commands that read a netlist and constrain it."""
+    return "\n".join([
+        f"read_liberty {liberty}", *(f"read_verilog {path}" for path in verilog), f"link_design {top}",
+        f"create_clock -name clk -period {clock_ps} [get_ports clk]",
+        "set_clock_transition 20 [get_clocks clk]",
+        "set inputs [list]",
+        "foreach p [all_inputs] { if {[get_property $p full_name] != \"clk\"} { lappend inputs $p } }",
+        f"set_input_delay {INPUT_DELAY * clock_ps} -clock clk $inputs",
+        f"set_driving_cell -lib_cell {technology.driver} $inputs",
+        f"set_output_delay {OUTPUT_DELAY * clock_ps} -clock clk [all_outputs]",
+        f"set_load {technology.load_ff} [all_outputs]",
+    ]) + "\n"
+
+
+def analyse(verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, folder: Path) -> Timing:
+    """Worst setup slack of module `top`."""
+    commands = preamble(verilog, top, clock_ps, technology, liberty)
+    output = run_sta(commands + "report_checks -path_delay max -fields {capacitance slew fanout} -digits 1\nreport_worst_slack\n", folder)
+    slack = re.findall(r"worst slack\s+(-?[\d.]+)", output)
+    if not slack:
+        raise RuntimeError(f"sta reported no slack:\n{output}")
+    version = subprocess.run(["sta", "-version"], capture_output=True, text=True, check=False).stdout.strip()
+    return Timing(clock_ps, float(slack[-1]), output, version)
