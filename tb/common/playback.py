@@ -43,6 +43,7 @@ class Playback:
         inputs: streams into it.
         outputs: streams out of it.
         settings: (port, bits) of plain inputs, constant during a run.
+        observed: (port, bits) of plain outputs, read at the end of a run.
     """
 
     name: str
@@ -51,12 +52,14 @@ class Playback:
     inputs: tuple[Stream, ...]
     outputs: tuple[Stream, ...]
     settings: tuple[tuple[str, int], ...] = ()
+    observed: tuple[tuple[str, int], ...] = ()
 
     def design(self) -> Design:
         """The unit with its wrapper, ready to build."""
         counters = [f"{s.name}_{what}" for s in (*self.inputs, *self.outputs) for what in ("items", "stalls")]
         limits = [f"{s.name}_limit" for s in self.outputs]
-        public = ("clk", *_STATIC_PORTS, *(name for name, _ in self.settings), *limits, *counters, "cycles", "done", "errors")
+        plain = [name for name, _ in (*self.settings, *self.observed)]
+        public = ("clk", *_STATIC_PORTS, *plain, *limits, *counters, "cycles", "done", "errors")
         return Design(self.name, "tb", (("dut.v", self.verilog), ("tb.sv", _wrapper(self))), public)
 
 
@@ -184,11 +187,12 @@ def _wrapper(playback: Playback) -> str:
     driven = {"clk": 1, **_STATIC_PORTS, **dict(playback.settings), **{f"{name}_limit": 32 for name in outputs}}
     ports = [f"input [{width - 1}:0] {name}" for name, width in driven.items()]
     ports += [f"output [31:0] {name}_{what}" for name in names for what in ("items", "stalls")]
+    ports += [f"output [{width - 1}:0] {name}" for name, width in playback.observed]
     ports += ["output reg [31:0] cycles = 0", "output reg done = 0", "output reg [3:0] errors = 0"]
     streams = [
         template.format(name=s.name, top=s.record.width - 1, period=PERIOD)
         for template, group in ((_SOURCE, playback.inputs), (_SINK, playback.outputs)) for s in group]
-    connections = [f".{name}({name})" for name, _ in playback.settings]
+    connections = [f".{name}({name})" for name, _ in (*playback.settings, *playback.observed)]
     connections += [
         f".{name}__{port}({name}_{wire})" for name in names
         for port, wire in (("payload", "data"), ("valid", "valid"), ("ready", "ready"))]

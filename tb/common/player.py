@@ -48,6 +48,8 @@ class Recording:
         outputs: rows of every output stream.
         cycles: clock cycles from the start to the last item that moved.
         items, stalls: items moved on, and cycles spent waiting with an item at, every port.
+        observed: the plain outputs at the end.
+        seconds: wall time.
         errors: broken rules, in words.
     """
 
@@ -55,6 +57,8 @@ class Recording:
     cycles: int
     items: dict[str, int]
     stalls: dict[str, int]
+    observed: dict[str, int]
+    seconds: float
     errors: tuple[str, ...]
 
 
@@ -80,6 +84,7 @@ def play(
         _write_stimuli(playback, run, folder / str(number))
     orders = {
         "watchdog": watchdog, "progress": progress,
+        "observed": [name for name, _ in playback.observed],
         "ports": [s.name for s in (*playback.inputs, *playback.outputs)],
         "runs": [{key: value for key, value in asdict(run).items() if key not in ("inputs", "patterns")} for run in runs],
     }
@@ -103,11 +108,12 @@ def _write_stimuli(playback: Playback, run: Run, folder: Path) -> None:
 
 
 def _read(playback: Playback, run: Run, result: dict, folder: Path) -> Recording:
+    numbers = {key: result[key] for key in ("cycles", "items", "stalls", "observed", "seconds")}
     if run.abort is not None:
         outputs = {stream.name: np.empty(0, stream.record.dtype) for stream in playback.outputs}
-        return Recording(outputs, result["cycles"], result["items"], result["stalls"], ())
+        return Recording(outputs, errors=(), **numbers)
     outputs = {
         stream.name: codec.decode(stream.record, codec.read_hex(folder / f"{stream.name}.out", stream.record.width))
         for stream in playback.outputs}
     errors = tuple(text for bit, text in ERRORS.items() if result["errors"] & bit)
-    return Recording(outputs, result["cycles"], result["items"], result["stalls"], errors)
+    return Recording(outputs, errors=errors, **numbers)

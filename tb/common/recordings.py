@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 
 import cocotb
@@ -31,13 +32,14 @@ async def recordings(dut: object) -> None:
     with tqdm(total=total, unit="item", disable=not orders["progress"], desc="RTL", mininterval=1) as bar:
         for number, run in enumerate(orders["runs"]):
             await _start(dut, number, run)
+            begin = time.perf_counter()
             if run["abort"] is None:
                 await _finish(dut, list(run["expected"]), bar)
             else:
                 await ClockCycles(dut.clk, run["abort"])
                 dut.rst.value = 1
                 await ClockCycles(dut.clk, 1)
-            report.append(_result(dut, orders["ports"]))
+            report.append({**_result(dut, orders["ports"], orders["observed"]), "seconds": time.perf_counter() - begin})
             dut.active.value = 0
             await ClockCycles(dut.clk, 1)
     (folder / "report.json").write_text(json.dumps(report))
@@ -65,11 +67,12 @@ async def _finish(dut: object, outputs: list[str], bar: tqdm) -> None:
         shown = items
 
 
-def _result(dut: object, ports: list[str]) -> dict:
+def _result(dut: object, ports: list[str], observed: list[str]) -> dict:
     def counters(what: str) -> dict[str, int]:
         return {name: int(getattr(dut, f"{name}_{what}").value) for name in ports}
 
     return {
         "cycles": int(dut.cycles.value), "errors": int(dut.errors.value),
         "items": counters("items"), "stalls": counters("stalls"),
+        "observed": {name: int(getattr(dut, name).value) for name in observed},
     }

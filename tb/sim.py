@@ -1,0 +1,73 @@
+"""`python -m tb.sim --test vrc`: a unit's RTL against the golden renderer."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from spec.errors import InputError, run_command_line
+from tb.common.runner import SimulationError, Waves
+from tb.vrc import suite
+
+TESTS = {"vrc": "the volume rendering array"}
+
+
+def parse_window(text: str) -> tuple[int, int]:
+    """`a:b` as (a, b), either side optional; InputError for anything else."""
+    first, colon, last = text.partition(":")
+    try:
+        window = int(first or 0), int(last or Waves.end)
+    except ValueError:
+        window = (0, 0)
+    if not colon or not 0 <= window[0] < window[1]:
+        raise InputError(f"cycle window {text!r} is not accepted: give FIRST:LAST, as in 1000:2000")
+    return window
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
+    parser.add_argument("--test", required=True, help=f"unit: {', '.join(TESTS)}")
+    parser.add_argument("--config", default="all", help=f"variant: all, {', '.join(suite.VARIANTS)}")
+    parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
+    parser.add_argument("--runs", default="", help="only runs whose name contains this")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST)")
+    parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
+    parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
+    return parser.parse_args(argv)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the unit's suite; 1 when anything differs."""
+    args = _arguments(argv)
+    if args.test not in TESTS:
+        raise InputError(f"TEST {args.test!r} is not accepted: choose one of {', '.join(TESTS)}")
+    if args.config != "all" and args.config not in suite.VARIANTS:
+        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(suite.VARIANTS)}")
+    begin, end = parse_window(args.wave_cycles)
+    waves = Waves(begin, end, tuple(s for s in args.wave_scopes.split(",") if s)) if args.waves else None
+    names = list(suite.VARIANTS) if args.config == "all" else [args.config]
+    return max([_run_variant(name, args.seed, args.runs, waves) for name in names])
+
+
+def _run_variant(name: str, seed: int, only: str, waves: Waves | None) -> int:
+    config, folder = suite.VARIANTS[name], suite.variant_folder(name)
+    plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
+    if not plan:
+        raise InputError(f"runs {only!r}: no run has that in its name")
+    print(f"{name}: {len(plan)} runs, seed {seed}", flush=True)
+    try:
+        outcome = suite.run_plan(config, plan, folder, waves=waves, progress=True)
+    except SimulationError as error:
+        print(f"{name}: FAILED\n{error}")
+        return 1
+    for run, wrong in outcome.failures.items():
+        print(f"{name}: {run}: FAILED", *wrong, sep="\n    ")
+    print(f"{name}: {outcome.runs - len(outcome.failures)} of {outcome.runs} runs equal, {outcome.pixels} pixels, "
+          f"{outcome.cycles} cycles, {outcome.seconds:.1f} s", flush=True)
+    if waves:
+        print(f"{name}: waves in {folder / 'dump.fst'}")
+    return 1 if outcome.failures else 0
+
+
+if __name__ == "__main__":
+    run_command_line(main)
