@@ -38,8 +38,9 @@ def test_defaults(tmp_path):
 
 
 @pytest.mark.parametrize(("key", "value"), [
-    ("width", 0), ("width", -5), ("height", 1.5), ("width", "wide"), ("fx", 0), ("fx", float("inf")), ("fy", None), ("near", -1),
-    ("near", 0), ("cx", float("nan")), ("rotation", None), ("rotation", [[1, 0, 0]]), ("rotation", (2 * np.eye(3)).tolist()),
+    ("width", 0), ("width", -5), ("height", 1.5), ("width", "wide"), ("fx", 0), ("fx", float("inf")), ("fy", None),
+    ("near", -1), ("near", 0), ("cx", float("nan")), ("rotation", None), ("rotation", [[1, 0, 0]]),
+    ("rotation", (2 * np.eye(3)).tolist()),
     ("rotation", np.diag([1, 1, -1]).tolist()), ("translation", [1, 2]), ("translation", [1, 2, float("nan")]),
     ("translation", ["a", 2, 3]), ("focal", 3), ("width", True),
 ])

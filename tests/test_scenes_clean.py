@@ -95,7 +95,9 @@ def activated(columns, opacity, scale):
     return columns
 
 
-@pytest.mark.parametrize(("n", "opacity", "scale"), [(1, True, True), (500, True, True), (500, True, False), (500, False, True)])
+@pytest.mark.parametrize(("n", "opacity", "scale"), [
+    (1, True, True), (500, True, True), (500, True, False), (500, False, True),
+])
 def test_activated_values_are_refused(tmp_path, n, opacity, scale):  # hard case 29
     columns = ply_columns(n)
     columns["opacity"] *= 4

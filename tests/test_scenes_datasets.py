@@ -60,7 +60,8 @@ def write_colmap(root, cameras, points):
         w = np.sqrt(max(0, 1 + np.trace(camera.rotation))) / 2
         r = camera.rotation
         q = [w, *(np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / (4 * w))]
-        lines.append(" ".join(map(repr, [VIEWS - i, *map(float, q), *map(float, camera.translation), 1])) + f" {camera.name}\n\n")
+        numbers = [VIEWS - i, *map(float, q), *map(float, camera.translation), 1]
+        lines.append(" ".join(map(repr, numbers)) + f" {camera.name}\n\n")
     (model / "images.txt").write_text("".join(lines))
     (model / "points3D.txt").write_text("".join(
         " ".join(map(str, [i + 1, *map(float, p), *map(int, colour), 0.5])) + "\n"
@@ -87,7 +88,8 @@ def write_nerfstudio(root, cameras, points):
     c = cameras[0]
     meta = {"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx, "cy": c.cy, "camera_model": "OPENCV", "k1": 0,
             "ply_file_path": "sparse.ply", "frames": [
-                {"file_path": f"images/{camera.name}", "transform_matrix": opengl_pose(camera)} for camera in reversed(cameras)]}
+                {"file_path": f"images/{camera.name}", "transform_matrix": opengl_pose(camera)}
+                for camera in reversed(cameras)]}
     (root / "transforms.json").write_text(json.dumps(meta))
 
 
@@ -179,7 +181,9 @@ def test_npz(tmp_path):
         np.testing.assert_array_equal(paint(got, points), paint(want, points))
 
 
-@pytest.mark.parametrize(("key", "value"), [("means3d", None), ("viewmats", np.eye(4)), ("Ks", np.zeros((2, 3, 3))), ("width", [1, 2])])
+@pytest.mark.parametrize(("key", "value"), [
+    ("means3d", None), ("viewmats", np.eye(4)), ("Ks", np.zeros((2, 3, 3))), ("width", [1, 2]),
+])
 def test_broken_npz(tmp_path, key, value):
     arrays = npz_arrays()
     del arrays[key]
@@ -211,7 +215,8 @@ def test_broken_llff(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"frames": []}, "frames"), ({"frames": 3}, "frames"), ({"fl_x": "wide"}, "'wide'"), ({"fl_x": -1}, "-1"), ({"k1": 0.1}, "k1"),
+    ({"frames": []}, "frames"), ({"frames": 3}, "frames"), ({"fl_x": "wide"}, "'wide'"), ({"fl_x": -1}, "-1"),
+    ({"k1": 0.1}, "k1"),
     ({"camera_model": "OPENCV_FISHEYE"}, "fisheye"), ({"fl_x": float("nan")}, "nan"),
 ])
 def test_broken_transforms(tmp_path, change, message):
@@ -222,7 +227,9 @@ def test_broken_transforms(tmp_path, change, message):
         load_dataset(path)
 
 
-@pytest.mark.parametrize("matrix", [None, [[1, 2], [3, 4]], "eye", np.diag([1, 1, -1, 1]).tolist(), np.diag([2, 2, 2, 1]).tolist()])
+@pytest.mark.parametrize("matrix", [
+    None, [[1, 2], [3, 4]], "eye", np.diag([1, 1, -1, 1]).tolist(), np.diag([2, 2, 2, 1]).tolist(),
+])
 def test_broken_transform_matrix(tmp_path, matrix):
     write_set("blender", tmp_path)
     path = tmp_path / "transforms_train.json"

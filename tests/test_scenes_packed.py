@@ -88,7 +88,8 @@ def compressed_ply(path, n=300, degree=1):
     names = [f"{edge}_{group}{axis}" for g, group in enumerate(groups) for edge in ("min", "max")
              for axis in ("rgb" if g == 2 else "xyz")]
     header = f"ply\nformat binary_little_endian 1.0\nelement chunk {chunks}\n" + "".join(f"property float {x}\n" for x in names)
-    header += f"element vertex {n}\n" + "".join(f"property uint packed_{x}\n" for x in ("position", "rotation", "scale", "color"))
+    packed = ("position", "rotation", "scale", "color")
+    header += f"element vertex {n}\n" + "".join(f"property uint packed_{x}\n" for x in packed)
     header += f"element sh {n}\n" + "".join(f"property uchar f_rest_{i}\n" for i in range(sh.shape[1])) + "end_header\n"
     body = bounds.transpose(0, 1, 3, 2).tobytes() + words.tobytes() + sh.tobytes()
     path.write_bytes(header.encode() + body)
@@ -135,7 +136,10 @@ def spz(path, version=3, n=5, degree=2, fraction=12):
     coefficients = (degree + 1) ** 2 - 1
     fixed = RNG.integers(-(2**23), 2**23, (n, 3))
     alpha, colour, scale = (RNG.integers(0, 256, (n, k), dtype=np.uint8) for k in (1, 3, 3))
-    rotation = RNG.integers(0, 2**32, n, dtype=np.uint64).astype("<u4") if version == 3 else RNG.integers(64, 192, (n, 3), np.uint8)
+    if version == 3:
+        rotation = RNG.integers(0, 2**32, n, dtype=np.uint64).astype("<u4")
+    else:
+        rotation = RNG.integers(64, 192, (n, 3), np.uint8)
     sh = RNG.integers(0, 256, (n, coefficients, 3), dtype=np.uint8)
     positions = (fixed & 0xFFFFFF).astype("<u4").reshape(-1, 1).view(np.uint8)[:, :3]
     header = struct.pack("<4sIIBBBB", b"NGSP", version, n, degree, fraction, 0, 0)
@@ -148,8 +152,8 @@ def spz(path, version=3, n=5, degree=2, fraction=12):
         xyz = rotation / 127.5 - 1
         xyzw = np.column_stack([xyz, np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1)))])
     want = {
-        "means": fixed / 2**fraction, "log_scales": scale / 16 - 10, "quats": xyzw[:, [3, 0, 1, 2]], "opacity": alpha[:, 0] / 255,
-        "dc": (colour / 255 - 0.5) / 0.15, "rest": (sh - 128.0) / 128,
+        "means": fixed / 2**fraction, "log_scales": scale / 16 - 10, "quats": xyzw[:, [3, 0, 1, 2]],
+        "opacity": alpha[:, 0] / 255, "dc": (colour / 255 - 0.5) / 0.15, "rest": (sh - 128.0) / 128,
     }
     return path, want
 
@@ -164,7 +168,8 @@ def test_spz(tmp_path, version):
 
 
 @pytest.mark.parametrize(("spoil", "message"), [
-    (lambda d: d[: len(d) // 2], "whole"), (lambda d: gzip.compress(gzip.decompress(d)[:-1]), "too small"), (lambda d: d[:3], "whole"),
+    (lambda d: d[: len(d) // 2], "whole"), (lambda d: gzip.compress(gzip.decompress(d)[:-1]), "too small"),
+    (lambda d: d[:3], "whole"),
     (lambda d: gzip.compress(b"NGSP\x01" + gzip.decompress(d)[5:]), "version 1"), (lambda d: gzip.compress(b"x" * 99), "xxxx"),
     (lambda d: b"x" * 99, "xxxx"),
 ])
@@ -296,7 +301,8 @@ def test_paths_that_are_no_model(tmp_path):
     (tmp_path / "text.txt").write_text("hello")
     (tmp_path / "empty.bin").write_bytes(b"")
     (tmp_path / "folder").mkdir()
-    for name, message in (("absent.ply", "does not exist"), ("text.txt", "hello"), ("empty.bin", "empty"), ("folder", "0 model files")):
+    messages = {"absent.ply": "does not exist", "text.txt": "hello", "empty.bin": "empty", "folder": "0 model files"}
+    for name, message in messages.items():
         with pytest.raises(InputError, match=message) as caught:
             load_scene(tmp_path / name)
         assert name in str(caught.value)

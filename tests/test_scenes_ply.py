@@ -137,7 +137,8 @@ def test_other_tools_see_an_ordinary_file(tmp_path):
 
 
 @pytest.mark.parametrize(("column", "value", "message"), [
-    ("quality_bound", 0, "quality_bound 0"), ("quality_bound", 5, "quality_bound 5"), ("quality_bound", 1.5, "quality_bound 1.5"),
+    ("quality_bound", 0, "quality_bound 0"), ("quality_bound", 5, "quality_bound 5"),
+    ("quality_bound", 1.5, "quality_bound 1.5"),
     ("opacity_l2", -1, "opacity -1"), ("opacity_l2", 129, "opacity 129"), ("opacity_l2", np.inf, "opacity inf"),
 ])
 def test_level_values_out_of_range(tmp_path, column, value, message):
@@ -151,7 +152,8 @@ def test_level_values_out_of_range(tmp_path, column, value, message):
 @pytest.mark.parametrize("gone", ["quality_bound", "opacity_l1", "opacity_l2", "f_dc_1_l2"])
 def test_incomplete_levels(tmp_path, gone):
     columns = ply_columns() | {"quality_bound": np.ones(5)}
-    columns |= {f"opacity_l{level}": np.ones(5) for level in (1, 2, 3)} | {f"f_dc_{c}_l{k}": np.ones(5) for c in range(3) for k in (2, 3)}
+    columns |= {f"opacity_l{level}": np.ones(5) for level in (1, 2, 3)}
+    columns |= {f"f_dc_{c}_l{level}": np.ones(5) for c in range(3) for level in (2, 3)}
     del columns[gone]
     with pytest.raises(InputError, match=r"a\.ply"):
         load_model(write_ply(tmp_path / "a.ply", columns))

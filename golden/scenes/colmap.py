@@ -94,7 +94,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
             offset += struct.calcsize("<Q3d3BdQ") + 8 * row[8]
         if offset > len(data):
             raise struct.error(f"the last track ends at byte {offset} of {len(data)}")
-    except struct.error as error:
+    except (struct.error, OverflowError) as error:
         raise InputError(f"{path}: is not a whole points3D.bin ({error})") from error
     table = np.array(rows, np.float64).reshape(-1, 6)
     return table[:, :3].copy(), table[:, 3:].astype(np.uint8)

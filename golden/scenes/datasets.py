@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from golden.scenes.camera import Camera
 from spec.errors import InputError
 
+UNREADABLE = (OSError, SyntaxError, ValueError)
+"""What Pillow raises on broken files; SyntaxError is its word for a broken PNG."""
 TEST_EVERY = 8
 """Every 8th view, from the first on, is held out (Mip-NeRF 360, and every 3DGS paper since)."""
 
@@ -64,7 +66,7 @@ class Dataset:
         try:
             with Image.open(path) as image:
                 rgba = np.asarray(image.convert("RGBA"), np.float32) / np.float32(255)
-        except (OSError, UnidentifiedImageError) as error:
+        except UNREADABLE as error:
             raise InputError(f"{path}: is not a readable photograph ({error})") from error
         if rgba.shape[:2] != (camera.height, camera.width):
             raise InputError(f"{path}: is {rgba.shape[1]}x{rgba.shape[0]}, its camera {camera.width}x{camera.height}")
@@ -81,7 +83,7 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with Image.open(path) as image:
             return image.size
-    except (OSError, UnidentifiedImageError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{path}: is not a readable photograph ({error})") from error
 
 

@@ -30,12 +30,12 @@ def load_llff(folder: Path) -> Dataset:
     try:
         rows = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
         poses = np.asarray(rows, np.float64)[:, :15].reshape(-1, 3, 5)
-    except (ValueError, EOFError, IndexError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except Exception as error:  # numpy parses the header as Python, so a broken one raises nearly anything
         raise InputError(f"{path}: is not an array of 17 numbers a view ({error})") from error
-    if rows.shape[1] != 17 or not np.isfinite(poses).all() or (poses[:, :, 4] <= 0).any():
-        raise InputError(f"{path}: shape {rows.shape}; (N, 17) with finite poses, positive sizes and focal lengths is accepted")
+    if rows.shape[1] != 17 or not np.isfinite(poses).all() or (poses[:, :, 4] < 1).any():
+        raise InputError(f"{path}: shape {rows.shape}; (N, 17), finite, sizes and focal lengths from 1 on, is accepted")
     photographs = find_images(folder)
     images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
     if len(images) != len(poses):

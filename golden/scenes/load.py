@@ -39,9 +39,9 @@ def load_scene(name_or_path: Path | str) -> Scene:
         InputError: as `load_model`; or the cameras beside the model are malformed.
     """
     if str(name_or_path) == EMBEDDED and not Path(EMBEDDED).exists():
-        from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # ray-traced on first use
+        from golden.scenes.embedded import embedded_cameras, embedded_model  # ray-traced on first use
 
-        return Scene(cached_embedded_model(), tuple(embedded_cameras()))
+        return Scene(embedded_model(), tuple(embedded_cameras()))
     path = Path(name_or_path)
     return Scene(load_model(path), cameras_beside_model(path))
 
@@ -95,7 +95,7 @@ def _load_folder(path: Path) -> GaussianModel:
     name = path.absolute().name
     if (path / "meta.json").exists():
         return load_sog(path, name)
-    parts = list(folder for folder in path.iterdir() if (folder / "meta.json").is_file())
+    parts = sorted(folder for folder in path.iterdir() if (folder / "meta.json").is_file())
     if parts:
         return concatenate([load_sog(part, part.name) for part in parts], name)
     iterations = [p for p in path.glob("point_cloud/iteration_*/point_cloud.ply") if p.parent.name[10:].isdigit()]

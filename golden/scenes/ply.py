@@ -73,7 +73,7 @@ def parse_header(data: bytes, path: Path) -> Header:
                 encoding = word
             case ["comment" | "obj_info", *_] as words:
                 comments.append(" ".join(words[1:]))
-            case ["element", name, count] if count.isdigit() and name not in elements:
+            case ["element", name, count] if count.isdigit() and len(count) < 16 and name not in elements:
                 elements[name] = (int(count), [])
             case ["property", "list", _, _, _] if elements:
                 elements[next(reversed(elements))][1].append(None)
