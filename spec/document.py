@@ -1,0 +1,219 @@
+"""Writes docs/formats.md from the formats, records, constants, tables and configurations as they are.
+
+    python -m spec.document             writes the page
+    python -m spec.document --check     fails if the page is stale
+
+The words are the docstrings': a format, field or constant is explained once, where it is defined.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import inspect
+import itertools
+import os
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from spec import constants, formats, records, tables
+from spec.config import CONFIGS, DEFAULT, PAPER, AcceleratorConfig, NumberFormats
+from spec.errors import InputError, run_command_line
+from spec.formats import Fixed, Format, SmallFloat
+
+PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
+
+
+def attribute_docs(source: str) -> dict[str, str]:
+    """Docstrings that stand under assignments, anywhere in `source`, by name; each on one line."""
+    docs = {}
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        for item, below in itertools.pairwise(body) if isinstance(body, list) else ():
+            match item, below:
+                case (
+                    ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    docs[name] = one_line(text)
+    return docs
+
+
+def listed_docs(docstring: str) -> dict[str, str]:
+    """What the "Attributes:" of a docstring say, by name; attributes listed together share their text."""
+    _, _, listed = docstring.partition("Attributes:\n")
+    items = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
+    return {name: one_line(text) for names, text in items for name in names.split(", ")}
+
+
+def doc_of(thing: object) -> str:
+    """The docstring of a class, function, property or module, without its indentation."""
+    return inspect.getdoc(thing) or ""
+
+
+def one_line(text: str) -> str:
+    """`text` without line breaks, safe in a table's cell."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
+    """A Markdown table and the empty line after it."""
+    head = list(head)
+    lines = [head, ["---"] * len(head), *rows]
+    return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines] + [""]
+
+
+def number(x: float) -> str:
+    """A number for reading: integers in full, others to ten digits."""
+    return str(int(x)) if float(x).is_integer() and abs(x) < 1e9 else f"{x:.10g}"
+
+
+def format_range(f: Format) -> tuple[str, str]:
+    """The range, and the distance between neighbours, of a format."""
+    if isinstance(f, SmallFloat):
+        low = f"0, ±{f.min:.4g}..±{f.max:.4g}" if f.signed else f"0, {f.min:.4g}..{f.max:.4g}"
+        return low, f"2^-{f.sig_bits - 1}, relative"
+    low, high = (float(f.to_float(raw)) for raw in (f.raw_min, f.raw_max))
+    return f"{number(low)}..{number(high)}", f"2^-{f.frac_bits}" if f.frac_bits else "1"
+
+
+def formats_section() -> list[str]:
+    """Every number format with its docstring."""
+    docs, standard = attribute_docs(inspect.getsource(NumberFormats)), NumberFormats()
+    rows, others = [], []
+    for f in dataclasses.fields(NumberFormats):
+        value = getattr(standard, f.name)
+        if isinstance(value, Format):
+            rows.append([f"`{f.name}`", str(value), value.width, *format_range(value), docs[f.name]])
+        else:
+            others.append([f"`{f.name}`", value, docs[f.name]])
+    return [
+        "## Number formats", "", doc_of(formats), "", doc_of(NumberFormats), "",
+        *table(("name", "format", "bits", "range", "step", "what for"), rows),
+        *table(("parameter", "value", "what for"), others)]
+
+
+def field_format(f: records.Field) -> str:
+    """The format of a field's numbers; plain unsigned integers as uN."""
+    plain = isinstance(f.format, Fixed) and not f.format.signed and f.format.frac_bits == 0
+    one = f"u{f.format.width}" if plain else str(f.format)
+    return f"{f.count} × {one}" if f.count > 1 else one
+
+
+def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[str]:
+    """One record field by field, lowest bits first."""
+    record = make(PAPER)
+    rows, offset = [], 0
+    for f in record.fields:
+        rows.append([f"{offset + f.width - 1}:{offset}", f"`{f.name}`", field_format(f), one_line(f.doc)])
+        offset += f.width
+    return [
+        f"### {record.name}: {record.width} bits", "", one_line(record.doc), "",
+        *table(("bits", "field", "format", "holds"), rows)]
+
+
+def records_section() -> list[str]:
+    """Every record, and the widths that depend on a parameter."""
+    lines = ["## Records", "", "Field 0 sits in the lowest bits; the numbers of one field follow each other upwards. "
+             f"Layouts are those of `{PAPER.name}` and of SH degree 3.", ""]
+    for make in records.RECORDS:
+        lines += record_section(make)
+    colour = [[degree, records.gaussian_colour(PAPER, degree).width] for degree in range(4)]
+    widths = [[f"`{make(PAPER).name}`", *(make(c).width for c in CONFIGS.values())] for make in records.RECORDS]
+    return [*lines, "### Widths in bits", "", *table(("record", *CONFIGS), widths),
+            *table(("SH degree", "bits of GaussianColour"), colour)]
+
+
+def constants_section() -> list[str]:
+    """Constants with value and derivation, then the integers derived from them."""
+    lines = ["## Constants", ""]
+    for module in (constants, tables, records):
+        rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
+        lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
+    n = DEFAULT.formats
+    derived = (
+        (tables.log2_alpha_min, tables.log2_alpha_min(n), n.cut),
+        (tables.support_exponent, tables.support_exponent(DEFAULT), n.cut),
+        (tables.alpha_max_l1, tables.alpha_max_l1(n), n.alpha),
+        (tables.t_stop, tables.t_stop(n), n.transmittance))
+    rows = [[f"`{f.__name__}`", raw, number(raw / (1 << q.frac_bits)), one_line(doc_of(f))] for f, raw, q in derived]
+    return [*lines, "As integers of the array:", "", *table(("name", "raw", "value", "meaning"), rows)]
+
+
+def _module_docs(module: ModuleType) -> dict[str, str]:
+    """The documented numbers of a module."""
+    docs = attribute_docs(inspect.getsource(module))
+    return {name: doc for name, doc in docs.items() if np.issubdtype(np.asarray(getattr(module, name, None)).dtype, np.number)}
+
+
+def _values(value: float | tuple[float, ...]) -> str:
+    return ", ".join(map(number, value)) if isinstance(value, tuple) else number(value)
+
+
+def tables_section() -> list[str]:
+    """ROM contents."""
+    n = DEFAULT.formats
+    base, slope = tables.exp2_segments(n)
+    one = 1 << n.cut.frac_bits
+    segment, rest = np.divmod(np.arange(one), one // len(base))
+    mantissa = base[segment] + (slope[segment] * rest >> tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits)
+    exact = np.exp2(np.arange(one) / one)
+    worst = max(np.abs(n.alpha.to_float(mantissa >> i) - exact / 2**i).max() for i in range(1, 9))
+    smooth = tables.smoothstep_table(n).reshape(-1, 16)
+    return [
+        "## Tables", "", "### exp2_segments", "", one_line(doc_of(tables.exp2_segments)), "",
+        f"Largest error of an alpha below 1, its shift included: {worst * 255:.2g}/255.", "",
+        *table(("segment", "base", "slope"), ([s, *pair] for s, pair in enumerate(zip(base, slope, strict=True)))),
+        "### smoothstep_table", "", one_line(doc_of(tables.smoothstep_table)), "",
+        *table(("index", *range(16)), ([f"{16 * i}..", *row] for i, row in enumerate(smooth)))]
+
+
+def configurations_section() -> list[str]:
+    """The configurations side by side."""
+    docs = listed_docs(doc_of(AcceleratorConfig))
+    properties = [name for name, value in vars(AcceleratorConfig).items() if isinstance(value, property)]
+    docs |= {name: one_line(doc_of(getattr(AcceleratorConfig, name))) for name in properties}
+    names = [f.name for f in dataclasses.fields(AcceleratorConfig) if f.name not in ("name", "formats")]
+    rows = [[f"`{name}`", *(getattr(c, name) for c in CONFIGS.values()), docs[name]] for name in [*names, *properties]]
+    standard = NumberFormats()
+    changed = [[f.name for f in dataclasses.fields(NumberFormats) if getattr(c.formats, f.name) != getattr(standard, f.name)]
+               for c in CONFIGS.values()]
+    rows.append(["`formats`", *(f"but {', '.join(names)}" if names else "as above" for names in changed), docs["formats"]])
+    return ["## Configurations", "", *table(("parameter", *CONFIGS, "what for"), rows)]
+
+
+def page() -> str:
+    """The whole page."""
+    lines = ["# Formats", "", "Generated by `python -m spec.document` from `spec/`; a test fails when it is stale.", ""]
+    for section in (formats_section, records_section, constants_section, tables_section, configurations_section):
+        lines += section()
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def write(path: Path = PAGE) -> None:
+    """Writes the page, whole or not at all."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    partial.write_text(page(), encoding="utf-8")
+    partial.replace(path)
+
+
+def check(path: Path = PAGE) -> None:
+    """Raises InputError unless `path` holds the page as it is generated now."""
+    if not path.is_file() or path.read_text(encoding="utf-8") != page():
+        raise InputError(f"{path} is stale: run `python -m spec.document`")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/formats.md from spec/.")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if the page is stale")
+    check() if parser.parse_args().check else write()
+
+
+if __name__ == "__main__":
+    run_command_line(main)
