@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -286,6 +287,13 @@ def test_broken_or_distorted_colmap(tmp_path):
     assert load_dataset(tmp_path).cameras[0].fy == pytest.approx(c.fx)
     path.unlink()
     with pytest.raises(InputError, match="sparse"):
+        load_dataset(tmp_path)
+
+
+def test_without_the_extra(tmp_path, monkeypatch):
+    write_set("colmap", tmp_path)
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(InputError, match="'models'"):
         load_dataset(tmp_path)
 
 

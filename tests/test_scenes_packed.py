@@ -4,12 +4,13 @@ import gzip
 import io
 import json
 import struct
+import sys
 import zipfile
 
 import numpy as np
 import pytest
 from PIL import Image
-from scenes_samples import ply_columns, write_ply
+from scenes_samples import float32_model, ply_columns, write_ply
 
 from golden.scenes.load import load_model, load_scene
 from spec.errors import InputError
@@ -288,6 +289,23 @@ def test_broken_sog(tmp_path, name, data):
 
 
 # Which reader
+
+
+@pytest.mark.parametrize("make", [lambda p: spz(p / "a.spz")[0], lambda p: write_folder(p / "sog", sog(2)[0])])
+def test_without_the_extra(tmp_path, monkeypatch, make):
+    path = make(tmp_path)
+    monkeypatch.setitem(sys.modules, "gsply", None)
+    with pytest.raises(InputError, match="'models'"):
+        load_model(path)
+
+
+def test_embedded_is_a_name(monkeypatch):
+    from golden.scenes import embedded
+
+    model = float32_model()
+    monkeypatch.setattr(embedded, "cached_embedded_model", lambda: model)
+    scene = load_scene("embedded")
+    assert scene.model is model and len(scene.cameras) > 0
 
 
 def test_content_wins_over_extension(tmp_path):

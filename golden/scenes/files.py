@@ -12,6 +12,9 @@ from typing import Any, BinaryIO
 
 from spec.errors import InputError
 
+INSTALL = "make setup, or pip install -e '.[models]'"
+"""How to get the packages of the extra `models`."""
+
 
 @contextmanager
 def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
@@ -80,4 +83,4 @@ def require_package(name: str, purpose: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise InputError(f"{purpose} needs {name!r}, which is not installed: pip install 'msv2[models]'") from error
+        raise InputError(f"{purpose} needs {name!r}, which is not installed; the extra 'models' has it: {INSTALL}") from error

@@ -39,9 +39,9 @@ def load_scene(name_or_path: Path | str) -> Scene:
         InputError: as `load_model`; or the cameras beside the model are malformed.
     """
     if str(name_or_path) == EMBEDDED and not Path(EMBEDDED).exists():
-        from golden.scenes.embedded import embedded_cameras, embedded_model  # ray-traced on first use
+        from golden.scenes import embedded  # compiles a ray tracer
 
-        return Scene(embedded_model(), tuple(embedded_cameras()))
+        return Scene(embedded.cached_embedded_model(), tuple(embedded.embedded_cameras()))
     path = Path(name_or_path)
     return Scene(load_model(path), cameras_beside_model(path))
 

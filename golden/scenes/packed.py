@@ -12,7 +12,7 @@ import numpy as np
 
 from golden.scenes.clean import Fields, build_model
 from golden.scenes.conventions import UP_BY_FORMAT, sigmoid
-from golden.scenes.files import read_bytes, require_package
+from golden.scenes.files import INSTALL, read_bytes, require_package
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import estimate_up
 from golden.scenes.ply import parse_header, read_vertices
@@ -72,7 +72,7 @@ def _load(path: Path, name: str, kind: str, read: Callable[[Any], Any]) -> Gauss
     try:
         splats = read(gsply)
     except ImportError as error:
-        raise InputError(f"{path}: {error}; the extra 'models' has it: pip install 'msv2[models]'") from error
+        raise InputError(f"{path}: {str(error).splitlines()[0]}; the extra 'models' has it: {INSTALL}") from error
     except Exception as error:  # gsply and its codecs let many types through; all of them mean a bad file here
         raise InputError(f"{path}: is not a whole {kind.upper()} ({error})") from error
     means = np.asarray(splats.means, np.float64)
