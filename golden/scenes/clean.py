@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,22 +74,28 @@ def concatenate(models: list[GaussianModel], name: str) -> GaussianModel:
 
 def _usable(fields: Fields) -> tuple[np.ndarray, dict[str, int]]:
     """Mask (N,) of the splats to keep, and how many are dropped by reason."""
-    n = len(fields.means)
-    colour = np.concatenate([fields.sh_dc.reshape(n, -1), fields.sh_rest.reshape(n, -1)], axis=1)
-    groups = {"position": fields.means, "scale": fields.log_scales, "rotation": fields.quats, "colour": colour}
-    bad = {f"nan {name}": np.isnan(values).any(axis=1) for name, values in (groups | {"opacity": fields.opacity}).items()}
-    for name, values in groups.items():
-        # a scale may be -inf; and a log scale whose exponential overflows is as infinite as +inf
-        bad[f"infinite {name}"] = (values > MAX_LOG_SCALE if name == "scale" else np.isinf(values)).any(axis=1)
+    groups = {
+        "position": [fields.means], "scale": [fields.log_scales], "rotation": [fields.quats],
+        "colour": [fields.sh_dc, fields.sh_rest],
+    }
+    bad = {f"nan {name}": _any(np.isnan, arrays) for name, arrays in (groups | {"opacity": [fields.opacity]}).items()}
+    for name, arrays in groups.items():
+        # a log scale may be -inf, and one whose exponential overflows is as infinite as +inf
+        bad[f"infinite {name}"] = _any((lambda x: x > MAX_LOG_SCALE) if name == "scale" else np.isinf, arrays)
     bad["zero rotation"] = (fields.quats == 0).all(axis=1)
 
-    keep, dropped = np.ones(n, bool), {}
+    keep, dropped = np.ones(len(fields.means), bool), {}
     for reason, mask in bad.items():
         count = int(np.count_nonzero(keep & mask))
         if count:
             dropped[reason] = count
         keep &= ~mask
     return keep, dropped
+
+
+def _any(test: Callable[[np.ndarray], np.ndarray], arrays: list[np.ndarray]) -> np.ndarray:
+    """(N,) whether any number of a splat in any of the arrays passes the test."""
+    return np.any([test(array).reshape(len(array), math.prod(array.shape[1:])).any(axis=1) for array in arrays], axis=0)
 
 
 def check_not_activated(path: Path, logits: np.ndarray, log_scales: np.ndarray) -> None:

@@ -21,7 +21,7 @@ FIRST_DISTORTION = {"SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4, "FULL_OPENCV":
 def find_model(folder: Path) -> Path | None:
     """The folder of the COLMAP model with images in a data set, or None."""
     for part in ("sparse/0", "sparse", "colmap/sparse/0", "."):
-        if any((folder / part / f"images.{kind}").exists() for kind in ("bin", "txt")):
+        if any(all((folder / part / f"{table}.{kind}").exists() for table in ("cameras", "images")) for kind in ("bin", "txt")):
             return folder / part
     return None
 

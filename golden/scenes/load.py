@@ -38,7 +38,7 @@ def load_scene(name_or_path: Path | str) -> Scene:
     Raises:
         InputError: as `load_model`; or the cameras beside the model are malformed.
     """
-    if str(name_or_path) == EMBEDDED and not Path(EMBEDDED).exists():
+    if str(name_or_path) == EMBEDDED:  # a folder of that name is ./embedded
         from golden.scenes import embedded  # compiles a ray tracer
 
         return Scene(embedded.cached_embedded_model(), tuple(embedded.embedded_cameras()))
