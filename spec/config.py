@@ -112,6 +112,10 @@ class AcceleratorConfig:
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"name must be a string, not {self.name!r}")
+        if not self.name.isidentifier():
+            raise ValueError(f"name must be an identifier, not {self.name!r}")
         for name, low, high in (
             ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("culling_units", 1, 64),
             ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
@@ -127,8 +131,11 @@ class AcceleratorConfig:
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
         if not isinstance(self.depth, bool):
             raise TypeError(f"depth must be a bool, not {self.depth!r}")
-        if self.support_sigma is not None and not 0.5 <= self.support_sigma <= 8:
-            raise ValueError(f"support_sigma must be None or in 0.5..8, not {self.support_sigma!r}")
+        sigma = self.support_sigma
+        if sigma is not None and (not isinstance(sigma, int | float) or isinstance(sigma, bool)):
+            raise TypeError(f"support_sigma must be None or a number, not {sigma!r}")
+        if sigma is not None and not 0.5 <= sigma <= 8:
+            raise ValueError(f"support_sigma must be None or in 0.5..8, not {sigma!r}")
         if not isinstance(self.formats, NumberFormats):
             raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
 

@@ -31,7 +31,8 @@ def _round(x: np.ndarray, rounding: Rounding) -> np.ndarray:
     if rounding is Rounding.FLOOR:
         return np.floor(x)
     if rounding is Rounding.HALF_UP:
-        return np.floor(x + 0.5)
+        below = np.floor(x)
+        return below + (x - below >= 0.5)  # x + 0.5 may itself round up
     return np.rint(x)
 
 
@@ -57,9 +58,10 @@ class Fixed:
     signed: bool
 
     def __post_init__(self) -> None:
-        _check_count("int_bits", self.int_bits, 0, 62)
-        _check_count("frac_bits", self.frac_bits, 0, 62)
-        _check_count("int_bits + frac_bits", self.int_bits + self.frac_bits, 1, 62)
+        # No wider than float64's significand: every value is exact as a real number.
+        _check_count("int_bits", self.int_bits, 0, 53)
+        _check_count("frac_bits", self.frac_bits, 0, 53)
+        _check_count("int_bits + frac_bits", self.int_bits + self.frac_bits, 1, 53)
 
     def __str__(self) -> str:
         return f"{'SQ' if self.signed else 'UQ'}{self.int_bits}.{self.frac_bits}"

@@ -1,0 +1,99 @@
+"""AcceleratorConfig: what it refuses, and what the three configurations promise."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, fields
+
+import pytest
+
+from spec.config import CONFIGS, DEFAULT, PAPER, TINY, AcceleratorConfig, NumberFormats
+
+RANGES = {
+    "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "culling_units": (1, 64), "sorting_units": (1, 8),
+    "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_integers_are_held_to_their_range(name):
+    low, high = RANGES[name]
+    for good in (low, high):
+        assert getattr(DEFAULT.with_(**{name: good}), name) == good
+    for bad in (low - 1, high + 1, -5):
+        with pytest.raises(ValueError, match=rf"^{name} must be .*not {bad}$"):
+            DEFAULT.with_(**{name: bad})
+    for bad in (4.0, "4", None, True, [4]):
+        with pytest.raises(TypeError) as caught:
+            DEFAULT.with_(**{name: bad})
+        assert str(caught.value).startswith(name) and str(caught.value).endswith(f"not {bad!r}")
+
+
+@pytest.mark.parametrize("name", ["cores_x", "cores_y"])
+def test_arrays_divide_the_tile(name):
+    for cores in range(2, 17):
+        if 16 % cores == 0:
+            assert DEFAULT.with_(**{name: cores}).blocks == 16 // cores
+        else:
+            with pytest.raises(ValueError, match=rf"^{name} must divide 16, not {cores}$"):
+                DEFAULT.with_(**{name: cores})
+
+
+@pytest.mark.parametrize(("name", "bad", "error"), [
+    ("depth", 1, TypeError), ("depth", None, TypeError), ("formats", None, TypeError), ("formats", {}, TypeError),
+    ("support_sigma", 0, ValueError), ("support_sigma", 8.1, ValueError), ("support_sigma", float("nan"), ValueError),
+    ("support_sigma", float("inf"), ValueError), ("support_sigma", "3", TypeError), ("support_sigma", True, TypeError),
+    ("name", "", ValueError), ("name", "a/b", ValueError), ("name", None, TypeError), ("name", 3, TypeError),
+])
+def test_other_parameters_are_checked(name, bad, error):
+    with pytest.raises(error) as caught:
+        DEFAULT.with_(**{name: bad})
+    assert str(caught.value).startswith(name) and str(caught.value).endswith(f"not {bad!r}")
+
+
+def test_every_parameter_is_covered_here():
+    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, "name", "depth", "support_sigma", "formats"}
+
+
+def test_frozen_keyword_only_and_hashable():
+    with pytest.raises(TypeError):
+        AcceleratorConfig("x")
+    with pytest.raises(FrozenInstanceError):
+        DEFAULT.levels = 2
+    assert AcceleratorConfig(name="paper") == PAPER and hash(DEFAULT.with_()) == hash(DEFAULT)
+    with pytest.raises(TypeError):
+        DEFAULT.with_(cores_z=4)
+
+
+def test_support_may_be_absent_or_real():
+    assert DEFAULT.with_(support_sigma=None).support_sigma is None
+    assert DEFAULT.with_(support_sigma=2).support_sigma == 2
+
+
+def test_the_three_configurations():
+    """PAPER has the source's resources: 16x16 cores, 8 culling units, 64 KB of sorting buffer, 1 KB line buffers, 1920 pixels;
+    DEFAULT its array; TINY passes over a tile in 16 blocks."""
+    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+    assert (PAPER.cores_x, PAPER.cores_y, PAPER.blocks, PAPER.banks) == (16, 16, 1, 2)
+    assert (PAPER.culling_units, PAPER.sorting_units, PAPER.row_width) == (8, 1, 1920)
+    assert (PAPER.line_buffer_bytes, PAPER.sort_buffer_bytes) == (1024, 64 * 1024)
+    assert (TINY.cores_x, TINY.cores_y, TINY.blocks, TINY.level_banks, TINY.banks) == (4, 4, 16, 2, 32)
+    assert (DEFAULT.cores_x, DEFAULT.cores_y, DEFAULT.formats) == (PAPER.cores_x, PAPER.cores_y, PAPER.formats)
+    assert DEFAULT.culling_units < PAPER.culling_units and DEFAULT.row_width < PAPER.row_width
+    assert all(c.depth and c.levels == 4 and c.support_sigma == 3.0 for c in CONFIGS.values())
+
+
+def test_banks_follow_levels_and_blocks():
+    one_level = TINY.with_(levels=1)
+    assert (one_level.level_banks, one_level.banks) == (1, 16)
+    assert (DEFAULT.with_(levels=2, cores_x=8).banks, DEFAULT.with_(levels=1).banks) == (4, 1)
+
+
+def test_formats_agree_where_the_arithmetic_relies_on_it():
+    """Relations that docs/array.md and the culling unit use without a shift for them."""
+    n = NumberFormats()
+    assert n.cut.frac_bits == n.log2_opacity.frac_bits <= n.exponent.frac_bits
+    assert n.factor.frac_bits == n.conic.sig_bits - 1
+    assert n.exponent.frac_bits == n.slope.frac_bits == n.curvature.frac_bits
+    assert n.conic.exp_max == 0
+    assert n.weight.frac_bits <= n.transmittance.frac_bits
+    assert (1 << n.cut.frac_bits) % n.exp2_segments == 0
