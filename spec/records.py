@@ -63,10 +63,13 @@ class Record:
         return np.dtype([(f.name, f.holder, (f.count,)) if f.count > 1 else (f.name, f.holder) for f in self.fields])
 
     def pack(self, row: Mapping[str, object] | np.void) -> int:
-        """The bit pattern of one row; ValueError where a raw value does not fit its field."""
+        """The bit pattern of one row; ValueError where a raw value, or a count of them, does not fit its field."""
         bits, offset = 0, 0
         for f in self.fields:
-            for raw in np.atleast_1d(row[f.name]).tolist():
+            numbers = np.atleast_1d(row[f.name]).tolist()
+            if len(numbers) != f.count:
+                raise ValueError(f"{self.name}.{f.name} must hold {f.count} numbers, not {len(numbers)!r}")
+            for raw in numbers:
                 low, high = f.raw_range
                 if not low <= raw <= high:
                     raise ValueError(f"{self.name}.{f.name} must be in {low}..{high}, not {raw!r}")
