@@ -37,7 +37,8 @@ def negated_round_shift(x: Value, n: int) -> Value:
 
 def fits(x: Value, number: Fixed) -> Value:
     """Whether x, in units of the format's ulp, is representable: the bits above the format all repeat its top one."""
-    above = as_integer(x)[number.width - number.signed :]
+    x = as_integer(x)
+    above = x[min(number.width - number.signed, len(x) - 1) :]
     return ~above.any() | above.all() if number.signed else ~above.any()
 
 
@@ -49,5 +50,7 @@ def saturate(x: Value, number: Fixed) -> Value:
 
 def modular(x: Value, number: Fixed) -> Value:
     """The low bits of x in the format's shape: exact wherever the true value fits, whatever the intermediates did."""
-    low = as_integer(x)[: number.width]
-    return low.as_signed() if number.signed else low
+    x = as_integer(x)
+    if number.signed:
+        return x[: number.width].as_signed()
+    return Cat(x, x[-1].replicate(max(0, number.width - len(x))))[: number.width]

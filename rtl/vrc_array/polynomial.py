@@ -55,6 +55,8 @@ def check_formats(n: NumberFormats) -> None:
         raise ValueError(f"mean2d times conic's significand must fit {_WIDEST_PRODUCT} bits, not {n.mean2d!r}")
     if n.conic.sig_bits - 1 + n.mean2d.frac_bits <= n.offset.frac_bits:
         raise ValueError(f"offset must have fewer fraction bits than mean2d times conic's significand, not {n.offset!r}")
+    if n.cut.frac_bits != n.log2_opacity.frac_bits or n.cut.frac_bits >= n.exponent.frac_bits:
+        raise ValueError(f"cut must have the fraction bits of log2_opacity, fewer than exponent's, not {n.cut!r}")
     if n.exponent.frac_bits > min(n.offset.frac_bits, n.factor.frac_bits):
         raise ValueError(f"exponent must not have more fraction bits than offset and factor, not {n.exponent!r}")
     if not n.exponent.frac_bits == n.slope.frac_bits == n.curvature.frac_bits:

@@ -1,0 +1,127 @@
+"""Shapes, rounding, pipelines and stream helpers of rtl/, exhaustively where small."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.hdl import Module, Signal, signed, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+from rtl_streams import exchange
+
+from rtl.fixed import fits, modular, negated_round_shift, round_shift, saturate
+from rtl.pipeline import Pipeline
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from spec.config import DEFAULT, TINY
+from spec.formats import SQ, UQ
+from spec.records import RECORDS
+
+
+@pytest.mark.parametrize("record", RECORDS)
+@pytest.mark.parametrize("config", [DEFAULT, TINY], ids=lambda config: config.name)
+def test_layouts_are_those_of_the_records(record, config):
+    record = record(config)
+    shape, offset = layout(record), 0
+    assert shape.size == record.width
+    for field in record.fields:
+        assert (shape[field.name].offset, shape[field.name].width) == (offset, field.width)
+        offset += field.width
+    row = {f.name: [f.raw_range[0]] * f.count if f.count > 1 else f.raw_range[0] for f in record.fields}
+    const = shape.from_bits(record.pack(row))
+    for field in record.fields:
+        assert (list(const[field.name]) if field.count > 1 else const[field.name]) == row[field.name]
+
+
+def evaluate(shape, logic) -> dict[int, int]:
+    """`logic` of every value of `shape`."""
+    m, x, found = Module(), Signal(shape), {}
+    result = logic(x)
+    out = Signal(result.shape())
+    m.d.comb += out.eq(result)
+
+    async def bench(ctx):
+        for bits in range(1 << len(x)):
+            value = bits - (1 << len(x)) if shape.signed and bits >> (len(x) - 1) else bits
+            ctx.set(x, value)
+            found[value] = ctx.get(out)
+
+    simulator = Simulator(m)
+    simulator.add_testbench(bench)
+    simulator.run()
+    return found
+
+
+@pytest.mark.parametrize("shape", [signed(7), unsigned(6)])
+@pytest.mark.parametrize("n", [1, 2, 3, 6, 9])
+def test_rounding(shape, n):
+    assert all(y == (x + (1 << n - 1)) >> n for x, y in evaluate(shape, lambda x: round_shift(x, n)).items())
+    assert all(y == -((x + (1 << n - 1)) >> n) for x, y in evaluate(shape, lambda x: negated_round_shift(x, n)).items())
+
+
+@pytest.mark.parametrize("shape", [signed(7), unsigned(6)])
+@pytest.mark.parametrize("number", [SQ(2, 1), SQ(3, 3), SQ(5, 4), UQ(2, 1), UQ(3, 3), UQ(4, 5)], ids=str)
+def test_range(shape, number):
+    low, high, size = number.raw_min, number.raw_max, 1 << number.width
+    assert all(bool(y) == (low <= x <= high) for x, y in evaluate(shape, lambda x: fits(x, number)).items())
+    assert all(y == min(max(x, low), high) for x, y in evaluate(shape, lambda x: saturate(x, number)).items())
+    assert all(y == (x - low) % size + low for x, y in evaluate(shape, lambda x: modular(x, number)).items())
+
+
+def test_bad_shifts_are_rejected():
+    for wrong, error in ((-1, ValueError), (1.0, TypeError), (True, TypeError)):
+        with pytest.raises(error, match=f"not {wrong!r}"):
+            round_shift(Signal(4), wrong)
+    with pytest.raises(ValueError, match="not 0"):
+        negated_round_shift(Signal(4), 0)
+
+
+@pytest.mark.parametrize("pauses", [0.0, 0.5])
+def test_buffer_keeps_order_and_speed(pauses):
+    buffer, words = Buffer(data.StructLayout({"value": 8})), [i * 7 % 256 for i in range(200)]
+    found, cycles = exchange(buffer, {buffer.sink: words}, buffer.source, len(words), pauses=pauses)
+    assert found == words
+    if not pauses:
+        assert cycles == list(range(1, 1 + len(words)))
+
+
+class Sum(wiring.Component):
+    """x + 2 y where y comes two stages later, in a pipeline that advances and loads as told."""
+
+    def __init__(self) -> None:
+        inputs = {"x": In(8), "y": In(8), "load": In(1), "advance": In(1)}
+        super().__init__({**inputs, "total": Out(10)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        p = Pipeline(m, load=self.load, advance=self.advance)
+        twice = p.reg("twice", lambda y: y + y, p.data("y", self.y).to(2))
+        total = p.reg("total", lambda x, y: x + y, p.data("x", self.x), twice)
+        m.d.comb += self.total.eq(total.at(4))
+        with pytest.raises(ValueError, match="not 3"):
+            total.to(3)
+        return m
+
+
+def test_pipelines_align_stall_and_repeat():
+    dut, rng = Sum(), random.Random(3)
+    slots, held = [0] * 4, 0
+
+    async def bench(ctx):
+        nonlocal held
+        for _ in range(500):
+            x, y, load, advance = rng.getrandbits(8), rng.getrandbits(8), rng.random() < 0.7, rng.random() < 0.7
+            for port, value in ((dut.x, x), (dut.y, y), (dut.load, load), (dut.advance, advance)):
+                ctx.set(port, value)
+            await ctx.tick()
+            if advance:
+                held = x + 2 * y if load else held
+                slots.insert(0, held)
+            assert ctx.get(dut.total) == slots[3]
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
