@@ -1,7 +1,8 @@
 """Who may import whom: shared formats, arithmetic written twice.
 
 spec imports nothing of ours; golden and rtl import only spec, never each other; perf reads spec and golden's traces;
-synth reads spec and rtl; tb may all. torch stays in training and in the bench, so that neither a picture nor a hardware test needs it.
+synth reads spec and rtl; tb may all. torch stays in training and in the bench: neither a picture nor a hardware test
+needs it.
 """
 
 from __future__ import annotations
