@@ -51,7 +51,7 @@ class Pixel:
         if not (op.last or (t >= op.cut and self.transmittance >= t_stop(N))):
             return
         alpha = alpha_of(t, op.outer, op.last)
-        after = self.transmittance - round_shift(self.transmittance * alpha, N.alpha.frac_bits)
+        after = round_shift(self.transmittance * ((1 << N.alpha.frac_bits) - alpha), N.alpha.frac_bits)
         drop = N.transmittance.frac_bits - N.weight.frac_bits
         weight = (self.transmittance >> drop) - (after >> drop)
         for i, value in enumerate((*op.colour, op.depth if self.depth_present else 0)):
@@ -75,7 +75,7 @@ def alpha_of(t: int, outer: int, last: int) -> int:
         f, i = t & (1 << N.cut.frac_bits) - 1, t >> N.cut.frac_bits
         per_segment = (1 << N.cut.frac_bits) // N.exp2_segments
         s, r = divmod(f, per_segment)
-        alpha = int(base[s] + (slope[s] * r >> EXP2_SLOPE_FRAC + N.cut.frac_bits - N.alpha.frac_bits)) >> -i
+        alpha = -(-int(base[s] + (slope[s] * r >> EXP2_SLOPE_FRAC + N.cut.frac_bits - N.alpha.frac_bits)) >> -i)
     return alpha if outer else min(alpha, alpha_max_l1(N))
 
 
@@ -86,8 +86,8 @@ def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[t
     blank = Op(e=(0,) * config.cores_x, cut=0, valid=0, drain=1)
 
     async def bench(ctx) -> None:
-        kept = None
-        for op in [*ops, *[blank] * 5]:
+        early: list[tuple] = []
+        for op in [*ops, *[blank] * 6]:
             for name in ("valid", "cut", "bank", "outer", "first", "last", "drain", "depth"):
                 ctx.set(getattr(row.op_in, name), getattr(op, name))
             ctx.set(row.op_in.curve_yy, op.curve)
@@ -97,10 +97,11 @@ def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[t
                 ctx.set(row.exponent_in[x], op.e[x])
                 ctx.set(row.slope_in[x], op.slope)
             if ctx.get(row.drained):
+                kept = early.pop(0)
                 sums = [[tuple(ctx.get(p.colour[c]) for c in range(3)) + (ctx.get(p.depth),) for p in row.pixels[x]] for x in lanes]
                 seen.append((kept[0], ctx.get(row.drained_block), kept[1], sums))
             if ctx.get(row.draining):
-                kept = ctx.get(row.draining_block), [[ctx.get(p.transmittance) for p in row.pixels[x]] for x in lanes]
+                early.append((ctx.get(row.draining_block), [[ctx.get(p.transmittance) for p in row.pixels[x]] for x in lanes]))
             stopped.append([ctx.get(s) for s in row.stopped])
             await ctx.tick()
             if op.valid:

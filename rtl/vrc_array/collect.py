@@ -4,14 +4,14 @@ The rows work one cycle behind each other, so that at most one finishes in a cyc
 therefore issued only `cores_y` cycles or more after the one before, and only when the line buffer is sure to have room for all
 of its rows. What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
 
-    cycle from a drain's strobe    0   1     E + P + 1     E + P + 2     E + P + 4
+    cycle from a drain's strobe    0   1     E + P + 1     E + P + L + 1 E + P + L + 3
     draining                       ~~~~
     place of row 0                     <  >
     transmittance of row 0                   <      >
     sums of row 0                                          <      >
     both, row multiplexer passed                                         <      >     place and weights arrive beside them
 
-with E the latency of `expand`, P that of a row. Blending (where there are levels) and the line buffer follow.
+with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the line buffer follow.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import layout, shape
 from rtl.vrc_array import expand
 from rtl.vrc_array.blend import BLEND_LATENCY, Blend, BlendWeights, weights_latency
-from rtl.vrc_array.row import PIPELINE, pixel_layout
+from rtl.vrc_array.row import PIPELINE, SUMS_LATER, pixel_layout
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
@@ -41,7 +41,7 @@ _PLACE = ("tile_x", "tile_y", "row", "column")
 
 def place_latency(config: AcceleratorConfig) -> int:
     """Cycles that a row's place waits for its pixels."""
-    return expand.latency(config) + PIPELINE + 3
+    return expand.latency(config) + PIPELINE + SUMS_LATER + 2
 
 
 def place_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -149,13 +149,15 @@ class Collect(wiring.Component):
         return {"valid": p.control("valid", running), **place}
 
     def _picked(self, m: Module) -> data.View:
-        """The pixels of the row that finishes: two stages of multiplexing, and one of waiting for transmittances."""
+        """The pixels of the row that finishes: two stages of multiplexing; transmittances wait for their sums."""
         def cat(pick) -> list[Value]:
             return [Cat(pick(bank) for lane in row.pixels for bank in lane) for row in self.rows]
 
         t = self._joined(m, "t", [row.draining for row in self.rows], cat(lambda pixel: pixel.transmittance))
-        later = Signal.like(t, name="t_later", reset_less=True)
-        m.d.sync += later.eq(t)
+        later = t
+        for cycle in range(SUMS_LATER):
+            t, later = later, Signal.like(t, name=f"t_later{cycle + 1}", reset_less=True)
+            m.d.sync += later.eq(t)
         sums = self._joined(m, "sums", [row.drained for row in self.rows], cat(lambda pixel: Cat(*pixel.colour, pixel.depth)))
         shape, t_width = self.rows[0].pixels.shape(), len(self.rows[0].pixels[0][0].transmittance)
         picked, sum_width = Signal(shape, name="picked"), len(self.rows[0].pixels[0][0].as_value()) - t_width

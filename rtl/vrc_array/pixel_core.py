@@ -1,17 +1,18 @@
 """Pixel core: the only arithmetic that exists once per pixel (docs/array.md, "A pixel and an op").
 
-Three stages, each between two ranks of registers; the row supplies the op's fields beside each stage::
+Four stages, each between two ranks of registers; the row supplies the op's fields beside each stage::
 
-    cycle            0     1     2     3     4
+    cycle            0     1     2     3     4     5
     exponent       < e  >
-    exponent_below       < e' >                     e + slope, for the core below
-    alpha_op             <cut >                     exponent against cut, 2^x to 1 - alpha
-    blend_op                   <bank>               T' = T (1 - alpha), weight
+    exponent_below       < e' >                           e + slope, for the core below
+    alpha_op             <cut >                           exponent against cut, 2^x to 1 - alpha
+    blend_op                   <bank>                     T' = T (1 - alpha)
     transmittance                    < T' >
-    sum_op                           <col.>         sums += weight * colour
-    sums                                   <sum>
+    weigh_op                         <bank>               weight = T - T'
+    sum_op                                 <col.>         sums += weight * colour
+    sums                                         <sum>
 
-Latency 3 cycles to the transmittance and 4 to the sums, one op a cycle, whatever the order of banks: every loop through
+Latency 3 cycles to the transmittance and 5 to the sums, one op a cycle, whatever the order of banks: every loop through
 a bank (T to T', sum to sum) closes in one cycle.
 
 Nothing here has a reset: the first op of a tile defines all that the later ones read.
@@ -61,6 +62,11 @@ def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     })
 
 
+def weigh_op_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Fields of the op in the weigh stage."""
+    return data.StructLayout({"read": config.banks})  # one-hot bank; 0 if `last`, which takes all that is left
+
+
 def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the sum stage."""
     n = config.formats
@@ -79,7 +85,7 @@ def saturation_threshold(formats: NumberFormats) -> int:
     f = np.arange(1 << bits)
     s, r = f >> segment_bits, f & (1 << segment_bits) - 1
     mantissa = base[s] + (slope[s] * r >> EXP2_SLOPE_FRAC + bits - formats.alpha.frac_bits)
-    reached = mantissa >> 1 >= alpha_max_l1(formats)
+    reached = -(-mantissa >> 1) >= alpha_max_l1(formats)
     if not reached[-1] or (np.diff(reached.astype(int)) < 0).any():
         raise ValueError(f"formats must give an alpha that crosses its upper bound once, not {formats!r}")
     return int(np.argmax(reached)) - (1 << bits)
@@ -94,7 +100,7 @@ class PixelCore(wiring.Component):
     Ports, by the cycle in which an op meets them (see the module):
         exponent, slope: 0; exponent of alpha at this pixel and its first difference along y.
         exponent_below, slope_below: 1; the same for the pixel below. `curve_yy` is read in cycle 1.
-        alpha_op, blend_op, sum_op: 1, 2, 3.
+        alpha_op, blend_op, weigh_op, sum_op: 1, 2, 3, 4.
         draining_block, drained_block: blocks whose transmittance and whose sums `pixel` shows.
         pixel: per level bank; straight from the registers.
         stopped: per level bank, T < t_stop in every block.
@@ -117,6 +123,7 @@ class PixelCore(wiring.Component):
             "slope_below": Out(signed(n.slope.width)),
             "alpha_op": In(alpha_op_layout(config)),
             "blend_op": In(blend_op_layout(config)),
+            "weigh_op": In(weigh_op_layout(config)),
             "sum_op": In(sum_op_layout(config)),
             "draining_block": In(index_shape(config.blocks)),
             "drained_block": In(index_shape(config.blocks)),
@@ -132,7 +139,7 @@ class PixelCore(wiring.Component):
         m.d.comb += [self.exponent_below.eq(exponent + slope), self.slope_below.eq(slope + self.curve_yy)]
 
         keep, covered = self._alpha(m, exponent)
-        weight, touched = self._blend(m, keep, covered)
+        weight, touched = self._weigh(m, *self._blend(m, keep, covered))
         self._sums(m, weight, touched)
         return m
 
@@ -148,16 +155,16 @@ class PixelCore(wiring.Component):
 
         f = t[:n.cut.frac_bits]
         segment_bits = n.cut.frac_bits - (n.exp2_segments - 1).bit_length()
+        bases, slopes = exp2_segments(n)
         base, slope = (Array(Const(int(v), int(table.max()).bit_length()) for v in table)[f[segment_bits:]]
-                       for table in exp2_segments(n))
-        mantissa = Signal(frac + 1)
-        m.d.comb += mantissa.eq(base + (slope * f[:segment_bits] >> EXP2_SLOPE_FRAC + n.cut.frac_bits - frac))
+                       for table in (bases - 1, slopes))
+        low = EXP2_SLOPE_FRAC + n.cut.frac_bits - frac
+        less = Signal(frac + 1)  # the mantissa less one: -mantissa is its complement
+        m.d.comb += less.eq(Cat(Const(0, low), base) + slope * f[:segment_bits] >> low)
 
         # A pixel that reaches its cut has alpha >= 1/255: the shift, -i, is 1 to `deepest`.
         deepest = -(log2_alpha_min(n) >> n.cut.frac_bits)
         shift = (~t[n.cut.frac_bits:])[:(deepest - 1).bit_length()]
-        alpha = Signal(frac)
-        m.d.comb += alpha.eq((mantissa >> 1) >> shift)
 
         keep = Signal(frac, reset_less=True)
         covered = Signal(reset_less=True)
@@ -167,17 +174,14 @@ class PixelCore(wiring.Component):
         with m.Elif(~op.outer & (t >= saturation_threshold(n))):
             m.d.sync += keep.eq((1 << frac) - alpha_max_l1(n))
         with m.Else():
-            m.d.sync += keep.eq(-alpha)
+            m.d.sync += keep.eq(~((less >> 1) >> shift))
         m.d.sync += covered.eq(op.last | (t >= op.cut))
         return keep, covered
 
-    def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[Signal, Signal]:
-        """Stage 2: transmittance; registers of the weight and of whether the sums change.
-
-        T - rs(T alpha) = (T (1 - alpha) + half - 1) >> frac: the product with 1 - alpha needs no subtraction.
-        """
+    def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Signal, Signal]:
+        """Stage 2: the banks' transmittance; registers of what it was and of whether the sums may change."""
         n, op = self.config.formats, self.blend_op
-        frac, drop = n.alpha.frac_bits, n.transmittance.frac_bits - n.weight.frac_bits
+        frac = n.alpha.frac_bits
         banks = [Signal(n.transmittance.width, name=f"transmittance{b}", reset_less=True) for b in range(self.config.banks)]
         below = Signal(self.config.banks)
         m.d.comb += below.eq(Cat(bank < t_stop(n) for bank in banks))
@@ -186,7 +190,7 @@ class PixelCore(wiring.Component):
         after = Signal(n.transmittance.width)
         m.d.comb += [
             before.eq(select(op.read, banks) | op.first.replicate(len(before))),
-            after.eq((before * keep + ((1 << frac - 1) - 1)) >> frac),
+            after.eq((before * keep + (1 << frac - 1)) >> frac),
         ]
         touch = op.last | (covered & ~(op.read & below).any())
         afresh = op.first & (op.last | ~covered)
@@ -194,22 +198,30 @@ class PixelCore(wiring.Component):
             with m.If(op.write[b] & (op.first | (touch & ~op.last))):
                 m.d.sync += bank.eq(after | afresh.replicate(len(after)))
 
-        weight = Signal(n.weight.width, reset_less=True)
+        kept = Signal(n.weight.width, reset_less=True)
         touched = Signal(reset_less=True)
-        m.d.sync += [
-            weight.eq(((before >> drop) - (after >> drop)) & covered.replicate(len(weight))),
-            touched.eq(touch | op.first),
-        ]
+        m.d.sync += [kept.eq(before >> n.transmittance.frac_bits - n.weight.frac_bits), touched.eq(touch | op.first)]
         for level in range(self.config.level_banks):
             blocks = slice(level, None, self.config.level_banks)
             m.d.comb += [
                 self.stopped[level].eq(below[blocks].all()),
                 self.pixel[level].transmittance.eq(Array(banks[blocks])[self.draining_block]),
             ]
-        return weight, touched
+        return banks, kept, touched
+
+    def _weigh(self, m: Module, banks: list[Signal], kept: Value, touched: Value) -> tuple[Signal, Signal]:
+        """Stage 3: the weight is what the op took from the bank; all that was left for the background, which leaves it."""
+        n = self.config.formats
+        left = Signal(n.weight.width)
+        weight = Signal(n.weight.width, reset_less=True)
+        still_touched = Signal(reset_less=True)
+        drop = n.transmittance.frac_bits - n.weight.frac_bits
+        m.d.comb += left.eq(select(self.weigh_op.read, [bank >> drop for bank in banks]))
+        m.d.sync += [weight.eq(kept - left), still_touched.eq(touched)]
+        return weight, still_touched
 
     def _sums(self, m: Module, weight: Value, touched: Value) -> None:
-        """Stage 3: colour and depth sums."""
+        """Stage 4: colour and depth sums."""
         n, op = self.config.formats, self.sum_op
         sums = [(op.colour[c], n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel]) for c in range(3)]
         if self.config.depth:
@@ -217,7 +229,7 @@ class PixelCore(wiring.Component):
         for s, (value, value_format, sum_format, outputs) in enumerate(sums):
             shift = n.weight.frac_bits + value_format.frac_bits - sum_format.frac_bits
             banks = [Signal(sum_format.width, name=f"sum{s}_{b}", reset_less=True) for b in range(self.config.banks)]
-            total = Signal(sum_format.width + shift)
+            total = Signal(sum_format.width + shift, name=f"total{s}")
             m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + weight * value)
             for b, bank in enumerate(banks):
                 with m.If(op.write[b] & touched):

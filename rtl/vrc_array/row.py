@@ -6,16 +6,16 @@ kept outside the array.
 
 An op that is on `op_in` in cycle 0 (PIPELINE = 3)::
 
-    cycle             0     1     2     3     4
+    cycle             0     1     2     3     4     5
     op_in           < op >
     exponent_in     < e  >
-    op_out                < op >                     with the row below's exponents beside it
+    op_out                < op >                           with the row below's exponents beside it
     (alpha)                     < a  >
-    draining                          <~~~~>         if op.drain: `transmittance` is final in this cycle
-    drained                                 <~~~~>   if op.drain: `colour` and `depth` are final in this cycle
+    draining                          <~~~~>               if op.drain: `transmittance` is final in this cycle
+    drained                                       <~~~~>   if op.drain: `colour` and `depth` are final in this cycle
 
-The two strobes are one cycle apart because transmittance is updated one stage before the sums, and the next tile's
-first op may follow at once. Whoever collects the row keeps `transmittance` for a cycle, after any multiplexer.
+The two strobes are SUMS_LATER cycles apart because the weights of the sums come from the transmittance, and the next
+tile's first op may follow at once. Whoever collects the row keeps `transmittance` that long, after any multiplexer.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ from rtl.vrc_array.pixel_core import PixelCore, index_shape, pixel_layout
 from spec.config import AcceleratorConfig
 
 PIPELINE = 3
-"""Cycles from an op on `op_in` to the transmittance after it; the sums follow one cycle later."""
+"""Cycles from an op on `op_in` to the transmittance after it."""
+
+SUMS_LATER = 2
+"""Cycles from an op's transmittance to its sums."""
 
 
 def op_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -60,14 +63,14 @@ class VrcRow(wiring.Component):
         op_out, exponent_out, slope_out: the same for the row below, one cycle later.
         draining, draining_block: strobe PIPELINE cycles after a valid op with `drain`: `pixels[...].transmittance` of
             that op's block is final. The block index says which block (constant 0 where blocks = 1).
-        drained, drained_block: the same one cycle later, for `pixels[...].colour` and `.depth`.
+        drained, drained_block: the same SUMS_LATER cycles later, for `pixels[...].colour` and `.depth`.
         pixels: per column and level bank, the state of the block that the strobe names: transmittance of
             `draining_block`, sums of `drained_block`. Undefined in other cycles.
         stopped: per level bank, every pixel of the row, in every block, has T < t_stop. Combinational from the
             transmittance registers: it speaks of the tile whose first op entered more than PIPELINE cycles ago, and
             in machines with several blocks only once all blocks have had their first op.
 
-    Latency: PIPELINE cycles to transmittance, PIPELINE + 1 to the sums. Throughput: one op a cycle, in any order of banks.
+    Latency: PIPELINE cycles to transmittance, SUMS_LATER more to the sums. Throughput: one op a cycle, in any order of banks.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -96,7 +99,7 @@ class VrcRow(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         op, valid = self._delayed(m)
-        read, write = self._banks(m, op, valid)
+        read, write, left = self._banks(m, op, valid)
         columns = range(self.config.cores_x)
         cores = [add_shared(m, platform, f"core{x}", "pixel_core", PixelCore, self.config) for x in columns]
         for level, stopped in enumerate(self.stopped):
@@ -115,10 +118,11 @@ class VrcRow(wiring.Component):
                 core.blend_op.write.eq(write[2]),
                 core.blend_op.first.eq(op[2].first),
                 core.blend_op.last.eq(op[2].last),
-                core.sum_op.read.eq(read[3]),
-                core.sum_op.write.eq(write[3]),
-                core.sum_op.colour.eq(op[3].colour),
-                core.sum_op.depth.eq(op[3].depth),
+                core.weigh_op.read.eq(left),
+                core.sum_op.read.eq(read[4]),
+                core.sum_op.write.eq(write[4]),
+                core.sum_op.colour.eq(op[4].colour),
+                core.sum_op.depth.eq(op[4].depth),
                 core.draining_block.eq(self.draining_block),
                 core.drained_block.eq(self.drained_block),
                 self.pixels[x].eq(core.pixel),
@@ -126,9 +130,9 @@ class VrcRow(wiring.Component):
         return m
 
     def _delayed(self, m: Module) -> tuple[list, list[Value]]:
-        """The op by cycle, 0 to 3, and whether it is one; drives op_out and the strobes. Only `valid` has a reset."""
+        """The op by cycle, 0 to 4, and whether it is one; drives op_out and the strobes. Only `valid` has a reset."""
         op, valid = [self.op_in], [self.op_in.valid]
-        for cycle in range(1, PIPELINE + 1):
+        for cycle in range(1, PIPELINE + SUMS_LATER):
             op.append(Signal(op_layout(self.config), name=f"op{cycle}", reset_less=True))
             valid.append(Signal(name=f"valid{cycle}"))
             m.d.sync += [op[cycle].eq(op[cycle - 1]), valid[cycle].eq(valid[cycle - 1])]
@@ -138,15 +142,21 @@ class VrcRow(wiring.Component):
             self.draining.eq(valid[PIPELINE] & op[PIPELINE].drain),
             self.draining_block.eq(op[PIPELINE].bank >> self.config.level_banks - 1),
         ]
-        m.d.sync += [self.drained.eq(self.draining), self.drained_block.eq(self.draining_block)]
+        m.d.sync += [
+            self.drained.eq(valid[-1] & op[-1].drain),
+            self.drained_block.eq(op[-1].bank >> self.config.level_banks - 1),
+        ]
         return op, valid
 
-    def _banks(self, m: Module, op: list, valid: list[Value]) -> tuple[list[Signal], list[Signal]]:
-        """One-hot banks to read and to write, by cycle (2 and 3), decoded once for the row."""
-        read = [Signal(self.config.banks, name=f"read{cycle}", reset_less=True) for cycle in range(PIPELINE + 1)]
-        write = [Signal(self.config.banks, name=f"write{cycle}", reset_less=True) for cycle in range(PIPELINE + 1)]
+    def _banks(self, m: Module, op: list, valid: list[Value]) -> tuple[dict[int, Signal], dict[int, Signal], Signal]:
+        """One-hot banks to read and to write, by cycle (2 to 4), and to weigh (3), decoded once for the row."""
+        read, write = ({cycle: Signal(self.config.banks, name=f"{name}{cycle}", reset_less=True) for cycle in (2, 3, 4)}
+                       for name in ("read", "write"))
+        left = Signal(self.config.banks, reset_less=True)
         for b in range(self.config.banks):
             here = op[1].bank == b if self.config.banks > 1 else Const(1)
             m.d.sync += [read[2][b].eq(here & ~op[1].first), write[2][b].eq(here & valid[1])]
-        m.d.sync += [read[3].eq(read[2]), write[3].eq(write[2])]
-        return read, write
+        m.d.sync += left.eq(write[2] & ~op[2].last.replicate(len(left)))
+        for cycle in (3, 4):
+            m.d.sync += [read[cycle].eq(read[cycle - 1]), write[cycle].eq(write[cycle - 1])]
+        return read, write, left
