@@ -1,6 +1,7 @@
 """What every testbench shares: the runner, record codec, patterns of pauses, drivers and the memory-backed player.
 
     runner      builds and runs simulations (Verilator under cocotb)
+    emission    emitted Verilog, kept
     codec       arrays of records to bit patterns and files
     patterns    when a port pauses
     playback    a Verilog testbench that plays files into a unit's streams and records what comes out: whole frames

@@ -44,6 +44,7 @@ class Playback:
         outputs: streams out of it.
         settings: (port, bits) of plain inputs, constant during a run.
         observed: (port, bits) of plain outputs, read at the end of a run.
+        apart: modules that Verilator keeps apart (`runner.Design`).
     """
 
     name: str
@@ -53,6 +54,7 @@ class Playback:
     outputs: tuple[Stream, ...]
     settings: tuple[tuple[str, int], ...] = ()
     observed: tuple[tuple[str, int], ...] = ()
+    apart: tuple[str, ...] = ()
 
     def design(self) -> Design:
         """The unit with its wrapper, ready to build."""
@@ -60,7 +62,7 @@ class Playback:
         limits = [f"{s.name}_limit" for s in self.outputs]
         plain = [name for name, _ in (*self.settings, *self.observed)]
         public = ("clk", *_STATIC_PORTS, *plain, *limits, *counters, "cycles", "done", "errors")
-        return Design(self.name, "tb", (("dut.v", self.verilog), ("tb.sv", _wrapper(self))), public)
+        return Design(self.name, "tb", (("dut.v", self.verilog), ("tb.sv", _wrapper(self))), public, self.apart)
 
 
 _SOURCE = """

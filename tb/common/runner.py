@@ -33,6 +33,8 @@ _MAKEFLAGS = {
     # The wheel's verilated.mk names the compilers and options of the machine it was built on, or none at all.
     "CXX": "g++", "LINK": "g++", "AR": "ar", "PERL": "perl", "PYTHON3": "python3", "CFG_CXXFLAGS_PCH_I": "-include",
     "CFG_CXXFLAGS_COROUTINES": "-fcoroutines", "CFG_LDLIBS_THREADS": "-pthread",
+    # Start-up code is half of the text and runs once. On the array -O1 is as fast as -O2 and compiles in 3/4 of the time.
+    "OPT_FAST": "-O1", "OPT_SLOW": "-O0", "OPT_GLOBAL": "-O1",
 }
 _WAVE_HOOK = "        if (tfp) {\n            tfp->dump(main_time);"
 _WAVE_WINDOW = """\
@@ -90,12 +92,15 @@ class Design:
         top: the top module.
         sources: (file name, Verilog text) each.
         public: signals of the top module that Python reads or drives; all others are the simulator's to optimise.
+        apart: modules that are not to be dissolved in their parents. For the array's 256 pixel cores that compiles 2.5 times
+            faster and simulates no slower.
     """
 
     name: str
     top: str
     sources: tuple[tuple[str, str], ...]
     public: tuple[str, ...]
+    apart: tuple[str, ...] = ()
 
 
 def check_tools() -> None:
@@ -164,14 +169,13 @@ def _main_source() -> Path:
 def _control_file(design: Design, waves: Waves | None) -> str:
     lines = ["`verilator_config"]
     lines += [f'public_flat_rw -module "{design.top}" -var "{name}"' for name in design.public]
+    lines += [f'no_inline -module "{name}"' for name in design.apart]
     if waves and waves.scopes:
         lines += ['tracing_off -scope "*"', *(f'tracing_on -scope "{scope}"' for scope in waves.scopes)]
     return "\n".join(lines) + "\n"
 
 
-_BUILD_ARGS = (
-    "-O3", "-CFLAGS", "-O2", "--x-assign", "fast", "--x-initial", "fast", "-Wno-fatal", "-Wno-WIDTH",
-)
+_BUILD_ARGS = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "-Wno-fatal", "-Wno-WIDTH")
 
 
 def build(design: Design, waves: Waves | None = None) -> Path:

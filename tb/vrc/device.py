@@ -11,6 +11,7 @@ from rtl.vrc_array.array import COUNTER_BITS, emit_vrc_array
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import array_entry, pixel_row, tile_header
+from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream
 
 
@@ -18,10 +19,10 @@ from tb.common.playback import Playback, Stream
 def vrc_playback(config: AcceleratorConfig) -> Playback:
     """The array of a configuration, emitted, with files at its streams."""
     return Playback(
-        name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emit_vrc_array(config),
+        name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config, emit_vrc_array),
         inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
         outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
-        observed=(("ops", COUNTER_BITS), ("skipped", COUNTER_BITS)))
+        observed=(("ops", COUNTER_BITS), ("skipped", COUNTER_BITS)), apart=("pixel_core",))
 
 
 def background_bits(config: AcceleratorConfig, background: np.ndarray) -> int:

@@ -1,0 +1,36 @@
+"""Emitted Verilog, kept: emission takes seconds, and its text decides whether a simulator must be built."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+
+from spec.config import AcceleratorConfig
+from tb.common.runner import ROOT
+
+FOLDER = ROOT / "build" / "emitted"
+
+
+def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str]) -> str:
+    """`emit(config)`, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were."""
+    parameters = config.with_(name="any")  # equal machines of different names share everything
+    key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
+    path = FOLDER / f"{name}-{key}.v"
+    if not path.exists():
+        text = emit(config)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_suffix(f".{os.getpid()}.tmp")
+        scratch.write_text(text)
+        scratch.replace(path)
+    return path.read_text()
+
+
+@cache
+def _sources_digest() -> str:
+    digest = hashlib.sha256(version("amaranth").encode())
+    for path in sorted(path for folder in ("rtl", "spec") for path in (ROOT / folder).rglob("*.py")):
+        digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()
