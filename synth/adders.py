@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from synth.heap import Adder, Bit, choose_flips, reduce
+from synth.heap import Adder, Bit, Gate, Node, add_up, choose_flips
+from synth.liberty import Technology
 
 Net = int | str  # a wire bit's number, or the constant "0" or "1"
-
-
-@dataclass
-class Counts:
-    """What was built."""
-
-    cells: int = 0
-    adders: int = 0
-    inverters: int = 0
 
 
 @dataclass
@@ -24,8 +17,10 @@ class Builder:
     """Adds cells to one module of a JSON netlist."""
 
     module: dict
-    full_adder: str
+    technology: Technology
+    sum_name: str = ""
     next_net: int = 0
+    cells: int = 0
     complements: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -39,8 +34,9 @@ class Builder:
         return self.next_net - 1
 
     def cell(self, kind: str, inputs: dict[str, Net], outputs: dict[str, int]) -> None:
-        self.module["cells"][f"$heap${len(self.module['cells'])}_{self.next_net}"] = {
-            "hide_name": 1, "type": kind, "parameters": {}, "attributes": {},
+        self.cells += 1
+        self.module["cells"][f"{self.sum_name}_fa{self.cells}"] = {
+            "hide_name": 0, "type": kind, "parameters": {}, "attributes": {},
             "port_directions": {**dict.fromkeys(inputs, "input"), **dict.fromkeys(outputs, "output")},
             "connections": {pin: [net] for pin, net in {**inputs, **outputs}.items()},
         }
@@ -59,18 +55,24 @@ class Builder:
         return self.complements[net]
 
 
-def map_adders(module: dict, full_adder: str) -> Counts:
-    """Replace, in place, the sums of one module by full adders of type `full_adder` (pins A, B, CI, CON, SN)."""
+def map_adders(module: dict, technology: Technology, blocks: Mapping[str, Sequence[int]]) -> None:
+    """Replace, in place, the sums of one module by full adders (pins A, B, CI, CON, SN).
+
+    `blocks`: by name of a sum's result, the incremented blocks of its carry chain.
+    """
     used = Counter(bit for cell in module["cells"].values() for pin, bits in cell["connections"].items()
                    if cell["port_directions"][pin] == "input" for bit in set(bits))
     used.update(bit for port in module["ports"].values() if port["direction"] == "output" for bit in set(port["bits"]))
-    builder, counts = Builder(module, full_adder), Counts()
+    builder = Builder(module, technology)
     for name, cell in list(module["cells"].items()):
         columns = _columns(cell, used)
         if columns is not None:
             del module["cells"][name]
-            _build(builder, columns, cell["connections"]["Y"], used, counts)
-    return counts
+            result = cell["connections"]["Y"]
+            while result and not used[result[-1]]:
+                result.pop()
+            builder.sum_name = _result_name(module, result)
+            _build(builder, columns[:len(result)], result, used, blocks.get(builder.sum_name, ()))
 
 
 def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
@@ -104,6 +106,12 @@ def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
     return columns
 
 
+def _result_name(module: dict, result: list[Net]) -> str:
+    """Name of a wire that the sum's top bit belongs to."""
+    names = [name for name, wire in module["netnames"].items() if result[-1] in wire["bits"] and not wire["hide_name"]]
+    return min(names, key=lambda name: (len(name), name), default="sum").replace("$", "_")
+
+
 def _widths(cell: dict, operand: str, count: str) -> list[int]:
     packed = cell["parameters"][f"{operand}_WIDTHS"]
     number = int(cell["parameters"][count], 2)
@@ -120,38 +128,57 @@ def _add(columns: list[list[Bit]], bits: list[Net], signed: bool, inverted: bool
             column.append(Bit(net=bit, inverted=inverted))
 
 
-def _build(builder: Builder, columns: list[list[Bit]], result: list[int], used: Counter, counts: Counts) -> None:
-    results, adders = reduce(columns)
+def _build(builder: Builder, columns: list[list[Bit]], result: list[int], used: Counter, blocks: Sequence[int]) -> None:
+    results, nodes = add_up(columns, blocks)
     wanted = {id(bit) for bit, net in zip(results, result, strict=True) if used[net]}
-    wanted |= {id(bit) for adder in adders for bit in adder.inputs}
-    full = [adder for adder in adders if id(adder.sum) in wanted]
-    counts.inverters += choose_flips(full)
-    counts.cells += 1
-    counts.adders += len(full)
-    native: dict[int, tuple[int, bool]] = {}  # adder output -> (net, the net holds the complement)
-    for adder in adders:
-        if id(adder.sum) in wanted:
-            pins = [_in_polarity(builder, bit, adder.flipped, native) for bit in adder.inputs]
-            pins += [_constant("0", adder.flipped)] * (3 - len(pins))
-            outputs = {}
-            for pin, bit in (("SN", adder.sum), ("CON", adder.carry)):
-                native[id(bit)] = builder.net(), not adder.flipped
-                outputs[pin] = native[id(bit)][0]
-            builder.cell(builder.full_adder, dict(zip(("A", "B", "CI"), pins, strict=True)), outputs)
-        elif id(adder.carry) in wanted:
-            pins = [_in_polarity(builder, bit, False, native) for bit in adder.inputs]
-            both = builder.gate("AND", *pins[:2])
-            if len(pins) == 3:
-                both = builder.gate("OR", both, builder.gate("AND", pins[2], builder.gate("OR", *pins[:2])))
-            native[id(adder.carry)] = both, False
+    for node in reversed(nodes):
+        if any(id(bit) in wanted for bit in _outputs(node)):
+            wanted |= {id(bit) for bit in node.inputs}
+    full = [node for node in nodes if isinstance(node, Adder) and id(node.sum) in wanted]
+    choose_flips(full, [node for node in nodes if isinstance(node, Gate)])
+    native: dict[int, tuple[Net, bool]] = {}  # a node's output -> (net, the net holds the complement)
+    for node in nodes:
+        if not any(id(bit) in wanted for bit in _outputs(node)):
+            continue
+        if isinstance(node, Gate):
+            native[id(node.output)] = _add_gate(builder, node, native), False
+        elif id(node.sum) in wanted:
+            _add_full_adder(builder, node, native)
+        else:
+            native[id(node.carry)] = _add_majority(builder, node, native), False
     for bit, net in zip(results, result, strict=True):
         if used[net]:
-            value: Net = "0" if bit is None else _in_polarity(builder, bit, False, native)
-            builder.cell("$_BUF_", {"A": value}, {"Y": net})
+            builder.cell("$_BUF_", {"A": "0" if bit is None else _in_polarity(builder, bit, False, native)}, {"Y": net})
 
 
-def _constant(value: str, complemented: bool) -> str:
-    return str(int(value) ^ complemented)
+def _outputs(node: Node) -> tuple[Bit, ...]:
+    return (node.output,) if isinstance(node, Gate) else (node.sum, node.carry)
+
+
+def _add_full_adder(builder: Builder, adder: Adder, native: dict[int, tuple[Net, bool]]) -> None:
+    pins = [_in_polarity(builder, bit, adder.flipped, native) for bit in adder.inputs]
+    pins += [str(int(adder.flipped))] * (3 - len(pins))
+    outputs = {"SN": builder.net(), "CON": builder.net()}
+    native[id(adder.sum)] = outputs["SN"], not adder.flipped
+    native[id(adder.carry)] = outputs["CON"], not adder.flipped
+    builder.cell(builder.technology.full_adder, dict(zip(("A", "B", "CI"), pins, strict=True)), outputs)
+
+
+def _add_majority(builder: Builder, adder: Adder, native: dict[int, tuple[Net, bool]]) -> Net:
+    """The carry alone, where nothing needs the sum."""
+    pins = [_in_polarity(builder, bit, False, native) for bit in adder.inputs]
+    both = builder.gate("AND", *pins[:2])
+    if len(pins) == 2:
+        return both
+    return builder.gate("OR", both, builder.gate("AND", pins[2], builder.gate("OR", *pins[:2])))
+
+
+def _add_gate(builder: Builder, gate: Gate, native: dict[int, tuple[Net, bool]]) -> Net:
+    inputs = [_in_polarity(builder, bit, False, native) for bit in gate.inputs]
+    cell, pins = builder.technology.gates[gate.kind]
+    net = builder.net()
+    builder.cell(cell, dict(zip(pins, inputs, strict=True)), {"Y": net})
+    return net
 
 
 def _in_polarity(builder: Builder, bit: Bit, complemented: bool, native: dict[int, tuple[int, bool]]) -> Net:
@@ -160,6 +187,3 @@ def _in_polarity(builder: Builder, bit: Bit, complemented: bool, native: dict[in
         return builder.gate("NAND" if complemented else "AND", *bit.product)
     net, inverted = native[id(bit)] if bit.source is not None else (bit.net, bit.inverted)
     return net if inverted == complemented else builder.complement(net)
-
-
-__all__ = ["Adder", "Counts", "map_adders"]

@@ -1,43 +1,132 @@
-"""The flow: one component to a netlist of library cells, module by module, and its area."""
+"""The flow: one module to a netlist of library cells, and its area. Modules below it are black boxes.
+
+Module by module, because flat ABC would chain the sums' carries through its own gates; sums are built of the library's full
+adders first (`synth.adders`), so that ABC only sees the logic between them.
+"""
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
+import os
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pyosys import libyosys
 
-from synth.adders import Counts, map_adders
+from synth.adders import map_adders
+from synth.broadcast import buffer_broadcasts
 from synth.liberty import Technology
 
-AREA_SCRIPT = "strash; dch; map -B 0.9 -D 100000 -a; topo; dnsize; buffer -c -N 24; upsize -D 100000; dnsize -D 100000"
+ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D 150; dnsize -D 150"
+"""Area first; then buffers, and gates between two adders sized for 150 ps, so that no single one is slow."""
+
+ABC_LOAD = 1.6
+"""Load that ABC assumes at its outputs: a full adder's pin, fF."""
+
+NAND2_SCRIPT = "strash; dch; map -a"
+NAND2_FLOP = 6.0
+"""A flip-flop in NAND2 gates."""
 
 
-def yosys(design: libyosys.Design, *commands: str) -> None:
-    for command in commands:
-        libyosys.run_pass(command, design)
+@dataclass(frozen=True)
+class Netlist:
+    """What synthesis made of a module.
+
+    Attributes:
+        verilog: the netlist.
+        area: in the library's unit; NAND2 equivalents for the generic technology. Without the modules below.
+        cells: how many library cells of each type.
+    """
+
+    verilog: Path
+    area: float
+    cells: dict[str, int]
 
 
-def synthesise(rtlil: str, top: str, technology: Technology, liberty: Path, folder: Path) -> Counts:
-    """Write `folder/top.v` and `folder/top.json`: the netlist of module `top`. Returns what was built of full adders."""
+def version() -> str:
+    """Yosys' version."""
+    return "pyosys " + importlib.metadata.version("pyosys")
+
+
+def run(*commands: str, log: Path, design: libyosys.Design | None = None) -> libyosys.Design:
+    """Run Yosys commands on a design. What Yosys says goes to the file `log`: it knows no quiet mode for a caller."""
+    design = design or libyosys.Design()
+    sys.stdout.flush()
+    console = os.dup(1)
+    with open(log, "ab") as file:
+        os.dup2(file.fileno(), 1)
+        try:
+            for command in commands:
+                libyosys.run_pass(command, design)
+        finally:
+            os.dup2(console, 1)
+            os.close(console)
+    return design
+
+
+def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> libyosys.Design:
     folder.mkdir(parents=True, exist_ok=True)
-    source, netlist = folder / f"{top}.il", folder / f"{top}.json"
+    source = folder / f"{top}.il"
     source.write_text(rtlil)
-    design = libyosys.Design()
-    yosys(design, f"read_rtlil {source}", f"hierarchy -top {top}", "proc", "flatten", "opt", "alumacc", "opt_clean",
-          f"write_json {netlist}")
-    description = json.loads(netlist.read_text())
-    counts = map_adders(description["modules"][top], technology.full_adder)
-    netlist.write_text(json.dumps(description))
+    return run(f"read_rtlil {source}", *(f"blackbox {box}" for box in boxes), f"hierarchy -top {top}", "proc", "attrmap -remove init",
+               "flatten", "opt",
+               log=folder / "yosys.log")
 
-    design = libyosys.Design()
-    t = technology
-    yosys(
-        design, f"read_liberty -lib {liberty}", f"read_json {netlist}", f"hierarchy -top {top}",
+
+def synthesise(
+    rtlil: str, top: str, technology: Technology, liberty: Path, folder: Path,
+    blocks: Mapping[str, Sequence[int]], boxes: Sequence[str] = (),
+) -> Netlist:
+    """Write the netlist of module `top` to `folder/top.v`.
+
+    `blocks`: incremented blocks of carry chains by the sum's name. `boxes`: modules to leave as black boxes.
+    """
+    t, description, constraints, log = technology, folder / f"{top}.json", folder / "abc.constr", folder / "yosys.log"
+    run("alumacc", "opt_clean", f"write_json {description}", log=log, design=_elaborate(rtlil, top, boxes, folder))
+    constraints.write_text(f"set_driving_cell {t.inverter}\nset_load {ABC_LOAD} [all_outputs]\n")
+    _edit(description, lambda modules: map_adders(modules[top], t, blocks))
+    run(
+        f"read_liberty -lib {liberty}", f"read_json {description}", f"hierarchy -top {top}",
         "opt -full", "memory_map", "opt -full", "techmap", "opt -full",
         f"clockgate -pos {t.clock_gate} ENA:CLK:GCLK -tie_lo SE -min_net_size 4",
-        f"dfflibmap -liberty {liberty}", "opt", f"abc -liberty {liberty} -script +{AREA_SCRIPT.replace(' ', ',')}",
-        f"hilomap -singleton -hicell {t.tie_high} H -locell {t.tie_low} L", "splitnets", "opt_clean -purge",
-        f"tee -q -o {folder}/{top}.stat stat -liberty {liberty} -json", f"write_verilog -noattr -noexpr {folder}/{top}.v",
+        f"dfflibmap -liberty {liberty}", "opt",
+        f"abc -liberty {liberty} -constr {constraints} -script +{ABC_SCRIPT.replace(' ', ',')}", "opt_clean -purge",
+        f"write_json {description}", log=log,
     )
-    return counts
+    _edit(description, lambda modules: buffer_broadcasts(modules[top], boxes, t.broadcast_buffer))
+    verilog, statistics = folder / f"{top}.v", folder / f"{top}.stat"
+    run(
+        f"read_json {description}", f"hierarchy -top {top}",
+        f"hilomap -singleton -hicell {t.tie_high} H -locell {t.tie_low} L", "splitnets", "opt_clean -purge",
+        f"tee -q -o {statistics} stat -top {top} -liberty {liberty} -json", f"write_verilog -noattr -noexpr -simple-lhs {verilog}", log=log,
+    )
+    # OpenSTA does not read `signed`.
+    verilog.write_text(re.sub(r"(?m)^(\s*(?:wire|input|output) )signed ", r"\1", verilog.read_text()))
+    found = json.loads(statistics.read_text())["modules"][f"\\{top}"]
+    return Netlist(verilog, found["area"], {kind: n for kind, n in found["num_cells_by_type"].items() if kind not in boxes})
+
+
+def count_nand2(rtlil: str, top: str, folder: Path, boxes: Sequence[str] = ()) -> Netlist:
+    """NAND2 equivalents of module `top`: two-input NANDs and inverters (half a NAND2), flip-flops as NAND2_FLOP."""
+    statistics, verilog = folder / f"{top}-generic.stat", folder / f"{top}-generic.v"
+    run("alumacc", "opt -full", "memory_map", "opt -full", "techmap", "opt -full", "dfflegalize -cell $_DFF_P_ x", "techmap",
+        "abc -g NAND", "opt_clean -purge", f"tee -q -o {statistics} stat -top {top} -json",
+        f"write_verilog -noattr {verilog}", log=folder / "yosys.log", design=_elaborate(rtlil, top, boxes, folder))
+    cells = json.loads(statistics.read_text())["modules"][f"\\{top}"]["num_cells_by_type"]
+    cells = {kind: n for kind, n in cells.items() if kind not in boxes}
+    weights = {"$_NAND_": 1.0, "$_NOT_": 0.5, "$_DFF_P_": NAND2_FLOP}
+    unknown = set(cells) - set(weights)
+    if unknown:
+        raise RuntimeError(f"generic netlist of {top} holds {sorted(unknown)}")
+    return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells)
+
+
+def _edit(path: Path, change: object) -> None:
+    """Apply `change` to the modules of a netlist in JSON."""
+    netlist = json.loads(path.read_text())
+    change(netlist["modules"])
+    path.write_text(json.dumps(netlist))

@@ -1,8 +1,9 @@
 """Bit heaps: sums of products as trees of the library's full adder, which Yosys and ABC do not infer.
 
-A full adder removes one bit, so a heap of n bits and m results needs n - m of them in whatever order; what an order
-decides is depth, half adders and polarity. Columns are reduced from the lowest up, the three earliest bits first
-(Oklobdzija's three-greedy approach), down to one bit: the carry ripple emerges as the latest bit of each column.
+A full adder removes one bit, so a heap of n bits and m results needs n - m of them in whatever order; an order decides
+depth, half adders and polarity. Columns are reduced from the lowest up to two bits, the three earliest first
+(Oklobdzija's three-greedy approach); a ripple chain adds the two rows. Where that is too slow, its top is cut into
+blocks that are added without a carry and incremented by the one that arrives.
 
 The library's adder has inverted outputs, and complementing all five pins of a full adder leaves it a full adder. So
 an adder is used *straight* (true in, inverted out) or *flipped* (inverted in, true out), and an inverter is needed only
@@ -12,27 +13,29 @@ where two straight or two flipped adders meet. Flips are chosen to leave few.
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-SUM_DELAY, CARRY_DELAY = 50.0, 32.0  # ps under a typical load; they decide orders only, timing is checked afterwards
+SUM_DELAY, CARRY_DELAY, GATE_DELAY = 60.0, 36.0, 25.0  # ps under a typical load; they decide orders only
+CHAIN_WEIGHT = 3  # an inverter in the carry chain costs time as well
 
 
 @dataclass(eq=False)
 class Bit:
-    """A bit of the heap: an external net, or an output of an adder.
+    """A bit of the heap: an external net, a product, or an output of a node.
 
     Attributes:
-        net: external net (an integer of the netlist or a constant "0", "1"), None for adder outputs and products.
+        net: external net (an integer of the netlist or a constant "0", "1").
         product: two nets whose AND this bit is; either polarity of it costs the same.
         inverted: the external net holds the complement.
-        source: the adder that drives it.
+        source: the node that drives it.
         time: estimated arrival.
     """
 
     net: int | str | None = None
     product: tuple[int, int] | None = None
     inverted: bool = False
-    source: Adder | None = None
+    source: Adder | Gate | None = None
     time: float = 0.0
 
 
@@ -51,49 +54,123 @@ class Adder:
         self.sum.time, self.carry.time = latest + SUM_DELAY, latest + CARRY_DELAY
 
 
-def reduce(columns: list[list[Bit]]) -> tuple[list[Bit | None], list[Adder]]:
-    """Sum the columns, lowest first, modulo their number; one bit (None: zero) a column, and the adders in order."""
-    adders: list[Adder] = []
-    results: list[Bit | None] = []
-    columns = [list(column) for column in columns]
-    for c, column in enumerate(columns):
-        while len(column) > 1:
-            column.sort(key=lambda bit: bit.time)
-            count = 3 if len(column) > 2 else 2
-            adder = Adder(column[:count])
-            adders.append(adder)
-            column[:count] = [adder.sum]
-            if c + 1 < len(columns):
-                columns[c + 1].append(adder.carry)
-        results.append(column[0] if column else None)
-    return results, adders
+@dataclass(eq=False)
+class Gate:
+    """A simple gate: ANDn, XOR2, or AO21 (first two inputs and-ed). Its output is true."""
+
+    kind: str
+    inputs: list[Bit]
+    output: Bit = field(default_factory=Bit)
+
+    def __post_init__(self) -> None:
+        self.output.source = self
+        self.output.time = max(bit.time for bit in self.inputs) + GATE_DELAY
 
 
-def choose_flips(adders: list[Adder], seed: int = 1) -> int:
-    """Set `flipped` of every adder so that few inverters are needed; returns how many are. Deterministic.
+Node = Adder | Gate
 
-    Minimising them is a maximum cut of the adders' graph: annealing from alternating levels.
+
+def add_up(columns: list[list[Bit]], blocks: Sequence[int] = ()) -> tuple[list[Bit | None], list[Node]]:
+    """Sum the columns, lowest first, modulo their number; one bit (None: zero) a column, and the nodes in order.
+
+    `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first.
     """
-    neighbours: dict[int, list[int]] = {i: [] for i in range(len(adders))}
+    nodes: list[Node] = []
+    rows = [list(column) for column in columns]
+    carry = next((bit for bit in rows[0] if bit.net == "1"), None)
+    if carry is not None:
+        rows[0].remove(carry)
+    for c, column in enumerate(rows):
+        while len(column) > 2:
+            column.sort(key=lambda bit: bit.time)
+            adder = Adder(column[:3])
+            nodes.append(adder)
+            column[:3] = [adder.sum]
+            if c + 1 < len(rows):
+                rows[c + 1].append(adder.carry)
+    start = len(rows) - sum(blocks)
+    results, carry = _ripple(rows[:start], carry, nodes)
+    for size in blocks:
+        partial, partial_carry = _ripple(rows[start:start + size], None, nodes)
+        if carry is None:
+            results, carry = results + partial, partial_carry
+        else:
+            incremented, carry = _increment(partial, partial_carry, carry, nodes)
+            results += incremented
+        start += size
+    return results, nodes
+
+
+def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tuple[list[Bit | None], Bit | None]:
+    results: list[Bit | None] = []
+    for row in rows:
+        bits = row + ([carry] if carry is not None else [])
+        carry = None
+        if len(bits) > 1:
+            adder = Adder(bits)
+            nodes.append(adder)
+            bits, carry = [adder.sum], adder.carry
+        results.append(bits[0] if bits else None)
+    return results, carry
+
+
+def _increment(
+    partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node],
+) -> tuple[list[Bit], Bit]:
+    """Add a carry to a block's sum; the last carry too."""
+    results: list[Bit] = []
+    ripple, terms = carry, []  # the carry into the next bit is ripple and all of the terms
+    for bit in partial:
+        into = ripple if not terms else _gate(f"AND{len(terms) + 1}", [ripple, *terms], nodes)
+        if len(terms) == 4:
+            ripple, terms = into, []
+        if bit is None:
+            results.append(into)
+            raise ValueError("an incremented block has no empty column")
+        results.append(_gate("XOR2", [bit, into], nodes))
+        terms.append(bit)
+    all_ones = [ripple, *terms]
+    if partial_carry is None:
+        return results, _gate(f"AND{len(all_ones)}", all_ones, nodes)
+    *most, last = all_ones
+    first = most[0] if len(most) == 1 else _gate(f"AND{len(most)}", most, nodes)
+    return results, _gate("AO21", [first, last, partial_carry], nodes)
+
+
+def _gate(kind: str, inputs: list[Bit], nodes: list[Node]) -> Bit:
+    gate = Gate(kind, inputs)
+    nodes.append(gate)
+    return gate.output
+
+
+def choose_flips(adders: list[Adder], gates: list[Gate], seed: int = 1) -> None:
+    """Set `flipped` of every adder so that few inverters are needed. Deterministic.
+
+    Minimising them is a maximum cut of the adders' graph, with a pull on adders that feed gates: annealing.
+    """
     index = {id(adder): i for i, adder in enumerate(adders)}
+    neighbours: list[list[tuple[int, int]]] = [[] for _ in adders]
+    pull = [0] * len(adders)  # towards flipped, whose outputs are true
     for i, adder in enumerate(adders):
         for bit in adder.inputs:
             if id(bit.source) in index:
                 j = index[id(bit.source)]
-                neighbours[i].append(j)
-                neighbours[j].append(i)
-    flips = [False] * len(adders)
-    for i, adder in enumerate(adders):
-        votes = [not flips[index[id(bit.source)]] for bit in adder.inputs if id(bit.source) in index]
-        flips[i] = sum(votes) * 2 > len(votes)
+                weight = CHAIN_WEIGHT if bit is bit.source.carry and bit is adder.inputs[-1] else 1
+                neighbours[i].append((j, weight))
+                neighbours[j].append((i, weight))
+    for gate in gates:
+        for bit in gate.inputs:
+            if id(bit.source) in index and gate.kind != "XOR2":
+                pull[index[id(bit.source)]] += 1
     rng = random.Random(seed)
-    cost = sum(flips[i] == flips[j] for i, others in neighbours.items() for j in others) // 2
-    best, best_cost = list(flips), cost
-    steps = 400 * len(adders)
+    flips = [False] * len(adders)
+    cost, best, best_cost = 0, list(flips), 0
+    steps = 600 * len(adders)
     for step in range(steps):
         i = rng.randrange(len(adders))
-        gain = sum(1 if flips[i] == flips[j] else -1 for j in neighbours[i])
-        temperature = 1.0 * (1 - step / steps) + 1e-3
+        gain = sum(weight if flips[i] == flips[j] else -weight for j, weight in neighbours[i])
+        gain += -pull[i] if flips[i] else pull[i]
+        temperature = 1.5 * (1 - step / steps) + 1e-3
         if gain >= 0 or rng.random() < 2.718 ** (gain / temperature):
             flips[i] = not flips[i]
             cost -= gain
@@ -101,4 +178,3 @@ def choose_flips(adders: list[Adder], seed: int = 1) -> int:
                 best, best_cost = list(flips), cost
     for adder, flip in zip(adders, best, strict=True):
         adder.flipped = flip
-    return best_cost

@@ -24,8 +24,8 @@ class Technology:
         cell_list: name of the cell list, for areas compare under one list only.
         excluded: cells never used (regular expression on the whole name).
         flop, clock_gate, full_adder, tie_high, tie_low, inverter: cells named by the flow.
-        buffers: buffers in order of strength.
-        time_ps: the liberty's time unit.
+        gates: cell and input pins of the gates of incremented blocks; all drive Y.
+        broadcast_buffer: buffer (pins A, Y) of nets that feed many cores.
         driver: cell that is assumed to drive the unit's inputs.
         load_ff: load of the unit's outputs, in the liberty's capacitive unit.
     """
@@ -40,7 +40,8 @@ class Technology:
     tie_high: str
     tie_low: str
     inverter: str
-    buffers: tuple[str, ...]
+    gates: dict[str, tuple[str, tuple[str, ...]]]
+    broadcast_buffer: str
     driver: str
     load_ff: float
 
@@ -57,7 +58,12 @@ ASAP7 = Technology(
     tie_high="TIEHIx1_ASAP7_75t_R",
     tie_low="TIELOx1_ASAP7_75t_R",
     inverter="INVx1_ASAP7_75t_R",
-    buffers=tuple(f"BUFx{x}_ASAP7_75t_R" for x in ("2", "3", "4", "5", "8", "12")),
+    gates={
+        **{f"AND{n}": (f"AND{n}x{2 if n == 2 else 1}_ASAP7_75t_R", tuple("ABCDE"[:n])) for n in (2, 3, 4, 5)},
+        "XOR2": ("XOR2x2_ASAP7_75t_R", ("A", "B")),
+        "AO21": ("AO21x1_ASAP7_75t_R", ("A1", "A2", "B")),
+    },
+    broadcast_buffer="BUFx5_ASAP7_75t_R",
     driver="DFFHQNx1_ASAP7_75t_R",
     load_ff=2.0,
 )
@@ -109,14 +115,3 @@ def _kept_lines(path: Path, excluded: re.Pattern, first: bool) -> list[str]:
                 skip_from = None
             depth = depth_after
     return lines
-
-
-def areas(liberty: Path) -> dict[str, float]:
-    """Area of every cell, in the library's unit (um^2)."""
-    result, cell = {}, None
-    for line in liberty.read_text().splitlines():
-        if found := re.match(r"\s*cell\s*\((\w+)\)", line):
-            cell = found[1]
-        elif cell and (found := re.match(r"\s*area\s*:\s*([\d.]+)", line)):
-            result[cell], cell = float(found[1]), None
-    return result

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from synth.liberty import Technology
 
-INPUT_DELAY = 0.15
+INPUT_DELAY = 0.1
 """Share of the clock by which inputs arrive: they come from registers outside the unit, over a row's wires."""
 
 OUTPUT_DELAY = 0.05
