@@ -163,7 +163,7 @@ def tables_section() -> list[str]:
     segment, rest = np.divmod(np.arange(one), one // len(base))
     mantissa = base[segment] + (slope[segment] * rest >> tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits)
     exact = np.exp2(np.arange(one) / one)
-    worst = max(np.abs(n.alpha.to_float(mantissa >> i) - exact / 2**i).max() for i in range(1, 9))
+    worst = max(np.abs(n.alpha.to_float(-(-mantissa >> i)) - exact / 2**i).max() for i in range(1, 9))
     smooth = tables.smoothstep_table(n).reshape(-1, 16)
     return [
         "## Tables", "", "### exp2_segments", "", one_line(doc_of(tables.exp2_segments)), "",

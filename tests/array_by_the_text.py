@@ -103,7 +103,8 @@ class ArrayByTheText:
             i, f = t >> F, t & (1 << F) - 1
             segment, r = divmod(f, (1 << F) // n.exp2_segments)
             k = tables.EXP2_SLOPE_FRAC + F - n.alpha.frac_bits
-            alpha = self.base[segment] + (self.slope[segment] * r >> k) >> -i
+            m = self.base[segment] + (self.slope[segment] * r >> k)
+            alpha = -(-m >> -i)
         return alpha if op.outer else min(alpha, tables.alpha_max_l1(n))
 
     def composite(self, state: list[int], op: Op, e: int) -> None:
@@ -112,7 +113,7 @@ class ArrayByTheText:
         t = e >> n.exponent.frac_bits - n.cut.frac_bits
         if not (op.last or (t >= op.cut and T >= tables.t_stop(n))):
             return
-        after = T - rs(T * self.alpha(t, op), n.alpha.frac_bits)
+        after = rs(T * ((1 << n.alpha.frac_bits) - self.alpha(t, op)), n.alpha.frac_bits)
         d = n.transmittance.frac_bits - n.weight.frac_bits
         w = (T >> d) - (after >> d)
         for c in range(3):
