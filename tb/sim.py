@@ -26,8 +26,8 @@ def parse_window(text: str) -> tuple[int, int]:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
-    parser.add_argument("--test", required=True, help=f"unit: {', '.join(TESTS)}")
-    parser.add_argument("--config", default="all", help=f"variant: all, {', '.join(suite.VARIANTS)}")
+    parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(TESTS)}")
+    parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(suite.VARIANTS)}")
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
     parser.add_argument("--waves", action="store_true", help="record waves (FST)")
@@ -39,13 +39,15 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the unit's suite; 1 when anything differs."""
     args = _arguments(argv)
-    if args.test not in TESTS:
-        raise InputError(f"TEST {args.test!r} is not accepted: choose one of {', '.join(TESTS)}")
+    if args.test not in ("all", *TESTS):
+        raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(TESTS)}")
     if args.config != "all" and args.config not in suite.VARIANTS:
         raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(suite.VARIANTS)}")
+    if args.seed < 0:
+        raise InputError(f"SEED {args.seed} is not accepted: 0 or more is")
     begin, end = parse_window(args.wave_cycles)
     waves = Waves(begin, end, tuple(s for s in args.wave_scopes.split(",") if s)) if args.waves else None
-    names = list(suite.VARIANTS) if args.config == "all" else [args.config]
+    names = suite.DISTINCT if args.config == "all" else [args.config]
     return max([_run_variant(name, args.seed, args.runs, waves) for name in names])
 
 

@@ -194,6 +194,8 @@ def build(design: Design, waves: Waves | None = None) -> Path:
         done = folder / "built"
         if not done.exists():
             _build(design, control, waves is not None, folder)
+            for header in folder.glob("*.gch"):  # precompiled, 160 MB, of no more use
+                header.unlink()
             done.touch()
     return folder
 

@@ -177,10 +177,11 @@ def _at_the_cut(config: AcceleratorConfig) -> Case:
 
 
 def _exponentials(config: AcceleratorConfig) -> Case:
-    """Every exponent from below the cut to above 0: the whole table and every shift."""
-    exponents = np.arange(tables.log2_alpha_min(config.formats) - 2, 3)
+    """Every exponent from below the cut to above 0: the whole table and every shift. Small arrays take every 7th."""
+    exponents = np.arange(tables.log2_alpha_min(config.formats) - 2, 3, 1 if config.blocks == 1 else 7)
+    tiles = len(exponents) // 32
     return frame(config, "every exponent", [
-        TileSpec(flat_entries(config, exponents[k::256]), outer=k % 2) for k in range(256)])
+        TileSpec(flat_entries(config, exponents[k::tiles]), outer=k % 2) for k in range(tiles)])
 
 
 def _opaque(config: AcceleratorConfig) -> Case:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import DEFAULT, TINY, AcceleratorConfig
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from tb.common.patterns import Pattern
 from tb.common.player import Recording, Run, play
 from tb.common.runner import ROOT, Waves
@@ -23,8 +23,12 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny-no-depth": TINY.with_(depth=False),
     "tiny-no-support": TINY.with_(support_sigma=None),
     "default": DEFAULT,
+    "paper": PAPER,
 }
-"""Arrays under test; PAPER's is DEFAULT's."""
+"""Arrays that can be tested."""
+
+DISTINCT = tuple(name for name in VARIANTS if name != "paper")
+"""All but PAPER's, which is DEFAULT's: they differ outside the array."""
 
 PORTS = ("tiles", "entries", "pixels")
 
