@@ -16,7 +16,7 @@ import numpy as np
 from golden.msv2_ref.parallel import for_slices
 from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
-from golden.msv2_ref.rounding import RoundTo, dot3, pattern, rnd, round_to
+from golden.msv2_ref.rounding import RoundTo, dot3, operation, pattern, rnd, round_to
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import EXPONENT_SCALE, LOW_PASS, TILE
@@ -99,27 +99,23 @@ class _Camera(NamedTuple):
     depth_scale: float
 
 
-@numba.njit(cache=True)
+@operation
 def falloff_limit(opacity, k):
     """Largest u^2 + v^2 (a real number) at which an opacity (raw log2) still shows; negative: nowhere."""
     return min(opacity - k.faintest, k.widest) * k.cut_ulp
 
 
-@numba.njit(cache=True)
-def _rotation_column(quat, axis, k):
-    """One column of the rotation matrix of a raw quaternion, exact products, rounded once to W."""
-    w, x, y, z = np.int64(quat[0]), np.int64(quat[1]), np.int64(quat[2]), np.int64(quat[3])
-    if axis == 0:
-        c0, c1, c2 = k.quat_one - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
-    elif axis == 1:
-        c0, c1, c2 = 2 * (x * y - w * z), k.quat_one - 2 * (x * x + z * z), 2 * (y * z + w * x)
-    else:
-        c0, c1, c2 = 2 * (x * z + w * y), 2 * (y * z - w * x), k.quat_one - 2 * (x * x + y * y)
-    W = k.to_work
-    return rnd(c0 / k.quat_one, W), rnd(c1 / k.quat_one, W), rnd(c2 / k.quat_one, W)
+@operation
+def _rotation_columns(w, x, y, z, k):
+    """The columns of the rotation matrix of a raw quaternion (integers in float64): exact products, rounded once to W."""
+    one, W = k.quat_one, k.to_work
+    return (
+        (rnd((one - 2 * (y * y + z * z)) / one, W), rnd(2 * (x * y + w * z) / one, W), rnd(2 * (x * z - w * y) / one, W)),
+        (rnd(2 * (x * y - w * z) / one, W), rnd((one - 2 * (x * x + z * z)) / one, W), rnd(2 * (y * z + w * x) / one, W)),
+        (rnd(2 * (x * z + w * y) / one, W), rnd(2 * (y * z - w * x) / one, W), rnd((one - 2 * (x * x + y * y)) / one, W)))
 
 
-@numba.njit(cache=True)
+@operation
 def _jacobian_row(focal, rz, slope, along, forward, W):
     """One row of J R: focal / z * (R_axis - clamped slope * R_z)."""
     gain = rnd(focal * rz, W)
@@ -128,26 +124,18 @@ def _jacobian_row(focal, rz, slope, along, forward, W):
             rnd(gain * rnd(along[2] - rnd(slope * forward[2], W), W), W))
 
 
-@numba.njit(cache=True)
-def _splatted_axes(quat, axis, a, b, k):
-    """The three scaled axes of the ellipsoid on the image plane: (p0, p1, p2) along x, (t0, t1, t2) along y."""
-    W = k.to_work
-    r = _rotation_column(quat, 0, k)
-    p0 = rnd(dot3(W, a[0], a[1], a[2], r[0], r[1], r[2]) * axis[0], W)
-    t0 = rnd(dot3(W, b[0], b[1], b[2], r[0], r[1], r[2]) * axis[0], W)
-    r = _rotation_column(quat, 1, k)
-    p1 = rnd(dot3(W, a[0], a[1], a[2], r[0], r[1], r[2]) * axis[1], W)
-    t1 = rnd(dot3(W, b[0], b[1], b[2], r[0], r[1], r[2]) * axis[1], W)
-    r = _rotation_column(quat, 2, k)
-    p2 = rnd(dot3(W, a[0], a[1], a[2], r[0], r[1], r[2]) * axis[2], W)
-    t2 = rnd(dot3(W, b[0], b[1], b[2], r[0], r[1], r[2]) * axis[2], W)
-    return p0, p1, p2, t0, t1, t2
+@operation
+def _splatted_axis(a, b, column, length, W):
+    """One scaled axis of the ellipsoid on the image plane, along x and along y."""
+    return (rnd(dot3(W, a[0], a[1], a[2], column[0], column[1], column[2]) * length, W),
+            rnd(dot3(W, b[0], b[1], b[2], column[0], column[1], column[2]) * length, W))
 
 
-@numba.njit(cache=True)
-def _conic(p0, p1, p2, t0, t1, t2, k):
+@operation
+def _conic(first, second, third, k):
     """Cholesky factors l1, l2, l3 and the 2D variances of the splatted axes, low-pass included."""
     W, C = k.to_work, k.to_conic
+    (p0, t0), (p1, t1), (p2, t2) = first, second, third
     bare_xx, bare_yy = dot3(W, p0, p1, p2, p0, p1, p2), dot3(W, t0, t1, t2, t0, t1, t2)
     cov_xy = dot3(W, p0, p1, p2, t0, t1, t2)
     cov_xx, cov_yy = rnd(bare_xx + k.low_pass, W), rnd(bare_yy + k.low_pass, W)
@@ -165,7 +153,7 @@ def _conic(p0, p1, p2, t0, t1, t2, k):
     return l1, l2, l3, cov_xx, cov_yy
 
 
-@numba.njit(cache=True)
+@operation
 def _tile_range(mean, extent, size):
     """First and last tile along one axis whose pixel centres lie within `extent` of the mean; first > last: none."""
     first = np.ceil(mean - extent - 0.5)
@@ -175,53 +163,109 @@ def _tile_range(mean, extent, size):
     return int(max(first, 0.0)) // TILE, int(min(last, size - 1.0)) // TILE
 
 
-@numba.njit(cache=True)
+@operation
 def _to_pixels(slope, focal, centre, k):
     """Raw `mean2d` of a perspective slope: focal * slope rounded HALF_UP onto the grid, plus the principal point."""
     return min(max(np.floor(rnd(focal * slope, k.to_view) * k.mean_one + 0.5) + centre, k.mean_min), k.mean_max)
 
 
-@numba.njit(cache=True, nogil=True)
-def _project(_slice, begin, end, mean, axis, quat, opacity, cam, k, reason, mean2d, conic, depth, depth_key, box):
-    V, W = k.to_view, k.to_work
-    rot, limits = cam.rotation, cam.limits
+@operation
+def _relative(x, y, z, px, py, pz, V):
+    """World coordinates relative to the camera."""
+    return rnd(x - px, V), rnd(y - py, V), rnd(z - pz, V)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _view_depth(_slice, begin, end, mean, cam, k, depth):
+    """Camera z of every Gaussian."""
+    V, rot = k.to_view, cam.rotation
+    r0, r1, r2 = rot[2, 0], rot[2, 1], rot[2, 2]
+    px, py, pz = cam.position[0], cam.position[1], cam.position[2]
     for i in range(begin, end):
-        dx, dy, dz = (rnd(mean[i, 0] - cam.position[0], V), rnd(mean[i, 1] - cam.position[1], V),
-                      rnd(mean[i, 2] - cam.position[2], V))
-        z = dot3(V, rot[2, 0], rot[2, 1], rot[2, 2], dx, dy, dz)
-        limit = falloff_limit(opacity[i], k)
-        if not z > cam.near or limit < 0:
-            reason[i] = FAINT if z > cam.near else NEAR
-            continue
+        dx, dy, dz = _relative(mean[i, 0], mean[i, 1], mean[i, 2], px, py, pz, V)
+        depth[i] = dot3(V, r0, r1, r2, dx, dy, dz)
+
+
+_BLOCK = 64
+_MEAN, _SCALE, _QUAT, _LIMIT, _CONIC, _MEAN2D, _EXTENT, _DEPTH = (_BLOCK * row for row in (0, 3, 6, 10, 11, 14, 16, 18))
+_BLOCK_ROWS = 19
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _project_block(block, cam, k):
+    """Mean, conic, extent and depth of _BLOCK Gaussians: one array and no branches, so that LLVM makes it vectors."""
+    V, W = k.to_view, k.to_work
+    rot, limits, position = cam.rotation, cam.limits, cam.position
+    a0, a1, a2, b0, b1, b2 = rot[0, 0], rot[0, 1], rot[0, 2], rot[1, 0], rot[1, 1], rot[1, 2]
+    c0, c1, c2 = rot[2, 0], rot[2, 1], rot[2, 2]
+    fx, fy, centre_x, centre_y = cam.focal[0], cam.focal[1], cam.centre[0], cam.centre[1]
+    low_x, high_x, low_y, high_y = limits[0], limits[1], limits[2], limits[3]
+    px, py, pz = position[0], position[1], position[2]
+    for j in range(_BLOCK):
+        dx, dy, dz = _relative(block[_MEAN + j], block[_MEAN + _BLOCK + j], block[_MEAN + 2 * _BLOCK + j], px, py, pz, V)
+        z = dot3(V, c0, c1, c2, dx, dy, dz)
         rz = rnd(1.0 / z, V)
-        x = rnd(dot3(V, rot[0, 0], rot[0, 1], rot[0, 2], dx, dy, dz) * rz, V)
-        y = rnd(dot3(V, rot[1, 0], rot[1, 1], rot[1, 2], dx, dy, dz) * rz, V)
-        a = _jacobian_row(cam.focal[0], rz, min(max(x, limits[0]), limits[1]), rot[0], rot[2], W)
-        b = _jacobian_row(cam.focal[1], rz, min(max(y, limits[2]), limits[3]), rot[1], rot[2], W)
-        p0, p1, p2, t0, t1, t2 = _splatted_axes(quat[i], axis[i], a, b, k)
-        l1, l2, l3, cov_xx, cov_yy = _conic(p0, p1, p2, t0, t1, t2, k)
-        conic[i, 0], conic[i, 1], conic[i, 2] = l1, l2, l3
-        mx, my = _to_pixels(x, cam.focal[0], cam.centre[0], k), _to_pixels(y, cam.focal[1], cam.centre[1], k)
-        mean2d[i, 0], mean2d[i, 1] = int(mx), int(my)
-        reach = rnd(rnd(np.sqrt(rnd(limit + REACH_MARGIN, W)), W) / k.scale, W)
-        x0, x1 = _tile_range(mx / k.mean_one, rnd(rnd(np.sqrt(cov_xx), W) * reach, W) + EDGE_MARGIN, cam.width)
-        y0, y1 = _tile_range(my / k.mean_one, rnd(rnd(np.sqrt(cov_yy), W) * reach, W) + EDGE_MARGIN, cam.height)
-        box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1, y0, y1
-        reason[i] = OUTSIDE if x0 > x1 or y0 > y1 else VISIBLE
-        depth[i] = int(min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max))
-        depth_key[i] = min(pattern(z, V) - cam.key_near, k.key_max)
+        x = rnd(dot3(V, a0, a1, a2, dx, dy, dz) * rz, V)
+        y = rnd(dot3(V, b0, b1, b2, dx, dy, dz) * rz, V)
+        a = _jacobian_row(fx, rz, min(max(x, low_x), high_x), (a0, a1, a2), (c0, c1, c2), W)
+        b = _jacobian_row(fy, rz, min(max(y, low_y), high_y), (b0, b1, b2), (c0, c1, c2), W)
+        first, second, third = _rotation_columns(
+            block[_QUAT + j], block[_QUAT + _BLOCK + j], block[_QUAT + 2 * _BLOCK + j], block[_QUAT + 3 * _BLOCK + j], k)
+        l1, l2, l3, cov_xx, cov_yy = _conic(
+            _splatted_axis(a, b, first, block[_SCALE + j], W), _splatted_axis(a, b, second, block[_SCALE + _BLOCK + j], W),
+            _splatted_axis(a, b, third, block[_SCALE + 2 * _BLOCK + j], W), k)
+        reach = rnd(rnd(np.sqrt(rnd(block[_LIMIT + j] + REACH_MARGIN, W)), W) / k.scale, W)
+        block[_CONIC + j], block[_CONIC + _BLOCK + j], block[_CONIC + 2 * _BLOCK + j] = l1, l2, l3
+        block[_MEAN2D + j] = _to_pixels(x, fx, centre_x, k)
+        block[_MEAN2D + _BLOCK + j] = _to_pixels(y, fy, centre_y, k)
+        block[_EXTENT + j] = rnd(rnd(np.sqrt(cov_xx), W) * reach, W) + EDGE_MARGIN
+        block[_EXTENT + _BLOCK + j] = rnd(rnd(np.sqrt(cov_yy), W) * reach, W) + EDGE_MARGIN
+        block[_DEPTH + j] = min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(
+    _slice, begin, end, rows, view_depth, mean, scale, quat, opacity, cam, k, reason, mean2d, conic, depth, depth_key, box,
+):
+    """Blocks of the Gaussians at `rows`: gathered, projected, scattered."""
+    block = np.ones(_BLOCK * _BLOCK_ROWS)
+    for start in range(begin, end, _BLOCK):
+        count = min(end - start, _BLOCK)
+        for j in range(count):
+            i = rows[start + j]
+            for c in range(3):
+                block[_MEAN + c * _BLOCK + j], block[_SCALE + c * _BLOCK + j] = mean[i, c], scale[i, c]
+            for c in range(4):
+                block[_QUAT + c * _BLOCK + j] = quat[i, c]
+            block[_LIMIT + j] = falloff_limit(opacity[i], k)
+        _project_block(block, cam, k)
+        for j in range(count):
+            i = rows[start + j]
+            for c in range(3):
+                conic[i, c] = block[_CONIC + c * _BLOCK + j]
+            mx, my = block[_MEAN2D + j], block[_MEAN2D + _BLOCK + j]
+            mean2d[i, 0], mean2d[i, 1] = int(mx), int(my)
+            x0, x1 = _tile_range(mx / k.mean_one, block[_EXTENT + j], cam.width)
+            y0, y1 = _tile_range(my / k.mean_one, block[_EXTENT + _BLOCK + j], cam.height)
+            box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1, y0, y1
+            reason[i] = OUTSIDE if x0 > x1 or y0 > y1 else VISIBLE
+            depth[i] = int(block[_DEPTH + j])
+            depth_key[i] = min(pattern(view_depth[i], k.to_view) - cam.key_near, k.key_max)
 
 
 def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> Projected:
     """Projects every Gaussian: near test before the division, then mean, conic, footprint and depth."""
-    n, count, g, r = config.formats, len(words.geometry), words.geometry, registers
+    count, r, k = len(words.geometry), registers, culling_constants(config)
     out = Projected(
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
         np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros((count, 4), np.int16))
-    used = np.arange(g["log2_opacity"].shape[1]) <= g["bound"][:, None]
-    strongest = np.where(used, g["log2_opacity"], n.log2_opacity.raw_min).max(axis=1).astype(np.int32)
     camera = _Camera(r.position, r.rotation, r.focal, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
                      r.key_near, r.depth_scale)
-    for_slices(_project, count, n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), np.ascontiguousarray(g["quat"]),
-               strongest, camera, culling_constants(config), *out)
+    d = words.decoded
+    view_depth = np.empty(count)
+    for_slices(_view_depth, count, d.mean, camera, k, view_depth)
+    near, faint = ~(view_depth > r.near), d.opacity < k.faintest
+    out.reason[faint], out.reason[near] = FAINT, NEAR
+    rows = np.flatnonzero(out.reason == VISIBLE)
+    for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)
     return out

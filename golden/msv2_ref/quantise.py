@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +14,28 @@ from spec.constants import AMP_MAX, MAX_LEVELS, SH_C0
 from spec.records import gaussian_colour, gaussian_geometry
 
 
+class DecodedGeometry(NamedTuple):
+    """Geometry words as the culling kernels read them.
+
+    Attributes:
+        mean: (N, 3) float64, relative to the words' origin.
+        scale: (N, 3) float64.
+        quat: (N, 4) int16 raw.
+        opacity: (N,) int32, the largest raw `log2_opacity` among the levels that use the point.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    quat: np.ndarray
+    opacity: np.ndarray
+
+
 @dataclass(frozen=True)
 class GaussianWords:
     """The DRAM image of a model.
 
     Attributes:
+        config: the machine whose formats the words have.
         geometry: (N,) of `gaussian_geometry`'s dtype.
         colour: (N,) of `gaussian_colour`'s dtype at `sh_degree`.
         origin: (3,) float64, world position of the words' zero; the host subtracts it from the camera.
@@ -25,12 +44,22 @@ class GaussianWords:
         saturated: values clipped to their format, by field.
     """
 
+    config: AcceleratorConfig
     geometry: np.ndarray
     colour: np.ndarray
     origin: np.ndarray
     levels: int
     sh_degree: int
     saturated: dict[str, int]
+
+    @cached_property
+    def decoded(self) -> DecodedGeometry:
+        """The geometry decoded, once for all frames."""
+        n, g = self.config.formats, self.geometry
+        used = np.arange(MAX_LEVELS) <= g["bound"][:, None]
+        strongest = np.where(used, g["log2_opacity"], n.log2_opacity.raw_min).max(axis=1)
+        return DecodedGeometry(n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), np.ascontiguousarray(g["quat"]),
+                               strongest.astype(np.int32))
 
 
 def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianWords:
@@ -45,8 +74,8 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
     origin = np.median(model.means, axis=0) if len(model) else np.zeros(3)
 
     level = np.minimum(np.arange(MAX_LEVELS), model.levels - 1)
-    opacity = np.clip(model.opacity[:, level], 2.0**-16, None)
-    base = (SH_C0 * model.sh_dc[:, level] + 0.5).reshape(-1, 3 * MAX_LEVELS)
+    opacity = np.maximum(model.opacity, 2.0**-16)
+    base = SH_C0 * model.sh_dc + 0.5
     rest = model.sh_rest.reshape(len(model), -1)
     norm = np.linalg.norm(model.quats, axis=1, keepdims=True)
     scale = np.exp(np.minimum(model.log_scales, 80.0))
@@ -54,9 +83,9 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
     geometry["mean"] = n.position.quantise(model.means - origin)
     geometry["scale"] = n.scale.quantise(scale)
     geometry["quat"] = n.quaternion.quantise(model.quats / np.where(norm > 0, norm, 1.0))
-    geometry["log2_opacity"] = n.log2_opacity.quantise(np.log2(np.minimum(opacity, AMP_MAX)))
+    geometry["log2_opacity"] = n.log2_opacity.quantise(np.log2(np.minimum(opacity, AMP_MAX)))[:, level]
     geometry["bound"] = model.quality_bound - 1
-    colour["dc"] = n.sh_dc.quantise(base)
+    colour["dc"] = n.sh_dc.quantise(base)[:, level].reshape(len(model), 3 * MAX_LEVELS)
     if model.sh_degree:
         colour["rest"] = n.sh_rest.quantise(rest)
     saturated = {
@@ -65,4 +94,4 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
         "dc": int((np.abs(base) > 2.0**n.sh_dc.int_bits).sum()),
         "rest": int((np.abs(rest) > 2.0**n.sh_rest.int_bits).sum()),
     }
-    return GaussianWords(geometry, colour, origin, model.levels, model.sh_degree, saturated)
+    return GaussianWords(config, geometry, colour, origin, model.levels, model.sh_degree, saturated)

@@ -87,8 +87,7 @@ def frame_registers(
         background: (3,) float in [0, 1].
     """
     n = config.formats
-    means = n.position.to_float(words.geometry["mean"]) + words.origin
-    far = depth_far(means, camera)
+    far = depth_far(words.decoded.mean + words.origin, camera)
     margin = FRUSTUM_MARGIN
     limits = [-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx,
               -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy]

@@ -11,6 +11,9 @@ from spec.formats import SmallFloat
 
 _FRACTION = 52
 
+operation = numba.njit(cache=True, forceinline=True, error_model="numpy")
+"""For the parts of a kernel that LLVM is to vectorise: no calls, and no branch that raises at a division."""
+
 
 class RoundTo(NamedTuple):
     """A SmallFloat as `rnd` takes it."""
@@ -28,7 +31,7 @@ def round_to(target: SmallFloat) -> RoundTo:
     return RoundTo(drop, (1 << (drop - 1)) - 1, ~((1 << drop) - 1), target.min, target.max)
 
 
-@numba.njit(cache=True)
+@operation
 def rnd(x, f):
     """float64 `x` rounded to format `f`, HALF_EVEN; flushed to zero below the smallest, saturating above the largest.
 
@@ -42,13 +45,13 @@ def rnd(x, f):
     return min(max(y, -f.largest), f.largest)
 
 
-@numba.njit(cache=True)
+@operation
 def pattern(x, f):
     """Exponent and fraction of a positive number of format `f` as one integer: monotone, one step an ulp."""
     return np.float64(x).view(np.int64) >> f.drop
 
 
-@numba.njit(cache=True)
+@operation
 def dot3(f, a0, a1, a2, b0, b1, b2):
     """a . b with every product and sum rounded, left to right."""
     return rnd(rnd(rnd(a0 * b0, f) + rnd(a1 * b1, f), f) + rnd(a2 * b2, f), f)

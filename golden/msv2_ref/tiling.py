@@ -15,7 +15,7 @@ import numpy as np
 from golden.msv2_ref.culling import EDGE_MARGIN, REACH_MARGIN, Projected, culling_constants, falloff_limit
 from golden.msv2_ref.parallel import SLICES, for_slices
 from golden.msv2_ref.registers import FrameRegisters
-from golden.msv2_ref.rounding import rnd
+from golden.msv2_ref.rounding import operation, rnd
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 
@@ -51,87 +51,86 @@ class _Scene(NamedTuple):
     obb: bool
 
 
-@numba.njit(cache=True)
-def _row_reach(l1, l2, l3, limit, low_y, high_y, W):
-    """Reach along x, relative to the mean, of the ellipse u^2 + v^2 <= limit within low_y..high_y; left > right: none."""
+@operation
+def _rim(conic, limit, W):
+    """Of the ellipse u^2 + v^2 <= limit: its reach along y, and where its leftmost point lies (its rightmost at minus that)."""
+    l2, l3 = conic[1], conic[2]
     root = rnd(np.sqrt(limit), W)
-    rim = rnd(root / l3, W)
-    low, high = max(low_y, -rim), min(high_y, rim)
-    if low > high:
-        return 1.0, 0.0
-    # The rightmost point of the whole ellipse lies at y = -steep, the leftmost at +steep.
     steep = rnd(rnd(l2 * root, W) / rnd(l3 * rnd(np.sqrt(rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)), W), W), W)
-    right_y, left_y = min(max(-steep, low), high), min(max(steep, low), high)
-    right_v, left_v = rnd(l3 * right_y, W), rnd(l3 * left_y, W)
-    right_u = rnd(np.sqrt(max(rnd(limit - rnd(right_v * right_v, W), W), 0.0)), W)
-    left_u = rnd(np.sqrt(max(rnd(limit - rnd(left_v * left_v, W), W), 0.0)), W)
-    left = rnd(rnd(-left_u - rnd(l2 * left_y, W), W) / l1, W)
-    return left, rnd(rnd(right_u - rnd(l2 * right_y, W), W) / l1, W)
+    return rnd(root / l3, W), steep
 
 
-@numba.njit(cache=True)
-def _columns(mx, my, conic, limit, row, scene, W):
+@operation
+def _reach(y, sign, conic, limit, W):
+    """The ellipse's reach along x at height y, to the left (sign -1) or to the right (1)."""
+    v = rnd(conic[2] * y, W)
+    u = rnd(np.sqrt(max(rnd(limit - rnd(v * v, W), W), 0.0)), W)
+    return rnd(rnd(sign * u - rnd(conic[1] * y, W), W) / conic[0], W)
+
+
+@operation
+def _columns(mx, my, conic, limit, rim, steep, row, scene, W):
     """First and last tile column whose pixel centres the ellipse meets in tile row `row`; first > last: none."""
-    if limit < 0:
-        return 1, 0
     top, bottom = row * TILE + 0.5, min(row * TILE + TILE, scene.height) - 0.5
-    left, right = _row_reach(
-        conic[0], conic[1], conic[2], rnd(limit + REACH_MARGIN, W), top - my - EDGE_MARGIN, bottom - my + EDGE_MARGIN, W)
+    low, high = max(top - my - EDGE_MARGIN, -rim), min(bottom - my + EDGE_MARGIN, rim)
+    if low > high:
+        return 1, 0
+    left = _reach(min(max(steep, low), high), -1.0, conic, limit, W)
+    right = _reach(min(max(-steep, low), high), 1.0, conic, limit, W)
     first, last = np.ceil(mx + left - EDGE_MARGIN - 0.5), np.floor(mx + right + EDGE_MARGIN - 0.5)
     if left > right or first > scene.width - 1 or last < 0 or first > last:
         return 1, 0
     return int(max(first, 0.0)) // TILE, int(min(last, scene.width - 1.0)) // TILE
 
 
-@numba.njit(cache=True)
-def _visit(i, scene, k, tile_of, use_of):
-    """Tiles of Gaussian `i` into tile_of and use_of; returns (passed, filtered)."""
-    passed, filtered = 0, 0
-    mx, my = scene.mean2d[i, 0] / k.mean_one, scene.mean2d[i, 1] / k.mean_one
-    box, bound = scene.box[i], scene.bound[i]
-    for row in range(box[2], box[3] + 1):
-        known, first, last = -(1 << 30), 1, 0
-        for column in range(box[0], box[1] + 1):
-            tile = row * scene.tiles_x + column
-            level = scene.header[tile, 0]
-            next_too = scene.header[tile, 1] == 1 and bound >= level + 1
-            strongest = scene.opacity[i, level]
-            if next_too:
-                strongest = max(strongest, scene.opacity[i, level + 1])
-            if strongest != known:
-                known = strongest
-                if scene.obb:
-                    first, last = box[0], box[1]
-                else:
-                    first, last = _columns(mx, my, scene.conic[i], falloff_limit(strongest, k), row, scene, k.to_work)
-            if first <= column <= last:
-                if bound >= level:
-                    tile_of[passed], use_of[passed] = tile, 3 if next_too else 1
-                    passed += 1
-                else:
-                    filtered += 1
-    return passed, filtered
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, counts, passed, filtered):
+    """Entries of a slice of the splats, in their order, from `room[begin]` on."""
+    W, at = k.to_work, room[begin]
+    for n in range(begin, end):
+        i = splats[n]
+        mx, my = scene.mean2d[i, 0] / k.mean_one, scene.mean2d[i, 1] / k.mean_one
+        conic = (scene.conic[i, 0], scene.conic[i, 1], scene.conic[i, 2])
+        bound, known = scene.bound[i], -(1 << 30)
+        x0, x1, y0, y1 = scene.box[i]
+        limit, rim, steep = -1.0, 0.0, 0.0
+        for row in range(y0, y1 + 1):
+            fresh, first, last = False, 1, 0
+            for column in range(x0, x1 + 1):
+                tile = row * scene.tiles_x + column
+                level = scene.header[tile, 0]
+                next_too = scene.header[tile, 1] == 1 and bound >= level + 1
+                strongest = scene.opacity[i, level]
+                if next_too:
+                    strongest = max(strongest, scene.opacity[i, level + 1])
+                if strongest != known:
+                    known, fresh, limit = strongest, False, falloff_limit(strongest, k)
+                    if limit >= 0:
+                        limit = rnd(limit + REACH_MARGIN, W)
+                        rim, steep = _rim(conic, limit, W)
+                if not fresh:
+                    fresh, first, last = True, 1, 0
+                    if scene.obb:
+                        first, last = x0, x1
+                    elif limit >= 0:
+                        first, last = _columns(mx, my, conic, limit, rim, steep, row, scene, W)
+                if first <= column <= last:
+                    if bound >= level:
+                        tile_of[at], splat_of[at], use_of[at] = tile, i, 3 if next_too else 1
+                        counts[part, tile] += 1
+                        at += 1
+                    else:
+                        filtered[part] += 1
+    passed[part] = at - room[begin]
 
 
 @numba.njit(cache=True, nogil=True)
-def _count(part, begin, end, splats, scene, k, counts, filtered):
-    tile_of, use_of = np.empty(len(scene.header), np.int32), np.empty(len(scene.header), np.uint8)
-    for n in range(begin, end):
-        passed, rejected = _visit(splats[n], scene, k, tile_of, use_of)
-        filtered[part] += rejected
-        for e in range(passed):
-            counts[part, tile_of[e]] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _scatter(part, begin, end, splats, scene, k, cursor, splat, use):
-    tile_of, use_of = np.empty(len(scene.header), np.int32), np.empty(len(scene.header), np.uint8)
-    for n in range(begin, end):
-        passed, _ = _visit(splats[n], scene, k, tile_of, use_of)
-        for e in range(passed):
-            at = cursor[part, tile_of[e]]
-            cursor[part, tile_of[e]] += 1
-            splat[at], use[at] = splats[n], use_of[e]
+def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor, splat, use):
+    """The slice's entries to their tiles' places; a slice's cursors follow those of the slices before it."""
+    for e in range(room[begin], room[begin] + passed[part]):
+        at = cursor[part, tile_of[e]]
+        cursor[part, tile_of[e]] += 1
+        splat[at], use[at] = splat_of[e], use_of[e]
 
 
 def tile_entries(
@@ -151,13 +150,17 @@ def tile_entries(
     """
     k = culling_constants(config)
     tiles = len(registers.header)
-    counts, filtered = np.zeros((SLICES, tiles), np.int64), np.zeros(SLICES, np.int64)
+    counts = np.zeros((SLICES, tiles), np.int64)
+    passed, filtered = np.zeros(SLICES, np.int64), np.zeros(SLICES, np.int64)
     scene = _Scene(projected.mean2d, projected.conic, projected.box, np.ascontiguousarray(opacity), np.ascontiguousarray(bound),
                    registers.header, registers.tiles_x, registers.width, registers.height, obb)
-    for_slices(_count, len(splats), splats, scene, k, counts, filtered)
+    box = projected.box[splats].astype(np.int64)
+    room = np.concatenate(([0], np.cumsum((box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1))))
+    found = np.empty(room[-1], np.int32), np.empty(room[-1], np.int32), np.empty(room[-1], np.uint8)
+    for_slices(_visit, len(splats), splats, room, scene, k, *found, counts, passed, filtered)
     total = counts.sum(axis=0)
     start = np.concatenate(([0], np.cumsum(total)))
     cursor = start[:-1] + np.concatenate((np.zeros((1, tiles), np.int64), np.cumsum(counts, axis=0)[:-1]))
     splat, use = np.empty(start[-1], np.int32), np.empty(start[-1], np.uint8)
-    for_slices(_scatter, len(splats), splats, scene, k, cursor, splat, use)
+    for_slices(_scatter, len(splats), room, passed, *found, cursor, splat, use)
     return TileEntries(start, splat, use, int(filtered.sum()))
