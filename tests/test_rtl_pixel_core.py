@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 
 import pytest
 from amaranth.sim import Simulator
 
+from rtl.emit import Emission, to_verilog
 from rtl.vrc_array.pixel_core import PixelCore
-from rtl.vrc_array.row import VrcRow
+from rtl.vrc_array.row import PIPELINE, VrcRow
 from spec.config import DEFAULT, TINY, AcceleratorConfig
+from spec.formats import SQ, UQ
 from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
 
 N = DEFAULT.formats
@@ -98,7 +101,7 @@ def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[t
                 ctx.set(row.slope_in[x], op.slope)
             if ctx.get(row.drained):
                 kept = early.pop(0)
-                sums = [[tuple(ctx.get(p.colour[c]) for c in range(3)) + (ctx.get(p.depth),) for p in row.pixels[x]] for x in lanes]
+                sums = [[(*(ctx.get(c) for c in p.colour), ctx.get(p.depth)) for p in row.pixels[x]] for x in lanes]
                 seen.append((kept[0], ctx.get(row.drained_block), kept[1], sums))
             if ctx.get(row.draining):
                 early.append((ctx.get(row.draining_block), [[ctx.get(p.transmittance) for p in row.pixels[x]] for x in lanes]))
@@ -126,7 +129,8 @@ def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[t
         if op.drain:
             block = op.bank // levels
             banks = [[state[x][block * levels + level] for level in range(levels)] for x in lanes]
-            expected.append((block, block, [[p.transmittance for p in b] for b in banks], [[tuple(p.sums) for p in b] for b in banks]))
+            left = [[p.transmittance for p in b] for b in banks]
+            expected.append((block, block, left, [[tuple(p.sums) for p in b] for b in banks]))
     return expected, seen, stopped
 
 
@@ -145,42 +149,106 @@ def white(t: int, **fields: object) -> Op:
     return Op(e=(level_exponent(t), level_exponent(t, 15)), **fields)
 
 
-@pytest.mark.parametrize("outer", [0, 1])
-def test_alpha_of_every_exponent(outer: int) -> None:
-    """Each op starts and drains a tile: transmittance and weight show alpha at every t from below the cut to above 0."""
-    ops = [white(t, outer=outer, first=1, drain=1, bank=t & 1) for t in range(CUT_MIN - 3, 40)]
-    ops += [white(t, outer=outer, first=1, drain=1) for t in (1024, (1 << 21) - 1, -(1 << 21), -(1 << 21) + 8000, -9 * 1024, -65536)]
+EDGES = (CUT_MIN, -64, -1024, -1025, -2048, -15, -14, 0, 30)
+NEAR_EDGES = sorted({t + d for t in EDGES for d in range(-3, 4)} | set(range(CUT_MIN, 0, 61)))
+FAR = [1024, (1 << 21) - 1, -(1 << 21), -(1 << 21) + 8000, -9 * 1024, -65536]
+
+
+def check_alpha(outer: int, exponents: list[int]) -> None:
+    """Each op starts and drains a tile: transmittance and sums show alpha and the weight."""
+    ops = [white(t, outer=outer, first=1, drain=1, bank=t & 1) for t in exponents]
     expected, seen, _ = run(PLAIN, ops)
-    fresh = [(e, s) for op, e, s in zip(ops, expected, seen, strict=True)]
-    for op, (e, s) in zip(ops, fresh, strict=True):
-        assert e[0] == s[0]
+    assert len(seen) == len(ops)
+    for op, e, s in zip(ops, expected, seen, strict=True):
         for x in range(2):
             assert (e[2][x][op.bank], e[3][x][op.bank]) == (s[2][x][op.bank], s[3][x][op.bank]), op
 
 
-@pytest.mark.parametrize("config", [PLAIN, PLAIN.with_(depth=False), PLAIN.with_(levels=1)], ids=["default", "flat", "level1"])
-def test_random_tiles(config: AcceleratorConfig) -> None:
+@pytest.mark.parametrize("outer", [0, 1])
+def test_alpha_at_edges(outer: int) -> None:
+    """The cut, segments of the exponential, the upper bound of level 1, zero, wrapping exponents."""
+    check_alpha(outer, NEAR_EDGES + FAR)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("outer", [0, 1])
+def test_alpha_of_every_exponent(outer: int) -> None:
+    """Every exponent from below the cut to above 0."""
+    check_alpha(outer, list(range(CUT_MIN - 3, 40)))
+
+
+@pytest.mark.parametrize("levels, depth", [(4, True), (4, False), (1, True)])
+def test_random_tiles(levels: int, depth: bool) -> None:
     """Tiles back to back, banks alternating, bubbles, stops, empty tiles; everything of every drain is compared."""
+    config = PLAIN.with_(levels=levels, depth=depth)
     rng = random.Random(7)
-    ops: list[Op] = []
-    for _ in range(60):
-        dense, entries, outer = rng.random() < 0.4, rng.choice((0, 0, 1, 2, 12)), rng.randrange(2)
-        tile = [(bank, False) for _ in range(entries) for bank in range(config.banks)]
-        tile += [(bank, True) for bank in range(config.banks)]
-        begun: set[int] = set()
-        for i, (bank, last) in enumerate(tile):
-            cut = rng.randint(CUT_MIN, 600)
-            near = rng.choice((cut, 0, -1, -3000)) if not dense else rng.randint(-700, 5)
-            e = tuple(0 if last else level_exponent(near) + rng.randint(-40, 40) for _ in range(2))
-            ops.append(Op(
-                e=e, cut=cut, bank=bank, outer=1 if last else outer, first=int(bank not in begun), last=int(last),
-                drain=int(i == len(tile) - 1), colour=tuple(rng.choice((0, 1023, rng.randrange(1024))) for _ in range(3)),
-                depth=rng.randrange(1 << N.depth.width), slope=rng.randint(-(1 << 21), (1 << 21) - 1),
-                curve=rng.randint(-(1 << 17), (1 << 17) - 1),
-            ))
-            begun.add(bank)
-            if rng.random() < 0.1:
-                ops.append(Op(e=(5, 5), cut=-8000, bank=bank, first=1, last=1, drain=1, valid=0, colour=(9, 9, 9)))
+    ops = [op for _ in range(TILES) for op in random_tile(rng, config)]
     expected, seen, _ = run(config, ops)
-    assert len(expected) == 60
+    assert len(expected) == TILES
     assert seen == expected
+    assert any(t < t_stop(N) for drain in expected for lane in drain[2] for t in lane)
+
+
+TILES = 16
+
+
+def random_tile(rng: random.Random, config: AcceleratorConfig) -> list[Op]:
+    """A tile's ops, dense or sparse, with bubbles whose fields must not matter."""
+    dense, entries, outer = rng.random() < 0.5, rng.choice((0, 1, 2, 12)), rng.randrange(2)
+    order = [(bank, False) for _ in range(entries) for bank in range(config.banks)]
+    order += [(bank, True) for bank in range(config.banks)]
+    ops: list[Op] = []
+    begun: set[int] = set()
+    for i, (bank, last) in enumerate(order):
+        cut = rng.randint(CUT_MIN, 600)
+        near = rng.randint(-700, 5) if dense else rng.choice((cut, 0, -1, -3000))
+        ops.append(Op(
+            e=tuple(0 if last else level_exponent(near) + rng.randint(-40, 40) for _ in range(config.cores_x)),
+            cut=CUT_MIN if dense else cut, bank=bank, outer=1 if last else outer, first=int(bank not in begun), last=int(last),
+            drain=int(i == len(order) - 1), colour=tuple(rng.choice((0, 1023, rng.randrange(1024))) for _ in range(3)),
+            depth=rng.randrange(1 << N.depth.width), slope=rng.randint(-(1 << 21), (1 << 21) - 1),
+            curve=rng.randint(-(1 << 17), (1 << 17) - 1),
+        ))
+        begun.add(bank)
+        if rng.random() < 0.1:
+            ops.append(Op(e=(5, 5), cut=-8000, bank=bank, first=1, last=1, drain=1, valid=0, colour=(9, 9, 9)))
+    return ops
+
+
+def test_stopped_when_every_pixel_is() -> None:
+    """`stopped` of a level bank rises with the last core's transmittance and falls with the next tile."""
+    opaque = level_exponent(0)
+    half = Op(e=(opaque, level_exponent(-9000)), cut=CUT_MIN, first=1)
+    ops = [half, Op(e=(opaque, opaque), cut=CUT_MIN), Op(e=(0, 0), cut=0, last=1, drain=1), half]
+    _, _, stopped = run(PLAIN, ops)
+    assert [s[0] for s in stopped][PIPELINE : PIPELINE + 5] == [0, 1, 1, 0, 0]
+
+
+@pytest.mark.parametrize("field_name, value, message", [
+    ("cut", SQ(3, 16), "fraction bits than exponent"),
+    ("weight", UQ(0, 15), "fraction bits than transmittance"),
+])
+def test_formats_that_do_not_fit_are_rejected(field_name: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        PixelCore(DEFAULT.with_(formats=replace(N, **{field_name: value})))
+
+
+@pytest.mark.parametrize("make", [PixelCore, VrcRow])
+def test_config_is_required(make: type) -> None:
+    with pytest.raises(TypeError, match=r"not 16$"):
+        make(16)
+
+
+def test_emission_shares_the_core() -> None:
+    """Sixteen instances of one module, the same text every time."""
+    text = to_verilog(VrcRow(DEFAULT), "vrc_row")
+    assert text.count("module pixel_core(") == 1
+    assert len(re.findall(r"^  pixel_core ", text, re.M)) == DEFAULT.cores_x
+    assert text == to_verilog(VrcRow(DEFAULT), "vrc_row")
+
+
+def test_one_name_is_one_module() -> None:
+    emission = Emission()
+    emission.instance("pixel_core", PixelCore, DEFAULT)
+    with pytest.raises(ValueError, match="one module"):
+        emission.instance("pixel_core", PixelCore, TINY)
