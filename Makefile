@@ -8,7 +8,7 @@ request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMER
 	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth bench docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth bench results docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -40,6 +40,9 @@ synth: tested ## synthesis; UNIT= TECH=generic|asap7 CLOCK_PS=N, liberty folder 
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+
+results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part
+	@$(RUN) tools/results.py $(call option,ONLY,only)
 
 docs: tested ## regenerate docs/formats.md
 	@$(RUN) -m spec.document
