@@ -72,9 +72,8 @@ def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> liby
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{top}.il"
     source.write_text(rtlil)
-    return run(f"read_rtlil {source}", *(f"blackbox {box}" for box in boxes), f"hierarchy -top {top}", "proc", "attrmap -remove init",
-               "flatten", "opt",
-               log=folder / "yosys.log")
+    return run(f"read_rtlil {source}", *(f"blackbox {box}" for box in boxes), f"hierarchy -top {top}", "proc",
+               "attrmap -remove init", "flatten", "opt", log=folder / "yosys.log")
 
 
 def synthesise(
@@ -102,7 +101,8 @@ def synthesise(
     run(
         f"read_json {description}", f"hierarchy -top {top}",
         f"hilomap -singleton -hicell {t.tie_high} H -locell {t.tie_low} L", "splitnets", "opt_clean -purge",
-        f"tee -q -o {statistics} stat -top {top} -liberty {liberty} -json", f"write_verilog -noattr -noexpr -simple-lhs {verilog}", log=log,
+        f"tee -q -o {statistics} stat -top {top} -liberty {liberty} -json",
+        f"write_verilog -noattr -noexpr -simple-lhs {verilog}", log=log,
     )
     # OpenSTA does not read `signed`.
     verilog.write_text(re.sub(r"(?m)^(\s*(?:wire|input|output) )signed ", r"\1", verilog.read_text()))
@@ -115,7 +115,8 @@ def count_nand2(rtlil: str, top: str, folder: Path, boxes: Sequence[str] = ()) -
     statistics, verilog = folder / f"{top}-generic.stat", folder / f"{top}-generic.v"
     run("alumacc", "opt -full", "memory_map", "opt -full", "techmap", "opt -full", "dfflegalize -cell $_DFF_P_ x", "techmap",
         "abc -g NAND", "opt_clean -purge", f"tee -q -o {statistics} stat -top {top} -json",
-        f"write_verilog -noattr {verilog}", log=folder / "yosys.log", design=_elaborate(rtlil, top, boxes, folder))
+        f"write_verilog -noattr {verilog}", f"write_json {folder}/{top}-generic.json",
+        log=folder / "yosys.log", design=_elaborate(rtlil, top, boxes, folder))
     cells = json.loads(statistics.read_text())["modules"][f"\\{top}"]["num_cells_by_type"]
     cells = {kind: n for kind, n in cells.items() if kind not in boxes}
     weights = {"$_NAND_": 1.0, "$_NOT_": 0.5, "$_DFF_P_": NAND2_FLOP}

@@ -32,9 +32,10 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
     unit = UNITS[name]
     report: dict[str, object] = {"unit": name, "technology": technology, "config": unit.config.name}
     report |= _one(name, unit, unit.config, technology, clock_ps, folder)
-    report["variants"] = {label: _one(name, unit, config, technology, clock_ps, folder) for label, config in unit.variants.items()}
-    path = folder / f"{name}-{technology}.json"
-    _write(path, report)
+    report["variants"] = {
+        label: _one(name, unit, config, technology, clock_ps, folder) for label, config in unit.variants.items()
+    }
+    _write(folder / f"{name}-{technology}.json", report)
     return report
 
 

@@ -68,7 +68,8 @@ def preamble(verilog: list[Path], top: str, clock_ps: float, technology: Technol
 def analyse(verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, folder: Path) -> Timing:
     """Worst setup slack of module `top`."""
     commands = preamble(verilog, top, clock_ps, technology, liberty)
-    output = run_sta(commands + "report_checks -path_delay max -fields {capacitance slew fanout} -digits 1\nreport_worst_slack\n", folder)
+    commands += "report_checks -path_delay max -fields {capacitance slew fanout} -digits 1\nreport_worst_slack\n"
+    output = run_sta(commands, folder)
     slack = re.findall(r"worst slack\s+(-?[\d.]+)", output)
     if not slack:
         raise RuntimeError(f"sta reported no slack:\n{output}")
