@@ -15,7 +15,7 @@ class Buffer(wiring.Component):
 
         cycle            0      1      2      3      4
         sink         <  A  ><  B  ><  C  ><  C  ><  D  >
-        sink.ready   ~~~~~~~~~~~~~~________~~~~~~~~~~~~~~
+        sink.ready   ~~~~~~~~~~~~~~_______~~~~~~~~~~~~~~
         source              <  A  ><  A  ><  B  ><  C  >
         source.ready        _______~~~~~~~~~~~~~~~~~~~~~
 

@@ -11,7 +11,8 @@ of its rows. What a row is (tile, place, blend weights) travels beside the array
     sums of row 0                                          <      >
     both, row multiplexer passed                                         <      >     place and weights arrive beside them
 
-with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the line buffer follow.
+with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the line buffer
+follow.
 """
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ class Collect(wiring.Component):
 
     Parameters:
         config: the machine.
-        lines: rows of the line buffer, at least cores_y; None gives 2 * cores_y, so that a drain may overlap the last.
+        lines: rows of the line buffer, at least cores_y; None gives what lets drains follow each other without a pause while
+            pixels are taken at once: two drains, and no less than a tile's height.
 
     Ports:
         draining: strobe, a drain is issued; `may_drain` must be high.
@@ -90,7 +92,7 @@ class Collect(wiring.Component):
             raise TypeError(f"lines must be an integer or None, not {lines!r}")
         if lines is not None and lines < config.cores_y:
             raise ValueError(f"lines must be at least {config.cores_y}, not {lines!r}")
-        self.config, self.lines = config, 2 * config.cores_y if lines is None else lines
+        self.config, self.lines = config, max(2 * config.cores_y, TILE) if lines is None else lines
         super().__init__({
             "draining": In(1),
             "may_drain": Out(1),
@@ -193,7 +195,7 @@ class Collect(wiring.Component):
         if not self.config.depth:
             del members["depth"]
         stored = data.StructLayout({name: field.shape for name, field in members.items()})
-        m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines)
+        m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines + 1)  # its last word is a register
         word = Signal(stored)
         m.d.comb += [word[name].eq(place[name]) for name in _PLACE]
         for x, pixel in enumerate(mixed):
