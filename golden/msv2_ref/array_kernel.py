@@ -129,8 +129,11 @@ def _polynomial(mean, conic, conic_exp, tile_x, tile_y, k):
 
 @numba.njit(cache=True, inline="always")
 def _row_range(falloff, v, k3, k):
-    """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8."""
-    reach = np.sqrt(falloff / (1 << k.cut_frac) + _ROW_MARGIN)
+    """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8.
+
+    An opacity below the cut makes the falloff negative: the row then does not matter, but it has to be one.
+    """
+    reach = np.sqrt(max(falloff / (1 << k.cut_frac) + _ROW_MARGIN, 0.0))
     centre, step = v / (1 << k.offset_frac), max(k3, 1) / (1 << k.factor_frac)
     low = TILE // 2 + np.ceil((-reach - centre) / step)
     high = TILE // 2 + np.floor((reach - centre) / step)
@@ -159,10 +162,10 @@ def _composite(rows, y, start, slope, curve, cut, alpha_cap, colour, depth, mant
     for x in range(TILE):
         before = rows[y, _T + x]
         t = _shift(start + np.int32(x) * slope + np.int32(x * (x - 1) >> 1) * curve, to_cut)
-        alpha = _shift(rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac))
+        alpha = -_shift(-rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac))
         alpha = min(alpha_one if t >= 0 else alpha, alpha_cap)
         alpha = alpha if (t >= cut) & (before >= t_stop) else np.int32(0)
-        after = np.int32(before - _product(before, alpha, k.alpha_frac))
+        after = _product(before, alpha_one - alpha, k.alpha_frac)
         weight = _shift(before, k.weight_drop) - _shift(after, k.weight_drop)
         rows[y, _T + x] = after
         rows[y, _RED + x] += _product(weight, red, k.colour_shift)

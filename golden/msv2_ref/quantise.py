@@ -76,7 +76,7 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
     level = np.minimum(np.arange(MAX_LEVELS), model.levels - 1)
     opacity = np.maximum(model.opacity, 2.0**-16)
     base = SH_C0 * model.sh_dc + 0.5
-    rest = model.sh_rest.reshape(len(model), -1)
+    rest = model.sh_rest.reshape(len(model), 3 * model.sh_rest.shape[1])  # -1 would not do for an empty model
     norm = np.linalg.norm(model.quats, axis=1, keepdims=True)
     scale = np.exp(np.minimum(model.log_scales, 80.0))
 
