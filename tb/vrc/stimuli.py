@@ -164,22 +164,22 @@ def _saturated(config: AcceleratorConfig) -> Case:
 
 
 def _at_the_cut(config: AcceleratorConfig) -> Case:
-    """Exponents one ulp around the smallest visible one, and footprints that end at the support radius."""
-    low = tables.log2_alpha_min(config.formats)
-    round_ones = random_entries(config, np.random.default_rng(4), 64, 3, 2)
-    round_ones["conic"] = conic_bits(config, np.repeat(np.linspace(0.5, 9, 64)[:, None], 2, 1), np.zeros(64))
-    round_ones["mean2d"] = config.formats.mean2d.quantise([56.5, 40.5])
-    round_ones["log2_opacity"] = np.linspace(low - 40, 3000, 64).astype(int)[:, None]
+    """Exponents one ulp around the smallest visible one, and footprints that end inside the tile, there or at the support."""
+    low, rng = tables.log2_alpha_min(config.formats), np.random.default_rng(4)
+    footprints = random_entries(config, rng, 64, 3, 2, reach=8)
+    footprints["conic"] = conic_bits(config, np.repeat(np.linspace(0.3, 3, 64)[:, None], 2, 1), np.zeros(64))
+    faint, strong = rng.integers(low, low + 3000, (64, 1)), rng.integers(-1400, 0, (64, 1))
+    footprints["log2_opacity"] = np.where(np.arange(64)[:, None] % 2, strong, faint)
     return frame(config, "alpha at the cut", [
         *(TileSpec(flat_entries(config, [low + d])) for d in (-1, 0, 1)),
         TileSpec(flat_entries(config, [low - 1, low, low + 1] * 9)),
-        TileSpec(round_ones), TileSpec(round_ones[::-1].copy(), outer=1)])
+        *(TileSpec(footprints[k::8], outer=k % 2) for k in range(8))])
 
 
 def _exponentials(config: AcceleratorConfig) -> Case:
     """Every exponent from below the cut to above 0: the whole table and every shift. Small arrays take every 7th."""
     exponents = np.arange(tables.log2_alpha_min(config.formats) - 2, 3, 1 if config.blocks == 1 else 7)
-    tiles = len(exponents) // 32
+    tiles = len(exponents) // 8  # one of every octave in a tile, the largest last: none sees too small a transmittance
     return frame(config, "every exponent", [
         TileSpec(flat_entries(config, exponents[k::tiles]), outer=k % 2) for k in range(tiles)])
 
