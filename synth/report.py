@@ -5,6 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 
 from rtl.emit import to_rtlil
@@ -35,7 +39,7 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
     report["variants"] = {
         label: _one(name, unit, config, technology, clock_ps, folder) for label, config in unit.variants.items()
     }
-    _write(folder / f"{name}-{technology}.json", report)
+    write_json(folder / f"{name}-{technology}.json", report)
     return report
 
 
@@ -48,11 +52,24 @@ def _one(name: str, unit: Unit, config: AcceleratorConfig, technology: str, cloc
     cached = folder / "cache" / f"{name}-{key}" / "result.json"
     if not cached.exists():
         run = _generic if technology == "generic" else _asap7
-        _write(cached, run(name, unit, config, rtlil, clock_ps, cached.parent, folder))
+        write_json(cached, _in_fresh_process(run, name, rtlil, clock_ps, cached.parent, folder))
     return json.loads(cached.read_text())
 
 
-def _generic(name: str, unit: Unit, config: AcceleratorConfig, rtlil: str, clock_ps: float, scratch: Path, _: Path) -> dict:
+def _in_fresh_process(run: Callable[..., dict], *arguments: object) -> dict:
+    """Call `run` in a new process: Yosys numbers its objects over a process's life, and ABC's result depends on the numbers.
+
+    Raises RuntimeError where Yosys ended the process, as it does on an error.
+    """
+    try:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            return pool.submit(run, *arguments).result()
+    except BrokenProcessPool as error:
+        raise RuntimeError(f"Yosys failed: see {arguments[3]}/yosys.log") from error
+
+
+def _generic(name: str, rtlil: str, clock_ps: float, scratch: Path, folder: Path) -> dict:
+    unit = UNITS[name]
     netlist = flow.count_nand2(rtlil, name, scratch, tuple(unit.boxes))
     below = {box: n * flow.count_nand2(rtlil, box, scratch).area for box, n in unit.boxes.items()}
     return {"nand2_equivalents": round(netlist.area + sum(below.values())), "without_modules_below": round(netlist.area),
@@ -60,7 +77,8 @@ def _generic(name: str, unit: Unit, config: AcceleratorConfig, rtlil: str, clock
             "slack_ps": None, "yosys": flow.version()}
 
 
-def _asap7(name: str, unit: Unit, config: AcceleratorConfig, rtlil: str, clock_ps: float, scratch: Path, folder: Path) -> dict:
+def _asap7(name: str, rtlil: str, clock_ps: float, scratch: Path, folder: Path) -> dict:
+    unit = UNITS[name]
     liberty = merge(ASAP7, folder / "cache" / f"asap7-{hashlib.sha256(repr(ASAP7).encode()).hexdigest()[:8]}.lib")
     netlist = flow.synthesise(rtlil, name, ASAP7, liberty, scratch, unit.blocks, tuple(unit.boxes))
     netlists, area = [netlist.verilog], netlist.area
@@ -88,8 +106,14 @@ def _flow_source() -> str:
     return "".join(path.read_text() for path in sorted(Path(__file__).parent.glob("*.py")))
 
 
-def _write(path: Path, value: object) -> None:
+def write_json(path: Path, value: object) -> None:
+    """Write JSON, whole or not at all."""
+    write_text(path, json.dumps(value, indent=1) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_suffix(f".{os.getpid()}.tmp")
-    scratch.write_text(json.dumps(value, indent=1) + "\n")
+    scratch.write_text(text)
     scratch.replace(path)
