@@ -81,7 +81,7 @@ def take(name: str, model: GaussianModel, camera: Camera, foveation: FoveationMa
         oracle = render_oracle(model, camera, foveation=foveation, weights="plane")
     with step(f"{name}: golden (integers)"):
         golden = pipeline.render(model, camera, config=DEFAULT, foveation=foveation)
-    print(f"  {name}: RTL (building the simulator takes about a minute, once)", flush=True)
+    print(f"  {name}: RTL (its simulator is built once, in a minute or two)", flush=True)
     numbers, rtl = simulate_frame(DEFAULT, golden, folder)
     errors = {"psnr_golden_vs_oracle_db": psnr_vs(golden.image, oracle.image),
               "max_error_golden_vs_oracle": max_abs_error(golden.image, oracle.image)}
@@ -92,7 +92,7 @@ def panels(photo: np.ndarray, full: Shot, foveated: Shot, foveation: FoveationMa
     """Captioned pictures of every stage."""
     error = ERROR_GAIN * np.abs(full.golden.image - full.oracle.image)
     return [
-        ("ray-traced reference", photo), ("oracle (float64)", full.oracle.image), ("RTL (Verilator), equal to golden", full.rtl.image),
+        ("ray-traced reference", photo), ("oracle (float64)", full.oracle.image), ("RTL (Verilator)", full.rtl.image),
         (f"|golden - oracle| x {ERROR_GAIN}", error), ("RTL, foveated: 4 levels, untrained", foveated.rtl.image),
         ("tile levels, blend tiles between", levels_picture(foveated.rtl.image, foveation)),
         ("depth (RTL)", depth_picture(full.rtl.depth)), ("entries per tile, foveated (log)", heat_picture(foveated.golden)),

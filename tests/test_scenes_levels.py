@@ -1,10 +1,12 @@
-"""SMFR levels: nested, seeded, of the paper's sizes."""
+"""Levels without training: nested, of the paper's sizes, seeded or spread."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenes_samples import float32_model
 
-from golden.scenes.levels import smfr_levels
+from golden.scenes.levels import enhanced_levels, smfr_levels
 
 
 def test_levels_are_nested_random_subsets_of_the_right_sizes():
@@ -43,3 +45,16 @@ def test_one_point_is_in_every_level():
 def test_number_of_levels(levels):
     with pytest.raises(ValueError, match=f"not {levels}"):
         smfr_levels(float32_model(levels=1), levels)
+
+
+def test_enhanced_levels_are_nested_spread_and_amplified():
+    model = replace(float32_model(n=3000, levels=1), means=np.random.default_rng(3).uniform(-1, 1, (3000, 3)))
+    enhanced = enhanced_levels(model)
+    counts = [(enhanced.quality_bound > level).mean() for level in range(4)]
+    assert counts == pytest.approx([1.0, 0.40, 0.22, 0.17], abs=1e-3)
+    assert np.allclose(enhanced.opacity[:, 3], np.minimum(model.opacity[:, 0] * 32, 128))
+    octant = (model.means > 0) @ [1, 2, 4]
+    kept = np.bincount(octant[enhanced.quality_bound == 4], minlength=8) / np.bincount(octant, minlength=8)
+    assert kept.min() > 0.5 * kept.max()
+    with pytest.raises(ValueError, match="not 5"):
+        enhanced_levels(model, 5)
