@@ -149,23 +149,26 @@ def _row_may_be_active(start, slope, curve, cut):
 
 
 @numba.njit(cache=True, inline="always")
-def _composite(rows, y, start, slope, curve, cut, alpha_cap, colour, depth, mantissas, k):
-    """One splat over row `y`; start, slope and curve are the exponent there and its differences along x."""
+def _composite(rows, y, start, slope, curve, cut, least, colour, depth, mantissas, k):
+    """One splat over row `y`; start, slope and curve are the exponent there and its differences along x.
+
+    `mantissas` are negated, so that shifting them right rounds alpha up; `least` is the least of 1 - alpha, which is `through`.
+    """
     to_cut, fraction = k.grid - k.cut_frac, (1 << k.cut_frac) - 1
     e, step = start, slope
     for x in range(TILE):
         rows[y, _MANTISSA + x] = mantissas[(e >> to_cut) & fraction]
         e, step = e + step, step + curve
     start, slope, curve = np.int32(start), np.int32(slope), np.int32(curve)
-    alpha_one, t_stop, top = np.int32(1 << k.alpha_frac), np.int32(k.t_stop), np.int32(-1)
+    one, opaque, t_stop, top = np.int32(1 << k.alpha_frac), np.int32(0), np.int32(k.t_stop), np.int32(-1)
     red, green, blue = colour
     for x in range(TILE):
         before = rows[y, _T + x]
         t = _shift(start + np.int32(x) * slope + np.int32(x * (x - 1) >> 1) * curve, to_cut)
-        alpha = -_shift(-rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac))
-        alpha = min(alpha_one if t >= 0 else alpha, alpha_cap)
-        alpha = alpha if (t >= cut) & (before >= t_stop) else np.int32(0)
-        after = _product(before, alpha_one - alpha, k.alpha_frac)
+        through = np.int32(one + _shift(rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac)))
+        through = max(opaque if t >= 0 else through, least)
+        through = through if (t >= cut) & (before >= t_stop) else one
+        after = _product(before, through, k.alpha_frac)
         weight = _shift(before, k.weight_drop) - _shift(after, k.weight_drop)
         rows[y, _T + x] = after
         rows[y, _RED + x] += _product(weight, red, k.colour_shift)
@@ -189,7 +192,7 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, ma
     """The pass of one level bank over one tile, into `rows`."""
     rows[:] = 0
     rows[:, _T : _T + TILE] = k.t_max
-    alpha_cap = np.int32(1 << k.alpha_frac if outer else k.alpha_max_l1)
+    least = np.int32(0 if outer else (1 << k.alpha_frac) - k.alpha_max_l1)
     for n in range(len(order)):
         if n % 16 == 15 and rows[:, _T : _T + TILE].max() < k.t_stop:
             break
@@ -209,7 +212,7 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, ma
         for y in range(first_row, last_row + 1):
             start, slope = corner + y * sy + (y * (y - 1) >> 1) * cyy, sx + y * cxy
             if _row_may_be_active(start, slope, cxx, np.int64(cut) << (k.grid - k.cut_frac)):
-                _composite(rows, y, start, slope, cxx, cut, alpha_cap, colour, depth, mantissas, k)
+                _composite(rows, y, start, slope, cxx, cut, least, colour, depth, mantissas, k)
     _composite_background(rows, background, k)
 
 

@@ -66,13 +66,13 @@ class TileWork(NamedTuple):
 
 @cache
 def _mantissas(config: AcceleratorConfig) -> np.ndarray:
-    """(2^F(cut),) int32: the exponential's mantissa for every fraction."""
+    """(2^F(cut),) int32: the exponential's mantissa for every fraction, negated as `array_kernel` wants it."""
     n = config.formats
     base, slope = tables.exp2_segments(n)
     fraction = np.arange(1 << n.cut.frac_bits)
     segment, rest = np.divmod(fraction, len(fraction) // n.exp2_segments)
     shift = tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits
-    return (base[segment] + (slope[segment] * rest >> shift)).astype(np.int32)
+    return -(base[segment] + (slope[segment] * rest >> shift)).astype(np.int32)
 
 
 def render(config: AcceleratorConfig, splats: ArraySplats, work: TileWork, background: np.ndarray) -> Pixels:
