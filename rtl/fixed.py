@@ -26,13 +26,13 @@ def as_integer(x: Value) -> Value:
 def round_shift(x: Value, n: int) -> Value:
     """`rs(x, n)`, exact in width; n >= 0, where 0 leaves x as it is."""
     _check_shift(n, 0)
-    return (x + (1 << (n - 1))) >> n if n else x
+    return (x + (1 << (n - 1))).shift_right(n) if n else x
 
 
 def negated_round_shift(x: Value, n: int) -> Value:
     """`-rs(x, n)`, n >= 1, in one addition: -((x + h) >> n) = (~x + h) >> n where h = 2^(n-1)."""
     _check_shift(n, 1)
-    return (~as_integer(x) + (1 << (n - 1))) >> n
+    return (~as_integer(x) + (1 << (n - 1))).shift_right(n)
 
 
 def fits(x: Value, number: Fixed) -> Value:

@@ -8,7 +8,7 @@
 Only what is before the sequencer's output can wait; from there to the line buffer every latency is fixed. With E the latency of
 `expand`, P and L the row's PIPELINE and SUMS_LATER, an op is issued `setup.LATENCY` cycles after its entry's transfer (2 more
 with several blocks), enters row r 1 + E + r later, and has changed that row's transmittance after P, its sums after P + L more.
-A tile's first pixel row comes `setup.LATENCY` + E + P + L + 8 cycles after the slot of its last background op: 30 for 16 x 16
+A tile's first pixel row comes `setup.LATENCY` + E + P + L + 8 cycles after the slot of its last background op: 32 for 16 x 16
 cores, 3 fewer without levels.
 """
 

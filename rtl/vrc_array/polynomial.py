@@ -1,18 +1,21 @@
 """Steps 1-6 of docs/array.md: a splat's mean and conic to the exponent's polynomial over a tile.
 
-A register stage holds one multiplication or one wide addition. What is computed from stage to stage::
+A register stage holds one addition or one half of a multiplication: partial products with either half of an operand, and
+then their sum. What is computed from stage to stage::
 
-    0   distance to the reference pixel         significands of the conic
-    1   3 products of u and v                   factors k shifted
-    2   products shifted                        factors k rounded
-    3   products rounded                        4 squares and products of k
-    4   u                                       curve_xx, curve_xy; k2^2 + k3^2
-    5   u^2, v^2, u k1, u k2, v k3; u, v fit    curve_yy
-    6   u^2 + v^2; u k2 + v k3; gx rounded      sums of curvatures
-    7   q; kept; gx; gy rounded                 36 (curve_xx + curve_yy)
-    8   gy                                      ... + 64 curve_xy
-    9   slopes; gx + gy                         ... - q
-    10  corner
+    0   distance to the reference pixel             significands of the conic
+    1   3 products of u and v, halves               factors k shifted
+    2   ... summed                                  factors k rounded
+    3   products shifted                            4 squares and products of k, halves
+    4   products rounded                            ... summed
+    5   u                                           curve_xx, curve_xy; k2^2 + k3^2
+    6   u^2, v^2, u k1, u k2, v k3, halves; fit     curve_yy; curve_xx + curve_xy
+    7   ... summed                                  other sums of curvatures
+    8   u^2 + v^2; gx rounded; u k2 + v k3          36 (curve_xx + curve_yy)
+    9   q; kept; gx; gy rounded                     ... + 64 curve_xy
+    10  gy; slope_x                                 ... - q
+    11  slope_y; gx + gy
+    12  corner
 
 Sums are kept modulo their result's format: what they lead to fits it for every pair that is kept.
 """
@@ -78,7 +81,11 @@ class _Arithmetic:
         self.p, self.n = p, n
 
     def product(self, name: str, a: Staged, b: Staged) -> Staged:
-        return self.p.reg(name, lambda x, y: x * y, a, b)
+        """a b in two stages: with the low and the high half of b, then summed."""
+        width, half = len(a.value) + len(b.value), len(b.value) // 2
+        low = self.p.reg(f"{name}_low", lambda x, y: x * y[:half], a, b)
+        high = self.p.reg(f"{name}_high", lambda x, y: x * y[half:].as_signed(), a, b)
+        return self.p.reg(name, lambda low, high: (low + (high << half))[:width].as_signed(), low, high)
 
     def add(self, name: str, a: Staged, b: Staged, number: Fixed | None = None) -> Staged:
         return self.p.reg(name, lambda x, y: modular(x + y, number) if number else x + y, a, b)
@@ -92,17 +99,17 @@ class _Arithmetic:
         n = self.n
         shift = n.conic.sig_bits - 1 + n.mean2d.frac_bits - n.offset.frac_bits  # for exponent 0
         whole = self.product(f"product_{index}", significand, distance)
-        halves = self.p.reg(f"halves_{index}", lambda x, below: (x >> (shift - 1)) >> below, whole, below)
-        return self.p.reg(f"offset_{index}", lambda x: (x >> 1) + x[0], halves)
+        halves = self.p.reg(f"halves_{index}", lambda x, below: x.shift_right(shift - 1) >> below, whole, below)
+        return self.p.reg(f"offset_{index}", lambda x: x.shift_right(1) + x[0], halves)
 
     def factor(self, index: int, significand: Staged, below: Staged) -> Staged:
         """Step 4."""
         halves = self.p.reg(f"factor_halves_{index}", lambda m, below: (m << 1) >> below, significand, below)
-        return self.p.reg(f"factor_{index}", lambda x: modular((x >> 1) + x[0], self.n.factor), halves)
+        return self.p.reg(f"factor_{index}", lambda x: modular(x.shift_right(1) + x[0], self.n.factor), halves)
 
 
 def polynomial(p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean2d: data.View, conic: data.View) -> Polynomial:
-    """Registers of steps 1-6, from values at the input of `p`; the last of them is stage 11's."""
+    """Registers of steps 1-6, from values at the input of `p`; the last of them is stage 13's."""
     a, grid = _Arithmetic(p, n), n.exponent.frac_bits
     centre = Const((TILE + 1) << (n.mean2d.frac_bits - 1), n.mean2d.frac_bits + 4)  # the middle of pixel 8: 8.5
     dx = p.reg("dx", lambda mean, tile: Cat(centre, tile) - mean, p.data("mean_x", mean2d[0]), p.data("tile_x", tile_x))
@@ -112,7 +119,7 @@ def polynomial(p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean
     below = [p.reg(f"below_{i}", lambda x: x, p.data("below", decoded[i][1])) for i in range(3)]
 
     wide_u = a.add("u", a.offset(0, m[0], below[0], dx), a.offset(1, m[1], below[1], dy))
-    wide_v = a.offset(2, m[2], below[2], dy)
+    wide_v = a.offset(2, m[2], below[2], dy).to(wide_u.stage)
     centred = p.reg("centred", lambda u, v: fits(u, n.offset) & fits(v, n.offset), wide_u, wide_v)
     u, v = (wide.map(lambda x: modular(x, n.offset)) for wide in (wide_u, wide_v))
     k1, k2, k3 = (a.factor(i, m[i], below[i]) for i in range(3))

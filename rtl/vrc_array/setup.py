@@ -27,8 +27,8 @@ from spec.config import AcceleratorConfig
 from spec.records import array_entry, pixel_op, tile_header
 from spec.tables import log2_alpha_min, support_exponent
 
-LATENCY = 13
-"""Cycles from an entry's transfer to its op at the output, where nothing waits: 12 stages and the output buffer."""
+LATENCY = 15
+"""Cycles from an entry's transfer to its op at the output, where nothing waits: 14 stages and the output buffer."""
 
 
 class _Slot(NamedTuple):
