@@ -22,6 +22,7 @@ from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, TINY
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, LOW_PASS
+from spec.errors import InputError
 from spec.records import array_entry
 
 N = DEFAULT.formats
@@ -408,6 +409,14 @@ def test_41_more_entries_in_a_tile_than_the_sorters_buffer_holds():
     assert counts[0] == n > TINY.sort_buffer_bytes // 2 // ENTRY_BYTES >= auto_beta(counts, TINY)
     assert (frame.groups == frame.groups[0]).sum() == 1
     assert psnr_vs(frame.image, oracle(model, view()).image) > 60
+
+
+def test_41_more_points_than_an_index_holds_are_refused(monkeypatch):
+    """With an index of 4 bits in place of 24: 15 points pass, and a tile's count holds them all; 16 do not."""
+    monkeypatch.setattr("golden.msv2_ref.quantise.INDEX_BITS", 4)
+    assert len(checked(splats(*[(0, 0, 2)] * 15), view()).words.geometry) == 15
+    with pytest.raises(InputError, match=r"^16 Gaussians are not accepted"):
+        render(splats(*[(0, 0, 2)] * 16), view())
 
 
 @pytest.mark.parametrize("obb", [False, True])

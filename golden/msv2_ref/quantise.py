@@ -11,7 +11,8 @@ import numpy as np
 from golden.scenes.model import GaussianModel
 from spec.config import AcceleratorConfig
 from spec.constants import AMP_MAX, MAX_LEVELS, SH_C0
-from spec.records import gaussian_colour, gaussian_geometry
+from spec.errors import InputError
+from spec.records import INDEX_BITS, gaussian_colour, gaussian_geometry
 
 
 class DecodedGeometry(NamedTuple):
@@ -67,7 +68,12 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
 
     The origin is the points' median, so that coordinates of planetary size lose nothing. Opacities of 0 become the
     format's smallest, which alpha's cut removes. Levels a model lacks repeat its last one.
+
+    Raises:
+        InputError: more Gaussians than an index, or the count of a tile's entries, can tell apart.
     """
+    if len(model) >= 1 << INDEX_BITS:
+        raise InputError(f"{len(model)} Gaussians are not accepted: {INDEX_BITS} bits of index take {(1 << INDEX_BITS) - 1}")
     n = config.formats
     geometry = np.zeros(len(model), gaussian_geometry(config).dtype)
     colour = np.zeros(len(model), gaussian_colour(config, model.sh_degree).dtype)
