@@ -11,7 +11,7 @@ from pathlib import Path
 
 from spec.errors import run_command_line
 from synth import timing
-from synth.report import TECHNOLOGIES, synthesise_unit, write_json, write_text
+from synth.report import TECHNOLOGIES, synthesise_unit
 from synth.units import UNITS
 
 
@@ -28,34 +28,6 @@ def as_line(label: str, result: dict) -> str:
             f"{1e3 / result['zero_slack_ps']:.2f} GHz, {1e3 / result['derated_ps']:.2f} GHz with 15 % for wires")
 
 
-def as_markdown(reports: list[dict]) -> str:
-    """The table of reports/synthesis.md."""
-    lines = ["| unit | configuration | area, um2 | cells | slack, ps | clock at zero slack | with 15 % for wires | NAND2 |",
-             "|---|---|---|---|---|---|---|---|"]
-    generic = {r["unit"]: r for r in reports if r["technology"] == "generic"}
-    mapped = [r for r in reports if r["technology"] != "generic"]
-    for report in mapped:
-        plain = generic[report["unit"]]
-        rows = [(report["config"], report, plain), *((k, v, plain["variants"][k]) for k, v in report["variants"].items())]
-        for label, r, n in rows:
-            per_core = f" ({r['area_per_core_um2']:.1f} a core)" if "area_per_core_um2" in r else ""
-            timed = "- | - | -" if r["slack_ps"] is None else (
-                f"{r['slack_ps']:.0f} | {1e3 / r['zero_slack_ps']:.2f} GHz | {1e3 / r['derated_ps']:.2f} GHz")
-            lines.append(f"| {report['unit']} | {label} | {r['area_um2']:.1f}{per_core} | {r['cells']:,} | {timed} | "
-                         f"{n['nand2_equivalents']:,} |")
-    r = mapped[0]
-    notes = f"{r['node']}; {r['cell_list']}; {r['yosys']}, OpenSTA {r['sta']};\nclock {r['clock_ps']:.0f} ps. Cells of a row: without its cores."
-    return "\n".join([*lines, "", notes, ""])
-
-
-def report_all(clock_ps: float, out: Path, reports: Path) -> None:
-    """Synthesise every unit in both technologies; write synthesis.json and synthesis.md into `reports`."""
-    found = [synthesise_unit(name, technology, clock_ps, out) for name in UNITS for technology in TECHNOLOGIES]
-    write_json(reports / "synthesis.json", found)
-    write_text(reports / "synthesis.md", as_markdown(found))
-    print(as_markdown(found))
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
@@ -63,11 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tech", default="generic", help=f"one of {', '.join(TECHNOLOGIES)} (default: generic)")
     parser.add_argument("--clock-ps", type=float, default=1000.0, help="clock period in ps (default: 1000)")
     parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR", help="default: build/synth")
-    parser.add_argument("--all", type=Path, metavar="DIR", help="every unit and technology, as synthesis.json and .md in DIR")
     args = parser.parse_args(argv)
-    if args.all:
-        report_all(args.clock_ps, args.out, args.all)
-        return 0
     report = synthesise_unit(args.unit, args.tech, args.clock_ps, args.out)
     print(as_line(args.unit, report))
     for label, result in report["variants"].items():

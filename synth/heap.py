@@ -102,6 +102,7 @@ def add_up(columns: list[list[Bit]], blocks: Sequence[int] = ()) -> tuple[list[B
 
 
 def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tuple[list[Bit | None], Bit | None]:
+    """Add two rows (at most two bits a column) and a carry; the sum and the last carry."""
     results: list[Bit | None] = []
     for row in rows:
         bits = row + ([carry] if carry is not None else [])
@@ -114,25 +115,21 @@ def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tupl
     return results, carry
 
 
-def _increment(
-    partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node],
-) -> tuple[list[Bit], Bit]:
-    """Add a carry to a block's sum; the last carry too."""
+def _increment(partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node]) -> tuple[list[Bit], Bit]:
+    """Add a carry to a block's sum, at most five bits behind one gate; the sum and the block's carry."""
+    if None in partial:
+        raise ValueError("a block must have a bit in every column: make it shorter")
     results: list[Bit] = []
-    ripple, terms = carry, []  # the carry into the next bit is ripple and all of the terms
+    ripple, ones = carry, []  # the carry into the next bit: ripple and all of `ones`
     for bit in partial:
-        into = ripple if not terms else _gate(f"AND{len(terms) + 1}", [ripple, *terms], nodes)
-        if len(terms) == 4:
-            ripple, terms = into, []
-        if bit is None:
-            results.append(into)
-            raise ValueError("an incremented block has no empty column")
+        into = _gate(f"AND{len(ones) + 1}", [ripple, *ones], nodes) if ones else ripple
+        if len(ones) == 4:
+            ripple, ones = into, []
         results.append(_gate("XOR2", [bit, into], nodes))
-        terms.append(bit)
-    all_ones = [ripple, *terms]
+        ones.append(bit)
     if partial_carry is None:
-        return results, _gate(f"AND{len(all_ones)}", all_ones, nodes)
-    *most, last = all_ones
+        return results, _gate(f"AND{len(ones) + 1}", [ripple, *ones], nodes)
+    *most, last = ripple, *ones
     first = most[0] if len(most) == 1 else _gate(f"AND{len(most)}", most, nodes)
     return results, _gate("AO21", [first, last, partial_carry], nodes)
 

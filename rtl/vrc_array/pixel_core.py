@@ -48,7 +48,7 @@ def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Fields of the op in the alpha stage."""
+    """Fields of the op in the alpha stage. `cut` is at least `tables.log2_alpha_min`."""
     return data.StructLayout({"cut": signed(config.formats.cut.width), "outer": 1, "last": 1})
 
 
@@ -115,6 +115,7 @@ class PixelCore(wiring.Component):
         if n.weight.frac_bits > n.transmittance.frac_bits:
             raise ValueError(f"weight must not have more fraction bits than transmittance {n.transmittance}, not {n.weight}")
         self.config = config
+        self._saturation = saturation_threshold(n)
         super().__init__({
             "exponent": In(signed(n.exponent.width)),
             "slope": In(signed(n.slope.width)),
@@ -171,7 +172,7 @@ class PixelCore(wiring.Component):
         one = op.last | (op.outer & (t >= 0))
         with m.If(one):
             m.d.sync += keep.eq(0)
-        with m.Elif(~op.outer & (t >= saturation_threshold(n))):
+        with m.Elif(~op.outer & (t >= self._saturation)):
             m.d.sync += keep.eq((1 << frac) - alpha_max_l1(n))
         with m.Else():
             m.d.sync += keep.eq(~((less >> 1) >> shift))
@@ -179,7 +180,10 @@ class PixelCore(wiring.Component):
         return keep, covered
 
     def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Signal, Signal]:
-        """Stage 2: the banks' transmittance; registers of what it was and of whether the sums may change."""
+        """Stage 2: the banks' transmittance; registers of what it was and of whether the sums may change.
+
+        The last only saves the sums' clock: where the transmittance stays, the weight is 0.
+        """
         n, op = self.config.formats, self.blend_op
         frac = n.alpha.frac_bits
         banks = [Signal(n.transmittance.width, name=f"transmittance{b}", reset_less=True) for b in range(self.config.banks)]

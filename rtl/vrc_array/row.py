@@ -41,7 +41,7 @@ def op_layout(config: AcceleratorConfig) -> data.StructLayout:
     return data.StructLayout({
         "valid": 1,  # low: a bubble, all other fields are ignored
         "curve_yy": signed(n.curvature.width),  # second difference along y
-        "cut": signed(n.cut.width),  # exponent below which a pixel skips the op
+        "cut": signed(n.cut.width),  # exponent below which a pixel skips the op; at least tables.log2_alpha_min
         "bank": index_shape(config.banks),  # block * level_banks + level
         "outer": 1,  # alpha may reach 1
         "first": 1,  # state of this bank starts afresh
