@@ -15,7 +15,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pyosys import libyosys
+try:
+    from pyosys import libyosys
+except ImportError:  # an extra; reported when something is to be synthesised
+    libyosys = None
 
 from synth.adders import map_adders
 from synth.broadcast import buffer_broadcasts
@@ -52,7 +55,7 @@ def version() -> str:
     return "pyosys " + importlib.metadata.version("pyosys")
 
 
-def run(*commands: str, log: Path, design: libyosys.Design | None = None) -> libyosys.Design:
+def run(*commands: str, log: Path, design: object = None) -> object:
     """Run Yosys commands on a design. What Yosys says goes to the file `log`: it knows no quiet mode for a caller."""
     design = design or libyosys.Design()
     sys.stdout.flush()
@@ -68,7 +71,7 @@ def run(*commands: str, log: Path, design: libyosys.Design | None = None) -> lib
     return design
 
 
-def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> libyosys.Design:
+def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> object:
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{top}.il"
     source.write_text(rtlil)

@@ -73,8 +73,10 @@ Node = Adder | Gate
 def add_up(columns: list[list[Bit]], blocks: Sequence[int] = ()) -> tuple[list[Bit | None], list[Node]]:
     """Sum the columns, lowest first, modulo their number; one bit (None: zero) a column, and the nodes in order.
 
-    `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first.
+    `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first; ValueError where they do not fit.
     """
+    if sum(blocks) > len(columns):
+        raise ValueError(f"blocks must have at most {len(columns)} bits, not {tuple(blocks)!r}")
     nodes: list[Node] = []
     rows = [list(column) for column in columns]
     carry = next((bit for bit in rows[0] if bit.net == "1"), None)

@@ -25,7 +25,7 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
     """The report of a unit and its variants; also written to `folder/NAME-TECHNOLOGY.json`.
 
     Raises:
-        InputError: unknown unit or technology, a clock that is not positive, liberty files absent.
+        InputError: unknown unit or technology, a clock that is not positive, Yosys or liberty files absent.
     """
     if name not in UNITS:
         raise InputError(f"unit {name!r} is not known: {', '.join(UNITS)} are")
@@ -33,6 +33,8 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
         raise InputError(f"technology {technology!r} is not known: {', '.join(TECHNOLOGIES)} are")
     if not 1 <= clock_ps <= 1e6:
         raise InputError(f"a clock of {clock_ps!r} ps is not accepted: 1 to 1,000,000 is")
+    if flow.libyosys is None:
+        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
     unit = UNITS[name]
     report: dict[str, object] = {"unit": name, "technology": technology, "config": unit.config.name}
     report |= _one(name, unit, unit.config, technology, clock_ps, folder)
@@ -46,9 +48,10 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
 def _one(name: str, unit: Unit, config: AcceleratorConfig, technology: str, clock_ps: float, folder: Path) -> dict[str, object]:
     """Area, cells and timing of a unit in one configuration."""
     rtlil = to_rtlil(unit.make(config), name)
-    key = hashlib.sha256(repr((rtlil, technology, clock_ps, unit.blocks, unit.boxes, timing.available(), _flow_source(),
-                               [(p.name, p.stat().st_size) for p in find_files(ASAP7)] if technology == "asap7" else None,
-                               )).encode()).hexdigest()[:16]
+    liberties = [(path.name, path.stat().st_size) for path in find_files(ASAP7)] if technology == "asap7" else None
+    tools = flow.version(), timing.available(), _flow_source()
+    inputs = rtlil, technology, clock_ps, unit.blocks, unit.boxes, liberties, tools
+    key = hashlib.sha256(repr(inputs).encode()).hexdigest()[:16]
     cached = folder / "cache" / f"{name}-{key}" / "result.json"
     if not cached.exists():
         run = _generic if technology == "generic" else _asap7

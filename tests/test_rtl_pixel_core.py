@@ -16,6 +16,8 @@ from spec.config import DEFAULT, TINY, AcceleratorConfig
 from spec.formats import SQ, UQ
 from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*created but never used")  # constructors that raise
+
 N = DEFAULT.formats
 CUT_MIN = log2_alpha_min(N)
 PLAIN = DEFAULT.with_(cores_x=2)

@@ -88,3 +88,8 @@ def test_a_full_adder_removes_a_bit() -> None:
     results, nodes = add_up(columns)
     full = sum(isinstance(node, Adder) and len(node.inputs) == 3 for node in nodes)
     assert full == 4 * 5 - sum(bit is not None for bit in results)
+
+
+def test_blocks_must_fit() -> None:
+    with pytest.raises(ValueError, match=r"at most 2 bits, not \(3,\)"):
+        add_up([[Bit(net=2)], [Bit(net=3)]], (3,))

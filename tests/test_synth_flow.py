@@ -20,6 +20,7 @@ from rtl.vrc_array.pixel_core import PixelCore
 from spec.config import DEFAULT
 from spec.errors import InputError
 from synth import flow, timing
+from synth.__main__ import main
 from synth.liberty import ASAP7, PDK_VARIABLE, merge
 from synth.report import synthesise_unit
 from synth.units import UNITS
@@ -182,3 +183,21 @@ def test_absent_liberty_file_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv(PDK_VARIABLE, str(tmp_path))
     with pytest.raises(InputError, match=r"asap7sc7p5t_SIMPLE_RVT_TT_nldm\.lib"):
         merge(ASAP7, tmp_path / "merged.lib")
+
+
+def test_absent_yosys_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow, "libyosys", None)
+    with pytest.raises(InputError, match="extra `synth`"):
+        synthesise_unit("pixel_core", "generic", 1000.0, tmp_path)
+
+
+@needs_pdk
+def test_without_sta_slack_is_null_and_the_package_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The timing tool is looked for where the netlist is made, in a process of its own: hidden by an empty PATH."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["--unit", "vrc_row", "--tech", "asap7", "--out", str(tmp_path / "out")]) == 0
+    assert "opensta" in capsys.readouterr().out
+    report = json.loads((tmp_path / "out" / "vrc_row-asap7.json").read_text())
+    assert report["slack_ps"] is None and report["area_um2"] > 0
