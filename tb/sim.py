@@ -30,7 +30,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(suite.VARIANTS)}")
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
-    parser.add_argument("--waves", action="store_true", help="record waves (FST)")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST); of tiny, unless --config names another")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
     parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
     return parser.parse_args(argv)
@@ -47,7 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise InputError(f"SEED {args.seed} is not accepted: 0 or more is")
     begin, end = parse_window(args.wave_cycles)
     waves = Waves(begin, end, tuple(s for s in args.wave_scopes.split(",") if s)) if args.waves else None
-    names = suite.DISTINCT if args.config == "all" else [args.config]
+    every = ("tiny",) if waves else suite.DISTINCT
+    names = every if args.config == "all" else (args.config,)
     return max([_run_variant(name, args.seed, args.runs, waves) for name in names])
 
 
