@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from golden_samples import map_for, random_model, turned_view
-from hypothesis import given
+from golden_samples import map_for, random_model, view
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.sort_tmu import ENTRY_BYTES, auto_beta, depth_order, merge_tiles
 from golden.msv2_ref.tiling import tile_entries
+from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, TINY
+
+CAMERA = view(150, 100)
+DETERMINISTIC = settings(derandomize=True, database=None, deadline=None, max_examples=300)
+
+
+def layered_model() -> GaussianModel:
+    """Splats in 18 planes across the camera's axis: most share their depth with twenty others."""
+    model = random_model(np.random.default_rng(5), 400, levels=4)
+    return replace(model, means=np.column_stack([model.means[:, :2], np.round(2 * model.means[:, 2]) / 2]))
 
 
 @pytest.fixture(scope="module", params=[None, (0.3, 0.4)], ids=["plain", "gaze"])
-def frame(request):
-    camera = turned_view(150, 100)
-    model = random_model(np.random.default_rng(5), 400, levels=4)
-    return render(model, camera, foveation=map_for(camera, request.param, 4))
+def foveation(request):
+    return map_for(CAMERA, request.param, 4)
+
+
+@pytest.fixture(scope="module")
+def frame(foveation):
+    return render(layered_model(), CAMERA, foveation=foveation)
 
 
 def unsorted_stream(frame, order):
@@ -36,7 +51,7 @@ def test_lists_are_the_stream_sorted_by_tile_key_and_index(frame, seed):
     rows = np.flatnonzero(frame.projected.reason == VISIBLE).astype(np.int32)
     arrival = rows if seed is None else np.random.default_rng(seed).permutation(rows)
     tile, key, index, use = unsorted_stream(frame, arrival)
-    assert len(np.unique(key)) < len(rows)  # there are ties
+    assert len(np.unique(key)) < 20 < len(rows)  # there are ties
     order = np.lexsort((index, key, tile))
     assert np.array_equal(index[order], frame.entries.splat) and np.array_equal(use[order], frame.entries.use)
     assert np.array_equal(np.searchsorted(tile[order], np.arange(len(frame.entries.start))), frame.entries.start)
@@ -50,10 +65,11 @@ def test_depth_order_skips_the_culled():
 
 frames = st.integers(1, 6).flatmap(lambda tiles_x: st.tuples(
     st.just(tiles_x), st.integers(1, 4).flatmap(lambda rows: st.lists(
-        st.one_of(st.just(0), st.integers(0, 12), st.integers(0, 300)), min_size=rows * tiles_x, max_size=rows * tiles_x))))
+        st.one_of(st.just(0), st.integers(0, 4), st.integers(0, 300)), min_size=rows * tiles_x, max_size=rows * tiles_x))))
 
 
-@given(frames, st.one_of(st.integers(0, 40), st.just(10**9)))
+@DETERMINISTIC
+@given(frames, st.one_of(st.integers(0, 9), st.integers(0, 400), st.just(10**9)))
 def test_merging_follows_its_rules(frame, beta):
     tiles_x, counts = frame
     groups = merge_tiles(np.array(counts), tiles_x, beta)
@@ -72,6 +88,7 @@ def test_merging_follows_its_rules(frame, beta):
             assert sum(held) >= beta or (next_one and sum(held) and sum(held) + next_one >= beta)
 
 
+@DETERMINISTIC
 @given(frames)
 def test_extreme_betas(frame):
     tiles_x, counts = frame
@@ -108,10 +125,8 @@ def test_automatic_beta_is_twice_the_mean_capped_by_the_buffer():
 
 
 @pytest.mark.parametrize("beta", [None, 0, 1, 50, 10**9])
-def test_merging_changes_no_pixel(frame, beta):
-    camera, model = turned_view(150, 100), random_model(np.random.default_rng(5), 400, levels=4)
-    levels = frame.registers.header[:, 0].max() > 0
-    again = render(model, camera, foveation=map_for(camera, (0.3, 0.4), 4) if levels else None, beta=beta)
+def test_merging_changes_no_pixel(frame, foveation, beta):
+    again = render(layered_model(), CAMERA, foveation=foveation, beta=beta)
     assert all(np.array_equal(a, b) for a, b in zip(again.pixels, frame.pixels, strict=True))
     assert np.array_equal(again.entries.splat, frame.entries.splat)
     counts = np.diff(frame.entries.start)
