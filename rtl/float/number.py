@@ -1,0 +1,101 @@
+"""Parts of the units: fields of a small float, shifts that lose nothing, rounding and packing.
+
+A magnitude on its way to the result is a normalised significand, its leading one on top, and a signed exponent counted
+like the result's exponent field; below 1 it is to be flushed, beyond the field it saturates.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from amaranth.hdl import Cat, Const, Mux, Value
+
+from rtl.fixed import as_integer
+from spec.formats import SmallFloat
+
+
+class Fields(NamedTuple):
+    """A number taken apart; `significand` carries the hidden one and is 0 for zero."""
+
+    negative: Value
+    nonzero: Value
+    exponent: Value
+    significand: Value
+
+
+def fields(bits: Value, number: SmallFloat) -> Fields:
+    """The fields of a bit pattern. Exponent 0 is zero whatever the other bits are, as in `SmallFloat.to_float`."""
+    fraction, exponent = bits[: number.sig_bits - 1], bits[number.sig_bits - 1 : number.sig_bits - 1 + number.exp_bits]
+    nonzero = exponent.any()
+    negative = bits[-1] if number.signed else Const(0, 1)
+    return Fields(negative, nonzero, exponent, Cat(fraction & nonzero.replicate(len(fraction)), nonzero))
+
+
+def widened(x: Value, width: int) -> Value:
+    """x with zeros below, `width` bits in all."""
+    return Cat(Const(0, width - len(x)), x)
+
+
+def normalise(x: Value) -> tuple[Value, Value]:
+    """x shifted left until its top bit is set, and by how much; the top bit of the first stays 0 for 0 alone."""
+    x, count = x[:], []
+    for k in reversed(range((len(x) - 1).bit_length())):
+        empty = ~x[-(1 << k) :].any()
+        x = Mux(empty, Cat(Const(0, 1 << k), x[: -(1 << k)]), x)
+        count.insert(0, empty)
+    return x, Cat(*count)
+
+
+def shift_right(x: Value, n: Value) -> Value:
+    """x >> n with one bit more at the bottom: whether a bit that was shifted out is set (sticky)."""
+    sticky, steps = Const(0, 1), len(x).bit_length()
+    for k in range(min(steps, len(n))):
+        low = min(1 << k, len(x))
+        sticky = sticky | (n[k] & x[:low].any())
+        x = Mux(n[k], Cat(x[low:], Const(0, low)), x)
+    if len(n) > steps:
+        far = n[steps:].any()
+        sticky = sticky | (far & x.any())
+        x = x & (~far).replicate(len(x))
+    return Cat(sticky, x)
+
+
+def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:
+    """(fraction, whether to round it up) of a normalised significand, its lowest bit sticky where it was not exact."""
+    x = widened(x, max(len(x), number.sig_bits + 1))
+    drop = len(x) - number.sig_bits
+    kept, half, rest = x[drop:-1], x[drop - 1], x[: drop - 1]
+    return kept, half & (rest.any() | x[drop])
+
+
+def pack(
+    number: SmallFloat, total: Value, *, negative: Value, nonzero: Value, infinite: Value | None = None,
+) -> Value:
+    """Bit pattern, and above it whether it saturated, of a rounded magnitude.
+
+    `total` is fraction and exponent as one signed integer, so that a fraction rounded up to 2 has already carried.
+    `infinite` magnitudes saturate whatever `total` is. Numbers too small for the format are zero and do not saturate.
+    """
+    total = Cat(total, total[-1].replicate(max(0, number.sig_bits + number.exp_bits + 1 - len(total))))
+    exponent = total[number.sig_bits - 1 :]
+    above = exponent[number.exp_bits : -1].any() & ~exponent[-1]
+    small = exponent[-1] | ~exponent.any()
+    if infinite is not None:
+        above, small = above | infinite, small & ~infinite
+    present = nonzero & ~small
+    largest = above.replicate(number.width - number.signed)
+    magnitude = (total[: len(largest)] | largest) & present.replicate(len(largest))
+    if number.signed:
+        return Cat(magnitude, negative & present, above & present)
+    return Cat(magnitude & (~negative).replicate(len(magnitude)), (above | negative) & present)
+
+
+def round_and_pack(
+    number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value, one_more: Value | None = None,
+) -> Value:
+    """`pack` of a normalised significand, rounded; `one_more`, a bit, is added to the exponent."""
+    fraction, up = nearest_even(significand, number)
+    total = Cat(fraction, as_integer(exponent)).as_signed() + up
+    if one_more is not None:
+        total = total + Cat(Const(0, number.sig_bits - 1), one_more)
+    return pack(number, total, negative=negative, nonzero=nonzero)

@@ -1,0 +1,64 @@
+"""What the units have in common: ports and the valid pipeline."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Shape
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.pipeline import Pipeline, Staged
+from rtl.shapes import shape
+from spec.formats import Fixed, Format, SmallFloat
+
+
+def check_kind(name: str, number: object, kind: type[Format]) -> None:
+    """TypeError unless `number` is a format of that kind."""
+    if not isinstance(number, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, not {number!r}")
+
+
+class FloatUnit(wiring.Component):
+    """A pipelined operation without back-pressure, for units whose schedule is fixed.
+
+    Operands are taken in every cycle in which `valid` is high; `result` and `saturated` belong to them `latency` cycles
+    later, when `result_valid` is high::
+
+        cycle          0      1      2      3      4
+        valid        ~~~~~~~~~~~~~~_______~~~~~~~_______
+        operands     <  A  ><  B  >       <  C  >
+        result_valid ______________~~~~~~~~~~~~~~_______~~~    (latency 2)
+        result                     <  A  ><  B  >       <  C  >
+
+    Cycles without operands clock no data register. Reset drops what is on its way; data registers have no reset.
+
+    Attributes:
+        latency: cycles from operands to result.
+
+    `saturated` says that the result's magnitude was too large for its format, or its sign missing there.
+    """
+
+    latency: int
+
+    def __init__(self, operands: Mapping[str, Shape], result: Fixed | SmallFloat) -> None:
+        super().__init__({
+            "valid": In(1), **{name: In(of) for name, of in operands.items()},
+            "result_valid": Out(1), "result": Out(shape(result)), "saturated": Out(1),
+        })
+
+    @abstractmethod
+    def stages(self, p: Pipeline) -> Staged:
+        """Registers of the operation; returns the result's bits and above them `saturated`, `latency` registers deep."""
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        p = Pipeline(m, load=self.valid)
+        valid, outcome = p.control("valid", self.valid), self.stages(p)
+        m.d.comb += [
+            self.result_valid.eq(valid.at(self.latency)),
+            self.result.eq(outcome.at(self.latency)[:-1]),
+            self.saturated.eq(outcome.at(self.latency)[-1]),
+        ]
+        return m
