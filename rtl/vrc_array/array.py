@@ -138,7 +138,8 @@ class VrcArray(wiring.Component):
 
     def _leaving(self, m: Module, op: data.View) -> tuple[Signal, Signal]:
         """Strobes: (per level its first op, the tile's last op), of the last block, a cycle before `stopped` tells of them."""
-        whole = op.valid & (op.bank >= (self.config.blocks - 1) * self.config.level_banks)
+        last_block = (self.config.blocks - 1) * self.config.level_banks
+        whole = op.valid & (op.bank >= last_block) if last_block else op.valid
         level = op.bank[0] if self.config.level_banks == 2 else 0
         strobes: Value = Cat(whole & op.drain, *(whole & op.first & (level == i) for i in range(self.config.level_banks)))
         for i in range(PIPELINE - 1):
