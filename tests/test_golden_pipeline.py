@@ -131,9 +131,12 @@ def test_a_machine_without_depth_or_levels():
     assert np.array_equal(flat.image, full.image) and (flat.pixels.depth == 0).all() and full.pixels.depth.any()
 
 
-def test_saturated_parameters_are_counted():
+def test_parameters_beyond_their_format_saturate_and_are_counted():
     model = splats((0, 0, 2), (0, 0, 3), scale=[[0.1] * 3, [1e9] * 3], opacity=[1.0, 200.0], colour=[(9, 0, 0), (0, 0, 0)])
-    assert quantise_model(DEFAULT, model).saturated == {"scale": 3, "opacity": 1, "dc": 1, "rest": 0}
+    words = quantise_model(DEFAULT, model)
+    assert words.saturated == {"scale": 3, "opacity": 1, "dc": 1, "rest": 0}
+    assert DEFAULT.formats.log2_opacity.to_float(words.geometry["log2_opacity"][:, 0]).tolist() == [0, 7]  # 128 at the most
+    assert (words.geometry["scale"][1] == (1 << DEFAULT.formats.scale.width) - 1).all()
 
 
 def test_what_does_not_fit_is_refused():
