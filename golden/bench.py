@@ -90,7 +90,7 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
     progress.close()
     median = {name: float(np.median(values)) for name, values in seconds.items()}
     return {
-        **{key: request.record[key] for key in ("scene", "camera", "size")},
+        "scene": model.name, "camera": camera.name, "size": [camera.width, camera.height],
         "splats": len(model), "entries": len(warm[INTEGER].entries.splat),
         "renderers": {
             name: {

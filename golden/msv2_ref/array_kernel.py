@@ -84,6 +84,18 @@ def _product(_context, a, b, n):
     return numba.int32(numba.int32, numba.int32, numba.int32), generate
 
 
+@intrinsic
+def _exponent(_context, start, slope, curve, x):
+    """Exponent at pixel x of a row, in int32."""
+
+    def generate(_, builder, __, arguments):
+        start, slope, curve, x = arguments
+        triangle = builder.lshr(builder.mul(x, builder.sub(x, x.type(1))), x.type(1))
+        return builder.add(start, builder.add(builder.mul(x, slope), builder.mul(triangle, curve)))
+
+    return numba.int32(numba.int32, numba.int32, numba.int32, numba.int32), generate
+
+
 @numba.njit(cache=True, inline="always")
 def _round_shift(x, n):
     return (x + ((1 << n) >> 1)) >> n
@@ -164,7 +176,7 @@ def _composite(rows, y, start, slope, curve, cut, least, colour, depth, mantissa
     red, green, blue = colour
     for x in range(TILE):
         before = rows[y, _T + x]
-        t = _shift(start + np.int32(x) * slope + np.int32(x * (x - 1) >> 1) * curve, to_cut)
+        t = _shift(_exponent(start, slope, curve, x), to_cut)
         through = np.int32(one + _shift(rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac)))
         through = max(opaque if t >= 0 else through, least)
         through = through if (t >= cut) & (before >= t_stop) else one
