@@ -67,8 +67,11 @@ class Frame:
     @property
     def depth(self) -> np.ndarray:
         """(height, width) float64 z in world units, NaN where the coverage is below one half."""
-        coverage = 1 - self.transmittance
-        total = self.config.formats.depth_accumulator.to_float(self._untile(self.pixels.depth)) * self.registers.depth_far
+        n, r = self.config.formats, self.registers
+        drop = n.transmittance.frac_bits - n.weight.frac_bits
+        weights = (n.transmittance.raw_max >> drop) - (self._untile(self.pixels.transmittance) >> drop)  # all that a pixel gave
+        coverage = n.weight.to_float(weights)
+        total = n.depth_accumulator.to_float(self._untile(self.pixels.depth)) * r.depth_far
         return np.where(coverage >= COVERAGE_VALID, total / np.maximum(coverage, COVERAGE_VALID), np.nan)
 
     @property
