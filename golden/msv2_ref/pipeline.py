@@ -70,9 +70,9 @@ class Frame:
         n, r = self.config.formats, self.registers
         drop = n.transmittance.frac_bits - n.weight.frac_bits
         weights = (n.transmittance.raw_max >> drop) - (self._untile(self.pixels.transmittance) >> drop)  # all that a pixel gave
-        coverage = n.weight.to_float(weights)
         total = n.depth_accumulator.to_float(self._untile(self.pixels.depth)) * r.depth_far
-        return np.where(coverage >= COVERAGE_VALID, total / np.maximum(coverage, COVERAGE_VALID), np.nan)
+        mean = total / n.weight.to_float(np.maximum(weights, 1))
+        return np.where(1 - self.transmittance >= COVERAGE_VALID, mean, np.nan)
 
     @property
     def headers(self) -> np.ndarray:
