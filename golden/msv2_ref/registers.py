@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from golden.msv2_ref.quantise import GaussianWords
@@ -60,18 +61,39 @@ class FrameRegisters:
         return -(-self.height // TILE)
 
 
-def depth_far(means: np.ndarray, camera: Camera) -> float:
+@numba.njit(cache=True)
+def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, height):
+    """The z in front of the camera whose pixel lies inside the frame widened by 15 % of its size on every side.
+
+    One loop and not matrix products: the bits then depend on no BLAS.
+    """
+    r, t, found, count = rotation, translation, np.empty(len(mean)), 0
+    for i in range(len(mean)):
+        mx, my, mz = mean[i, 0], mean[i, 1], mean[i, 2]
+        x = r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + t[0]
+        y = r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + t[1]
+        z = r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + t[2]
+        px, py = fx * x + cx * z, fy * y + cy * z
+        inside = (px > -0.15 * width * z) & (px < 1.15 * width * z) & (py > -0.15 * height * z) & (py < 1.15 * height * z)
+        found[count] = z
+        count += inside & (z > near)
+    return found[:count]
+
+
+def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera) -> float:
     """The z at which depth saturates: from the points in front of the camera and inside the widened frustum.
 
     A high percentile, so that one outlier does not cost everyone's resolution.
+
+    Args:
+        mean: (N, 3) float64 relative to `origin`.
+        origin: (3,) float64 world units.
+        camera: the view.
     """
-    x, y, z = camera.rotation @ means.T + camera.translation[:, None]
-    visible = z > camera.near
-    for along, focal, centre, size in ((x, camera.fx, camera.cx, camera.width), (y, camera.fy, camera.cy, camera.height)):
-        pixel = focal * along + centre * z
-        visible &= (pixel > -0.15 * size * z) & (pixel < 1.15 * size * z)
-    z = z[visible]
-    return min(float(z.max()), 4.0 * float(np.percentile(z, 99))) if len(z) else 2 * camera.near
+    c = camera
+    translation = c.translation + c.rotation @ origin
+    z = _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+    return min(float(z.max()), 4.0 * float(np.percentile(z, 99))) if len(z) else 2 * c.near
 
 
 def frame_registers(
@@ -87,7 +109,7 @@ def frame_registers(
         background: (3,) float in [0, 1].
     """
     n = config.formats
-    far = depth_far(words.decoded.mean + words.origin, camera)
+    far = depth_far(words.decoded.mean, words.origin, camera)
     margin = FRUSTUM_MARGIN
     limits = [-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx,
               -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy]
