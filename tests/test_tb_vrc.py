@@ -10,6 +10,7 @@ import pytest
 
 from golden.msv2_ref import vrc_array
 from golden.msv2_ref.vrc_array import Pixels
+from rtl.vrc_array import pixel_core
 from rtl.vrc_array.array import emit_vrc_array
 from spec import tables
 from spec.config import TINY
@@ -84,13 +85,14 @@ def test_one_wrong_table_value_is_caught(tiny, monkeypatch, segment):
 
 @pytest.mark.long
 def test_a_fault_in_the_rtl_is_caught(monkeypatch, tmp_path):
-    plan = suite.corner_plan(TINY)
+    plan, clean = suite.corner_plan(TINY), vrc_playback(TINY)
     golden = [golden_pixels(TINY, p.case) for p in plan]
     base, slope = tables.exp2_segments(TINY.formats)
     slope[9] -= 1
     with monkeypatch.context() as patch:
-        patch.setattr(tables, "exp2_segments", lambda formats: (base, slope))
-        playback = replace(vrc_playback(TINY), verilog=emit_vrc_array(TINY))
+        patch.setattr(pixel_core, "exp2_segments", lambda formats: (base, slope))
+        playback = replace(clean, verilog=emit_vrc_array(TINY))
+    assert playback.verilog != clean.verilog
     recordings = play(playback, [p.run for p in plan], tmp_path)
     caught = [p.name for p, r, g in zip(plan, recordings, golden, strict=True) if problems(TINY, p.case, r, g)]
     assert "every exponent" in caught
