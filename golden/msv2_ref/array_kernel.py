@@ -112,22 +112,23 @@ def _factor(significand, exponent, k):
     return _round_shift(significand, -exponent) if -exponent <= k.sig_bits else 0
 
 
-@numba.njit(cache=True)
-def _polynomial(mean, conic, conic_exp, tile_x, tile_y, k):
+@numba.njit(cache=True, inline="always")
+def _polynomial(splats, i, tile_x, tile_y, k):
     """Setup steps 1-6: (kept, corner, slope_x, slope_y, curve_xx, curve_xy, curve_yy, v, k3)."""
     half = 1 << (k.mean_frac - 1)
-    dx = ((np.int64(TILE) * tile_x + TILE // 2) << k.mean_frac) + half - mean[0]
-    dy = ((np.int64(TILE) * tile_y + TILE // 2) << k.mean_frac) + half - mean[1]
-    m1, m2, m3 = np.int64(conic[0]), np.int64(conic[1]), np.int64(conic[2])
-    u = _offset(m1, conic_exp[0], dx, k) + _offset(m2, conic_exp[1], dy, k)
-    v = _offset(m3, conic_exp[2], dy, k)
+    dx = ((np.int64(TILE) * tile_x + TILE // 2) << k.mean_frac) + half - splats.mean2d[i, 0]
+    dy = ((np.int64(TILE) * tile_y + TILE // 2) << k.mean_frac) + half - splats.mean2d[i, 1]
+    m1, m2, m3 = np.int64(splats.conic[i, 0]), np.int64(splats.conic[i, 1]), np.int64(splats.conic[i, 2])
+    e0, e1, e2 = splats.conic_exp[i, 0], splats.conic_exp[i, 1], splats.conic_exp[i, 2]
+    u = _offset(m1, e0, dx, k) + _offset(m2, e1, dy, k)
+    v = _offset(m3, e2, dy, k)
     lowest, highest = -k.offset_max - 1, k.offset_max
     square = u * u + v * v
     kept = lowest <= u <= highest and lowest <= v <= highest
     kept = kept and square < np.int64(tables.CENTRE_EXPONENT_MAX) << (2 * k.offset_frac)
     if not kept:
         return False, 0, 0, 0, 0, 0, 0, 0, 0
-    k1, k2, k3 = _factor(m1, conic_exp[0], k), _factor(m2, conic_exp[1], k), _factor(m3, conic_exp[2], k)
+    k1, k2, k3 = _factor(m1, e0, k), _factor(m2, e1, k), _factor(m3, e2, k)
     second, first = 2 * k.factor_frac - k.grid, k.offset_frac + k.factor_frac - k.grid
     curve_xx = -_round_shift(2 * k1 * k1, second)
     curve_xy = -_round_shift(2 * k1 * k2, second)
@@ -211,8 +212,7 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, ma
         if not use[n] >> bank & 1:
             continue
         i = order[n]
-        kept, corner, sx, sy, cxx, cxy, cyy, v, k3 = _polynomial(
-            splats.mean2d[i], splats.conic[i], splats.conic_exp[i], tile_x, tile_y, k)
+        kept, corner, sx, sy, cxx, cxy, cyy, v, k3 = _polynomial(splats, i, tile_x, tile_y, k)
         if not kept:
             continue
         opacity = splats.log2_opacity[i, level]
