@@ -64,7 +64,7 @@ class NumberFormats:
     """Exponent below which a pixel skips the splat; its fraction is that of the exponential."""
     alpha: Fixed = UQ(1, 12)
     """Alpha, 0..1 inclusive."""
-    transmittance: Fixed = UQ(0, 14)
+    transmittance: Fixed = UQ(0, 15)
     """Transmittance; starts at its largest value."""
     weight: Fixed = UQ(0, 12)
     """T * alpha as the accumulators see it; the weights of a pixel and its last T sum to the first T exactly."""

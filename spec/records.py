@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS
+from spec.constants import MAX_LEVELS, TILE
 from spec.formats import UQ, Fixed, Format
 
 
@@ -204,4 +204,56 @@ def pixel_row(config: AcceleratorConfig) -> Record:
     ))
 
 
-RECORDS = (gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row)
+ENTRY_BYTES = 8
+"""A tile entry in memory and in the sorting unit's buffers."""
+
+
+def frame_tiles(config: AcceleratorConfig) -> int:
+    """Most tiles of a frame, which is as high as wide at most."""
+    return (-(-config.row_width // TILE)) ** 2
+
+
+def tile_index(config: AcceleratorConfig) -> Fixed:
+    """A tile's number in its frame, row-major; also a group's, of which there are no more."""
+    return uint((frame_tiles(config) - 1).bit_length())
+
+
+def tile_hit(config: AcceleratorConfig) -> Record:
+    """What the tile merge unit sees of an entry; after a frame's last one follows an item with `end`, which is no entry."""
+    return Record("TileHit", tile_hit.__doc__, (
+        Field("tile", tile_index(config), "the entry's tile"),
+        Field("end", uint(1), "all entries of the frame have come; `tile` means nothing"),
+    ))
+
+
+def tile_group(config: AcceleratorConfig) -> Record:
+    """A tile and the group it is merged into; one per tile, empty tiles too, in tile order."""
+    return Record("TileGroup", tile_group.__doc__, (
+        Field("tile", tile_index(config), "native tile"),
+        Field("count", uint(COUNT_BITS), "entries of the tile"),
+        Field("group", tile_index(config), "merged tile, consecutive from 0"),
+        Field("last", uint(1), "last tile of its group"),
+    ))
+
+
+def tile_entry(config: AcceleratorConfig) -> Record:
+    """A (splat, tile) pair as it is sorted: in the order of the whole record, read as one unsigned number."""
+    return Record("TileEntry", tile_entry.__doc__, (
+        Field("index", uint(INDEX_BITS), "Gaussian index"),
+        Field("depth_key", config.formats.depth_key, "sort key"),
+        Field("tile", tile_index(config), "native tile"),
+    ))
+
+
+def chunk_entry(config: AcceleratorConfig) -> Record:
+    """A tile entry on its way through the sorter."""
+    return Record("ChunkEntry", chunk_entry.__doc__, (
+        *tile_entry(config).fields,
+        Field("last", uint(1), "last item of its chunk"),
+        Field("empty", uint(1), "no entry: the only item, and so the last, of an empty chunk"),
+    ))
+
+
+RECORDS = (
+    gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row, tile_hit, tile_group,
+    tile_entry, chunk_entry)

@@ -40,7 +40,7 @@ UNITS: dict[str, Unit] = {
             "depth=False": DEFAULT.with_(depth=False),
             "levels=1, depth=False": DEFAULT.with_(levels=1, depth=False),
         },
-        blocks={"after": (3, 4, 5), "less": (4,), "total0": (5,), "total1": (5,), "total2": (5,), "total3": (6, 5),
+        blocks={"after": (4, 4, 5), "less": (4,), "total0": (5,), "total1": (5,), "total2": (5,), "total3": (6, 5),
                 "exponent_below": (6,)},
     ),
     "vrc_row": Unit(make=VrcRow, boxes={"pixel_core": DEFAULT.cores_x}),

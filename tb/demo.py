@@ -26,7 +26,7 @@ from golden.scenes.request import make_folder, write_json
 from spec.config import DEFAULT
 from spec.errors import run_command_line
 from tb.common.runner import ROOT, SimulationError
-from tb.frame.__main__ import simulate_frame
+from tb.frame.simulate import simulate_frame
 
 SIZE = (256, 256)
 GAZE = (128.0, 128.0)
