@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spec.config import AcceleratorConfig
-
-ENTRY_BYTES = 8
-"""Bytes of one entry in the sorting unit's buffer: tile, key and index."""
+from spec.records import COUNT_BITS, ENTRY_BYTES, tile_group
 
 
 def depth_order(depth_key: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -52,3 +50,37 @@ def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
         if total >= beta:
             group, total, open_ = group + 1, 0, False
     return groups
+
+
+def count_tiles(hits: np.ndarray, tiles: int, count_bits: int = COUNT_BITS) -> tuple[np.ndarray, bool, bool]:
+    """Entries of each tile as the unit's counters hold them: (tiles,) int64, whether one is full, whether a hit lies outside.
+
+    Args:
+        hits: (entries,) tile of each entry, in any order; those outside 0..tiles - 1 are not counted.
+        tiles: tiles of the frame.
+        count_bits: bits of a counter; it stays at its largest value.
+    """
+    inside = (hits >= 0) & (hits < tiles)
+    counts, full = np.bincount(hits[inside], minlength=tiles), (1 << count_bits) - 1
+    return np.minimum(counts, full), bool((counts > full).any()), not inside.all()
+
+
+def tile_groups(config: AcceleratorConfig, counts: np.ndarray, tiles_x: int, beta: int | None) -> np.ndarray:
+    """(tiles,) TileGroup records, as the merge unit emits them; `beta` None chooses it by `auto_beta`."""
+    rows = np.zeros(len(counts), tile_group(config).dtype)
+    groups = merge_tiles(counts, tiles_x, auto_beta(counts, config) if beta is None else beta)
+    rows["tile"], rows["count"], rows["group"] = np.arange(len(counts)), counts, groups
+    rows["last"] = np.append(np.diff(groups) > 0, True)
+    return rows
+
+
+def sort_chunks(items: np.ndarray) -> np.ndarray:
+    """Each chunk by (native tile, depth key, index); chunks and what is equal stay in order.
+
+    Args:
+        items: (N,) ChunkEntry records; chunks end with `last`, and an empty one is a single item with `last` and `empty`.
+    """
+    chunk = np.cumsum(items["last"]) - items["last"]
+    ordered = items[np.lexsort((items["index"], items["depth_key"], items["tile"], chunk))]
+    ordered["last"] = items["last"]
+    return ordered

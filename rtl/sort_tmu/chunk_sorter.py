@@ -1,0 +1,95 @@
+"""The precise half of the hierarchical sorting unit: chunks of tile entries into their total order, one entry a cycle."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.sort_tmu.merge_stage import Kind, MergeStage
+from spec.config import AcceleratorConfig
+from spec.records import ENTRY_BYTES, chunk_entry, tile_entry
+
+
+def chunk_capacity(config: AcceleratorConfig) -> int:
+    """Entries of the longest chunk that is sorted in one piece: half of the sort buffer, down to a power of two."""
+    return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
+
+
+class ChunkSorter(wiring.Component):
+    """Chunks of any length up to `chunk_capacity` by (native tile, depth key, index), in the order they come.
+
+    A chain of log2(capacity) `MergeStage`s. Their runs double from stage to stage, so that all of them together hold two
+    chunks: the double buffer before sorting is the sorter.
+
+    Parameters:
+        config: the machine; `sort_buffer_bytes`, `row_width` and the depth key's format matter here.
+
+    Ports:
+        chunks: ChunkEntry items; a chunk ends with `last`, an empty one is a single item with `last` and `empty`.
+        sorted: the same chunks, each in order; what was equal stays as it came.
+        oversize: strobe, the entry taken does not fit its chunk any more. The chunk then leaves as sorted runs of
+            `chunk_capacity` entries behind each other, with `last` at its end only.
+        busy: something is on its way.
+
+    Storage: memories of 2, 4, ... capacity items of a TileEntry and 3 bits: for PAPER 8,190 items of 65 bits, 532,350 bits
+    against the 524,288 of the paper's 64 KB; and two items a stage, and one between stages, in registers.
+    Throughput: one entry a cycle at both ports, between chunks, too. Latency: the first of n entries leaves about
+    n + log2(capacity) cycles after it was taken, and n more where n is at most half the capacity: that a run has no second is
+    seen at its chunk's end.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        if tile_entry(config).width > 8 * ENTRY_BYTES:
+            raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+        self.config, self.capacity = config, chunk_capacity(config)
+        items = stream.Signature(layout(chunk_entry(config)))
+        super().__init__({"chunks": In(items), "sorted": Out(items), "oversize": Out(1), "busy": Out(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        width = tile_entry(self.config).width
+        stages = [MergeStage(width, 1 << k) for k in range(self.capacity.bit_length() - 1)]
+        for k, stage in enumerate(stages):
+            m.submodules[f"stage_{k}"] = stage
+        for stage, following in pairwise(stages):
+            wiring.connect(m, stage.source, following.sink)
+
+        first, last = stages[0].sink, stages[-1].source
+        item, out = self.chunks.payload, self.sorted.payload
+        taken, left = self.chunks.valid & self.chunks.ready, self.sorted.valid & self.sorted.ready
+        place = Signal(range(2 * self.capacity))  # in the chunk; the top bit stays once it is set
+        after, top = place + 1, len(place) - 1
+        m.d.comb += [
+            self.chunks.ready.eq(first.ready),
+            first.valid.eq(self.chunks.valid),
+            first.payload.word.eq(Cat(item[f.name] for f in tile_entry(self.config).fields)),
+            first.payload.last.eq(item.last),
+            first.payload.kind.eq(
+                Mux(item.empty, Kind.EMPTY, Mux(place[0], Kind.SECOND, Mux((place == 0) & item.last, Kind.WHOLE, Kind.FIRST)))),
+            self.oversize.eq(taken & place[top]),
+        ]
+        with m.If(taken):
+            m.d.sync += place.eq(Mux(item.last, 0, Cat(after[:top], after[top] | place[top])))
+        m.d.comb += [
+            last.ready.eq(self.sorted.ready),
+            self.sorted.valid.eq(last.valid),
+            Cat(out[f.name] for f in tile_entry(self.config).fields).eq(last.payload.word),
+            out.last.eq(last.payload.last),
+            out.empty.eq(last.payload.kind == Kind.EMPTY),
+        ]
+        inside = Signal(range(4 * self.capacity))
+        m.d.comb += self.busy.eq(inside.any())
+        m.d.sync += inside.eq(inside + taken - left)
+        return m
+
+
+def emit_chunk_sorter(config: AcceleratorConfig) -> str:
+    """Verilog of module `chunk_sorter`."""
+    return to_verilog(ChunkSorter(config), "chunk_sorter")

@@ -1,0 +1,86 @@
+"""Stage two of the tile merge unit: counts in tile order to groups of about beta entries.
+
+With `total` the entries of the open group, c a tile's count and s = total + c, the rules come down to one sum and one
+comparison a tile:
+
+    closes before   c != 0, total != 0 and s >= beta: the group ends without this tile
+    total           c if so, else s
+    closes after    total >= beta, or the row of tiles ends; total is then 0
+
+That a tile is its group's last is known from itself or from the next tile: a tile waits for the next but at the end of a row.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from rtl.sort_tmu.tile_counters import tile_count_layout
+from spec.config import AcceleratorConfig
+from spec.records import COUNT_BITS, tile_group
+
+
+class GroupTiles(wiring.Component):
+    """Tiles and their counts to tiles and their groups.
+
+    Parameters:
+        config: the machine; `row_width` matters here.
+
+    Ports:
+        beta: merge threshold, 1 or more; stable from a frame's first count to its last group.
+        counts: every tile of a frame, in order.
+        groups: TileGroup items, as many.
+        busy: a tile is on its way.
+
+    Throughput: one tile a cycle. Latency: 2 cycles from the following tile's transfer, 3 from the last's in a row.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            "beta": In(COUNT_BITS),
+            "counts": In(stream.Signature(tile_count_layout(config))),
+            "groups": Out(stream.Signature(layout(tile_group(config)))),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        source = self.groups
+        # Three registers in a row: a tile as it comes; in its group; with `last`, at the output.
+        tile, tile_valid = Signal.like(self.counts.payload, reset_less=True), Signal()
+        filled, big = Signal(reset_less=True), Signal(reset_less=True)
+        placed, placed_valid, closed = Signal.like(source.payload, reset_less=True), Signal(), Signal(reset_less=True)
+        leaves, advances = Signal(), Signal()
+        m.d.comb += [
+            leaves.eq(placed_valid & (closed | tile_valid) & (~source.valid | source.ready)),
+            advances.eq(tile_valid & (~placed_valid | leaves)),
+            self.counts.ready.eq(~tile_valid | advances),
+            self.busy.eq(tile_valid | placed_valid | source.valid),
+        ]
+        with m.If(self.counts.ready):
+            count = self.counts.payload.count
+            m.d.sync += tile_valid.eq(self.counts.valid)
+            m.d.sync += [tile.eq(self.counts.payload), filled.eq(count != 0), big.eq(count >= self.beta)]
+
+        total, group = Signal(COUNT_BITS), Signal.like(source.payload.group, reset_less=False)
+        added = total + tile.count
+        reached = added >= self.beta
+        before = filled & (total != 0) & reached
+        after = Mux(before, big, reached) | tile.row_ends
+        mine = (group + before)[: len(group)]
+        with m.If(advances):
+            m.d.sync += total.eq(Mux(after, 0, Mux(before, tile.count, added)))
+            m.d.sync += group.eq(Mux(tile.frame_ends, 0, mine + after))
+            m.d.sync += [placed.tile.eq(tile.tile), placed.count.eq(tile.count), placed.group.eq(mine), closed.eq(after)]
+        with m.If(leaves | advances):
+            m.d.sync += placed_valid.eq(advances)
+        with m.If(~source.valid | source.ready):
+            m.d.sync += source.valid.eq(leaves)
+        with m.If(leaves):
+            m.d.sync += [source.payload.eq(placed), source.payload.last.eq(closed | before)]
+        return m

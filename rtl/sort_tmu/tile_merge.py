@@ -1,0 +1,95 @@
+"""The tile merge unit: entries counted by tile, neighbouring tiles merged into groups (paper section 6.2, "Tile Merging")."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.sort_tmu.auto_beta import AutoBeta
+from rtl.sort_tmu.group_tiles import GroupTiles
+from rtl.sort_tmu.tile_counters import TileCounters
+from spec.config import AcceleratorConfig
+from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
+
+
+class TileMergeUnit(wiring.Component):
+    """The two-stage counter pipeline: `TileCounters`, `AutoBeta` between frame's end and sweep, `GroupTiles`.
+
+    Parameters:
+        config: the machine; `row_width` (frames up to that many pixels squared) and `sort_buffer_bytes` matter here.
+        count_bits: bits of a tile's counter; a full one stays full and raises `saturated`.
+
+    Ports:
+        hits: TileHit items, one per entry in any order, then one with `end`. Frames follow each other.
+        groups: TileGroup items of every tile, in tile order.
+        tiles_x, tile_count: tiles of a row and of the frame, 1 or more.
+        beta: merge threshold in entries; 0 means 1.
+        auto: twice the frame's mean count over non-empty tiles instead, capped by half of the sort buffer.
+        beta_used: the threshold of the frame whose groups come out or came last.
+        saturated, outside: an entry of the frame was not counted: its tile's counter was full, or there is no such tile. Until
+            the next frame's first item.
+        busy: high from a frame's first item until its last group is taken, and while the counters are cleared after a reset.
+            Settings may change where it is low.
+
+    Storage: that of `TileCounters`. Throughput: one hit a cycle, one tile a cycle. From `end` to the first group: 7 cycles, and
+    those of `AutoBeta` with `auto`. The next frame's hits are taken from the cycle on in which the last count has been read.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, count_bits: int = COUNT_BITS):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config, self._counters = config, TileCounters(config, count_bits=count_bits)
+        tiles = frame_tiles(config)
+        super().__init__({
+            "hits": In(stream.Signature(layout(tile_hit(config)))),
+            "groups": Out(stream.Signature(layout(tile_group(config)))),
+            "tiles_x": In(range(tiles + 1)),
+            "tile_count": In(range(tiles + 1)),
+            "beta": In(COUNT_BITS),
+            "auto": In(1),
+            "beta_used": Out(COUNT_BITS),
+            "saturated": Out(1),
+            "outside": Out(1),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.counters = counters = self._counters
+        m.submodules.auto_beta = auto_beta = AutoBeta(self.config)
+        m.submodules.group_tiles = group_tiles = GroupTiles(self.config)
+        wiring.connect(m, wiring.flipped(self.hits), counters.hits)
+        wiring.connect(m, counters.counts, group_tiles.counts)
+        wiring.connect(m, group_tiles.groups, wiring.flipped(self.groups))
+        m.d.comb += [
+            counters.tiles_x.eq(self.tiles_x),
+            counters.tile_count.eq(self.tile_count),
+            auto_beta.total.eq(counters.total),
+            auto_beta.filled.eq(counters.filled),
+            group_tiles.beta.eq(self.beta_used),
+            self.saturated.eq(counters.saturated),
+            self.outside.eq(counters.outside),
+            self.busy.eq(counters.busy | group_tiles.busy),
+        ]
+        # The last frame's groups may still be leaving when the next one has ended: beta changes behind them.
+        with m.FSM():
+            with m.State("COUNTING"):
+                with m.If(counters.settled & ~group_tiles.busy):
+                    m.d.comb += auto_beta.start.eq(self.auto)
+                    m.next = "CHOOSING"
+            with m.State("CHOOSING"):
+                with m.If(auto_beta.done):
+                    m.d.sync += self.beta_used.eq(Mux(self.auto, auto_beta.beta, Mux(self.beta == 0, 1, self.beta)))
+                    m.next = "SWEEPING"
+            with m.State("SWEEPING"):
+                m.d.comb += counters.begin_sweep.eq(1)
+                m.next = "COUNTING"
+        return m
+
+
+def emit_tile_merge_unit(config: AcceleratorConfig) -> str:
+    """Verilog of module `tile_merge_unit`."""
+    return to_verilog(TileMergeUnit(config), "tile_merge_unit")
