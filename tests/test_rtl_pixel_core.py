@@ -228,7 +228,7 @@ def test_stopped_when_every_pixel_is() -> None:
 
 @pytest.mark.parametrize("field_name, value, message", [
     ("cut", SQ(3, 16), "fraction bits than exponent"),
-    ("weight", UQ(0, 15), "fraction bits than transmittance"),
+    ("weight", UQ(0, 16), "fraction bits than transmittance"),
 ])
 def test_formats_that_do_not_fit_are_rejected(field_name: str, value: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
