@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Cat, Const, Mux, unsigned
 
-from rtl.float.number import fields, normalise, round_and_pack, shift_right, widened
+from rtl.float.number import Let, fields, normalise, round_and_pack, shift_right, widened
 from rtl.float.unit import FloatUnit, check_kind
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
@@ -41,23 +41,24 @@ class FloatAdd(FloatUnit):
         a, b, result = self._formats
         return max(a.sig_bits, b.sig_bits, result.sig_bits) + 2
 
-    def _ordered(self, p: Pipeline) -> dict[str, Staged]:
+    def _ordered(self, p: Pipeline, let: Let) -> dict[str, Staged]:
         """What stage 1 registers; exponents are counted from the larger of the two biases."""
         formats, bits = self._formats[:2], (self.a, self.b)
         bias, width = max(f.bias for f in formats), max(f.sig_bits for f in formats)
         a, b = numbers = [fields(x, f) for x, f in zip(bits, formats, strict=True)]
         # A zero's exponent, like its significand, lies below all others.
-        e_a, e_b = (Mux(x.nonzero, x.exponent + (bias - f.bias), 0) for x, f in zip(numbers, formats, strict=True))
+        e_a, e_b = (let(f"exponent_{name}", Mux(x.nonzero, x.exponent + (bias - f.bias), 0))
+                    for name, x, f in zip("ab", numbers, formats, strict=True))
         s_a, s_b = (widened(x.significand, width) for x in numbers)
-        swap, negative_b = Cat(s_b[:-1], e_b) > Cat(s_a[:-1], e_a), b.negative ^ self.subtract
+        swap, negative_b = let("swap", Cat(s_b[:-1], e_b) > Cat(s_a[:-1], e_a)), b.negative ^ self.subtract
         return {name: p.reg(name, lambda x: x, p.data(name, value)) for name, value in {
             "large": Mux(swap, s_b, s_a), "small": Mux(swap, s_a, s_b), "exponent": Mux(swap, e_b, e_a),
             "distance": Mux(swap, e_b - e_a, e_a - e_b)[:-1], "negative": Mux(swap, negative_b, a.negative),
             "differ": a.negative ^ negative_b,
         }.items()}
 
-    def stages(self, p: Pipeline) -> Staged:
-        to, window, x = self._formats[2], self._window, self._ordered(p)
+    def stages(self, p: Pipeline, let: Let) -> Staged:
+        to, window, x = self._formats[2], self._window, self._ordered(p, let)
         width = len(x["large"].value)
 
         def top(significand):
@@ -67,14 +68,14 @@ class FloatAdd(FloatUnit):
             large, small = Cat(Const(0, 1), top(large), Const(0, 1)), Cat(small, Const(0, 1))
             return (large + (small ^ differ.replicate(len(small))) + differ)[: len(large)]
 
-        aligned = p.reg("aligned", lambda small, n: shift_right(top(small), n), x["small"], x["distance"])
+        aligned = p.reg("aligned", lambda small, n: shift_right(let, top(small), n), x["small"], x["distance"])
         total = p.reg("total", add, x["large"], aligned, x["differ"])
-        normal = p.reg("normal", lambda x: Cat(*normalise(x)), total)
+        normal = p.reg("normal", lambda x: Cat(*normalise(let, x)), total)
         places = normal.map(lambda x: x[window + 2 :])
         normal = normal.map(lambda x: x[: window + 2])
         # A carry out of the larger operand's leading bit would be the exponent above its own.
         bias = to.bias - max(f.bias for f in self._formats[:2]) + 1
         return p.reg(
             "outcome", lambda normal, places, exponent, negative: round_and_pack(
-                to, normal, exponent - places + bias, negative=negative, nonzero=normal[-1]),
+                let, to, normal, exponent - places + bias, negative=negative, nonzero=normal[-1]),
             normal, places, x["exponent"], x["negative"])

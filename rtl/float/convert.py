@@ -5,7 +5,7 @@ from __future__ import annotations
 from amaranth.hdl import Cat, Const, Mux
 
 from rtl.fixed import as_integer, fits, saturate
-from rtl.float.number import fields, normalise, round_and_pack, shift_right
+from rtl.float.number import Let, fields, normalise, round_and_pack, shift_right
 from rtl.float.unit import FloatUnit, check_kind
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
@@ -27,16 +27,16 @@ class FixedToFloat(FloatUnit):
         self._a, self._result = a, result
         super().__init__({"a": shape(a)}, result)
 
-    def stages(self, p: Pipeline) -> Staged:
+    def stages(self, p: Pipeline, let: Let) -> Staged:
         a, width = as_integer(self.a), self._a.width
         negative = p.data("negative", a[-1])
         magnitude = p.reg("magnitude", lambda a: Mux(a[-1], -a, a)[:width], p.data("a", a))
-        normal = p.reg("normal", lambda x: Cat(*normalise(x)), magnitude)
+        normal = p.reg("normal", lambda x: Cat(*normalise(let, x)), magnitude)
         exponent = width - 1 - self._a.frac_bits + self._result.bias  # of the top bit
 
         def finish(x, negative):
             normal, places = x[:width], x[width:]
-            return round_and_pack(self._result, normal, exponent - places, negative=negative, nonzero=normal[-1])
+            return round_and_pack(let, self._result, normal, exponent - places, negative=negative, nonzero=normal[-1])
 
         return p.reg("outcome", finish, normal, negative)
 
@@ -59,18 +59,18 @@ class FloatToFixed(FloatUnit):
         self._a, self._result, self._rounding = a, result, rounding
         super().__init__({"a": shape(a)}, result)
 
-    def stages(self, p: Pipeline) -> Staged:
+    def stages(self, p: Pipeline, let: Let) -> Staged:
         number, to = self._a, self._result
         a = fields(self.a, number)
         # The significand starts with its leading one at 2^magnitude ulps, where it saturates, and shifts right from there.
         magnitude = to.int_bits + to.frac_bits
         width = max(magnitude + 2, number.sig_bits)  # at least one bit below the ulp
-        places = as_integer(magnitude - to.frac_bits + number.bias - a.exponent)
+        places = let("distance", as_integer(magnitude - to.frac_bits + number.bias - a.exponent))
         negative = p.data("negative", a.negative)
         large = p.reg("large", lambda x, nonzero: x[-1] & nonzero, p.data("places", places), p.data("nonzero", a.nonzero))
         places = p.reg("places", lambda x: Mux(x[-1], 0, x[:-1]), p.data("places", places))
         top = Const(0, width - number.sig_bits)
-        shifted = p.reg("shifted", lambda x, n, large: Cat(shift_right(Cat(top, x), n), large),
+        shifted = p.reg("shifted", lambda x, n, large: Cat(shift_right(let, Cat(top, x), n), large),
                         p.data("significand", a.significand).to(1), places, large)
 
         def finish(x, negative):
@@ -80,7 +80,7 @@ class FloatToFixed(FloatUnit):
             # -(m + up) is ~m + not up.
             up = half & (~negative | rest) if self._rounding is Rounding.HALF_UP else negative & (half | rest)
             signed = Cat(whole, Const(0, 1)) ^ negative.replicate(magnitude + 2)
-            rounded = signed.as_signed() + (up ^ negative)
+            rounded = let("rounded", signed.as_signed() + (up ^ negative))
             return Cat(saturate(rounded, to), ~fits(rounded, to))
 
         return p.reg("outcome", finish, shifted, negative)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from amaranth.hdl import Const, Mux
 
-from rtl.float.iteration import Iteration, floored, midpoint, raised
-from rtl.float.number import fields
+from rtl.float.iteration import Iteration, midpoint, raised, residual_bits
+from rtl.float.number import Let, fields
 from rtl.float.seed import Seed
 from rtl.pipeline import Pipeline, Staged
 from spec.formats import SmallFloat
@@ -35,18 +35,18 @@ class FloatReciprocal(Iteration):
         # y0 (1 + e) = (1 - e^2) / m
         return (seed.worst**2 + (1 + seed.worst) * 2.0 ** -self._keep(seed)) * 2.0**self._result.sig_bits, 0.0
 
-    def stages(self, p: Pipeline) -> Staged:
+    def stages(self, p: Pipeline, let: Let) -> Staged:
         number, to, s = self._operands[0], self._result, self._seed
         a, bits, keep = fields(self.a, number), number.sig_bits, self._keep(s)
         m, y0 = p.data("m", a.significand), self._first(p, a.significand)
         frac, bias = s.frac_bits + bits - 1, to.bias + number.bias - 2
-        e = p.reg("e", lambda m, y: floored((1 << frac) - m * y, frac, keep, s.worst), m, y0)
-        k = p.reg("k", lambda y, e: self._step(y, s.frac_bits, y * e, s.frac_bits + keep, to.sig_bits), y0, e)
+        e = p.reg("e", lambda m, y: residual_bits(m * y - (1 << frac), frac, keep, s.worst), m, y0)
+        k = p.reg("k", lambda y, e: self._step(y, s.frac_bits, y, e, s.frac_bits + keep, to.sig_bits), y0, e)
         # m h has at least as many fraction bits as the window, so the 1 is not in it; |1 - m h| < m ulp.
         up = p.reg("up", lambda m, k: (m * midpoint(k))[bits + 1], m, k)
         return p.reg(
             "outcome", lambda exponent, k, up, negative, nonzero: self._pack(
-                bias - exponent, k, up, negative=negative & nonzero, nonzero=Const(1, 1), infinite=~nonzero),
+                let, bias - exponent, k, up, negative=negative & nonzero, nonzero=Const(1, 1), infinite=~nonzero),
             p.data("exponent", a.exponent), k, up, p.data("negative", a.negative), p.data("nonzero", a.nonzero))
 
 
@@ -88,7 +88,7 @@ class FloatDivide(Iteration):
         floor, ulp = 2.0 ** -self._quotient_frac(seed), 2.0 ** (1 - self._result.sig_bits)
         return (2 * seed.worst * (seed.worst + floor) + (1 + seed.worst) * 2.0 ** -self._keep(seed)) / ulp, floor**2 / 2 / ulp
 
-    def stages(self, p: Pipeline) -> Staged:
+    def stages(self, p: Pipeline, let: Let) -> Staged:
         (a_format, b_format), to, s = self._operands, self._result, self._seed
         a, b = fields(self.a, a_format), fields(self.b, b_format)
         a_bits, bits, ulp_bits = a_format.sig_bits, b_format.sig_bits, to.sig_bits - 1
@@ -99,18 +99,18 @@ class FloatDivide(Iteration):
         m, y0 = p.data("m", b.significand), self._first(p, b.significand)
         q_frac, d_frac, keep = self._quotient_frac(s), self._residual_frac(s), self._keep(s)
         frac = s.frac_bits + a_bits - 1
-        q0 = p.reg("q0", lambda n, y: raised(n * y, max(0, q_frac - frac))[max(0, frac - q_frac) :][: q_frac + 2], n, y0)
+        q0 = p.reg("q0", lambda n, y: (n * raised(y, max(0, q_frac - frac)))[max(0, frac - q_frac) :][: q_frac + 2], n, y0)
         bound = 4 * (s.worst + 2.0**-q_frac)
-        d = p.reg("d", lambda n, m, q: floored(
-            raised(n, d_frac - a_bits + 1) - raised(m * q, d_frac - bits + 1 - q_frac), d_frac, keep, bound), n, m, q0)
-        k = p.reg("k", lambda q, y, d: self._step(q, q_frac, y * d, s.frac_bits + keep, ulp_bits), q0, y0, d)
+        d = p.reg("d", lambda n, m, q: residual_bits(
+            m * raised(q, d_frac - bits + 1 - q_frac) - raised(n, d_frac - a_bits + 1), d_frac, keep, bound), n, m, q0)
+        k = p.reg("k", lambda q, y, d: self._step(q, q_frac, y, d, s.frac_bits + keep, ulp_bits), q0, y0, d)
         # n - m h, counted in 2^-(bits + ulp_bits), is within m ulp.
-        up = p.reg("up", lambda n, m, k: ~(raised(n, bits + ulp_bits - a_bits + 1) - m * midpoint(k))[bits + 1], n, m, k)
+        up = p.reg("up", lambda n, m, k: (m * midpoint(k) - raised(n, bits + ulp_bits - a_bits + 1))[bits + 1], n, m, k)
         bias = to.bias - a_format.bias + b_format.bias - 1
         exponent = p.data("exponent", a.exponent - b.exponent).to(1)
         exponent = p.reg("exponent", lambda e, less: e + bias - less, exponent, less)
         return p.reg(
             "outcome", lambda exponent, k, up, negative, nonzero, finite: self._pack(
-                exponent, k, up, negative=negative, nonzero=nonzero, infinite=~finite),
+                let, exponent, k, up, negative=negative, nonzero=nonzero, infinite=~finite),
             exponent, k, up, p.data("negative", a.negative ^ (b.negative & b.nonzero)), p.data("nonzero", a.nonzero),
             p.data("finite", b.nonzero))

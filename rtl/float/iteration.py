@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from amaranth.hdl import Array, Cat, Const, Value
 
 from rtl.fixed import as_integer
-from rtl.float.number import pack
+from rtl.float.number import Let, pack
 from rtl.float.seed import Seed, seeds
 from rtl.float.unit import FloatUnit, check_kind
 from rtl.pipeline import Pipeline, Staged
@@ -73,16 +73,21 @@ class Iteration(FloatUnit):
             "seed", lambda o, c, t: (Cat(Const(0, s.slope_frac), o) - c * t)[s.slope_frac :][:width],
             offset, slope, p.data("t", used[: s.t_bits]).to(1))
 
-    def _step(self, first: Value, frac_bits: int, correction: Value, correction_frac: int, ulp_bits: int) -> Value:
-        """k: first + correction + the centring constant, floored to multiples of 2^-ulp_bits."""
-        frac = max(frac_bits, correction_frac, ulp_bits + 2)
-        total = raised(first, frac - frac_bits) + raised(correction, frac - correction_frac)
-        return (total + (self.quarters << (frac - ulp_bits - 2)))[frac - ulp_bits :][: self._result.sig_bits + 1]
+    def _step(self, first: Value, first_frac: int, y: Value, residual: Value, correction_frac: int, ulp_bits: int) -> Value:
+        """k: first + y * residual + the centring constant, floored to multiples of 2^-ulp_bits.
 
-    def _pack(self, exponent: Value, k: Value, up: Value, **conditions: Value) -> Value:
+        `correction_frac` is the product's fraction; the residual is as `residual_bits` gives it.
+        """
+        frac = max(first_frac, correction_frac, ulp_bits + 2)
+        residual = raised(residual, frac - correction_frac)
+        constant = self.quarters << (frac - ulp_bits - 2)
+        total = y * residual + raised(first, frac - first_frac) + constant - raised(y, len(residual) - 1)
+        return total[frac - ulp_bits :][: self._result.sig_bits + 1]
+
+    def _pack(self, let: Let, exponent: Value, k: Value, up: Value, **conditions: Value) -> Value:
         """The result k + up ulps; `exponent` is that of k's leading one, less one for adding it."""
         total = Cat(Const(0, self._result.sig_bits - 1), as_integer(exponent)).as_signed() + k + up
-        return pack(self._result, total, **conditions)
+        return pack(let, self._result, total, **conditions)
 
 
 def _look_up(table: tuple[int, ...], index: Value) -> Value:
@@ -96,11 +101,23 @@ def midpoint(k: Value) -> Value:
 
 
 def raised(x: Value, shift: int) -> Value:
-    """x * 2^shift."""
-    return Cat(Const(0, shift), as_integer(x)).as_signed()
+    """Unsigned x * 2^shift."""
+    return Cat(Const(0, shift), x)
 
 
-def floored(x: Value, frac_bits: int, keep: int, bound: float) -> Value:
-    """A signed x of `frac_bits` fraction bits floored to `keep` of them; |x| < bound tells how many bits there are above."""
+def residual_bits(negated: Value, frac_bits: int, keep: int, bound: float) -> Value:
+    """-`negated`, which has `frac_bits` fraction bits and is below `bound`, to `keep` of them, plus half of the field's range.
+
+    The offset spares a signed product and costs an inverter. What is left out lowers the residual by up to 2^-keep.
+    """
     width = int(bound * 2.0**keep + 1).bit_length() + 1
-    return x[frac_bits - keep :][:width].as_signed()
+    bits = (~negated)[frac_bits - keep :][:width]
+    return Cat(bits[:-1], ~bits[-1])
+
+
+def square(x: Value) -> Value:
+    """x * x of an unsigned value, with half the partial products."""
+    total = Cat(*(Cat(bit, Const(0, 1)) for bit in x))
+    for i in range(1, len(x)):
+        total = total + raised(x[:i] & x[i].replicate(i), i + 1)
+    return total[: 2 * len(x)]

@@ -6,12 +6,17 @@ like the result's exponent field; below 1 it is to be flushed, beyond the field 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from amaranth.hdl import Cat, Const, Mux, Value
 
 from rtl.fixed import as_integer
+from rtl.pipeline import Pipeline, Staged
 from spec.formats import SmallFloat
+
+Let = Callable[[str, Value], Value]
+"""Gives a value a name, and so a wire: an expression that is used in several places is built once."""
 
 
 class Fields(NamedTuple):
@@ -36,28 +41,36 @@ def widened(x: Value, width: int) -> Value:
     return Cat(Const(0, width - len(x)), x)
 
 
-def normalise(x: Value) -> tuple[Value, Value]:
+def normalise(let: Let, x: Value) -> tuple[Value, Value]:
     """x shifted left until its top bit is set, and by how much; the top bit of the first stays 0 for 0 alone."""
-    x, count = x[:], []
+    count = []
     for k in reversed(range((len(x) - 1).bit_length())):
-        empty = ~x[-(1 << k) :].any()
-        x = Mux(empty, Cat(Const(0, 1 << k), x[: -(1 << k)]), x)
+        empty = let(f"empty_{1 << k}", ~x[-(1 << k) :].any())
+        x = let(f"left_{1 << k}", Mux(empty, Cat(Const(0, 1 << k), x[: -(1 << k)]), x))
         count.insert(0, empty)
     return x, Cat(*count)
 
 
-def shift_right(x: Value, n: Value) -> Value:
+def shift_right(let: Let, x: Value, n: Value) -> Value:
     """x >> n with one bit more at the bottom: whether a bit that was shifted out is set (sticky)."""
     sticky, steps = Const(0, 1), len(x).bit_length()
     for k in range(min(steps, len(n))):
         low = min(1 << k, len(x))
         sticky = sticky | (n[k] & x[:low].any())
-        x = Mux(n[k], Cat(x[low:], Const(0, low)), x)
+        x = let(f"right_{1 << k}", Mux(n[k], Cat(x[low:], Const(0, low)), x))
     if len(n) > steps:
-        far = n[steps:].any()
+        far = let("far", n[steps:].any())
         sticky = sticky | (far & x.any())
         x = x & (~far).replicate(len(x))
     return Cat(sticky, x)
+
+
+def product(p: Pipeline, name: str, a: Staged, b: Staged) -> Staged:
+    """Unsigned a * b in two stages: the products of a with the halves of b, then their sum."""
+    low = len(b.value) // 2
+    halves = [p.reg(f"{name}_{part}", lambda a, b: a * b, a, b.map(lambda b, bits=bits: b[bits]))
+              for part, bits in (("low", slice(low)), ("high", slice(low, None)))]
+    return p.reg(name, lambda x, y: Cat(x[:low], (x[low:] + y)[: len(a.value) + len(b.value) - low]), *halves)
 
 
 def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:
@@ -69,20 +82,21 @@ def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:
 
 
 def pack(
-    number: SmallFloat, total: Value, *, negative: Value, nonzero: Value, infinite: Value | None = None,
+    let: Let, number: SmallFloat, total: Value, *, negative: Value, nonzero: Value, infinite: Value | None = None,
 ) -> Value:
     """Bit pattern, and above it whether it saturated, of a rounded magnitude.
 
     `total` is fraction and exponent as one signed integer, so that a fraction rounded up to 2 has already carried.
     `infinite` magnitudes saturate whatever `total` is. Numbers too small for the format are zero and do not saturate.
     """
+    total = let("rounded", total)
     total = Cat(total, total[-1].replicate(max(0, number.sig_bits + number.exp_bits + 1 - len(total))))
     exponent = total[number.sig_bits - 1 :]
     above = exponent[number.exp_bits : -1].any() & ~exponent[-1]
     small = exponent[-1] | ~exponent.any()
     if infinite is not None:
         above, small = above | infinite, small & ~infinite
-    present = nonzero & ~small
+    above, present = let("above", above), let("present", nonzero & ~small)
     largest = above.replicate(number.width - number.signed)
     magnitude = (total[: len(largest)] | largest) & present.replicate(len(largest))
     if number.signed:
@@ -91,11 +105,12 @@ def pack(
 
 
 def round_and_pack(
-    number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value, one_more: Value | None = None,
+    let: Let, number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value,
+    one_more: Value | None = None,
 ) -> Value:
     """`pack` of a normalised significand, rounded; `one_more`, a bit, is added to the exponent."""
     fraction, up = nearest_even(significand, number)
     total = Cat(fraction, as_integer(exponent)).as_signed() + up
     if one_more is not None:
         total = total + Cat(Const(0, number.sig_bits - 1), one_more)
-    return pack(number, total, negative=negative, nonzero=nonzero)
+    return pack(let, number, total, negative=negative, nonzero=nonzero)

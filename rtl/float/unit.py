@@ -5,10 +5,11 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, Shape
+from amaranth.hdl import Module, Shape, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.float.number import Let
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
 from spec.formats import Fixed, Format, SmallFloat
@@ -49,13 +50,19 @@ class FloatUnit(wiring.Component):
         })
 
     @abstractmethod
-    def stages(self, p: Pipeline) -> Staged:
+    def stages(self, p: Pipeline, let: Let) -> Staged:
         """Registers of the operation; returns the result's bits and above them `saturated`, `latency` registers deep."""
 
     def elaborate(self, platform) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
-        valid, outcome = p.control("valid", self.valid), self.stages(p)
+
+        def let(name: str, value: Value) -> Signal:
+            wire = Signal(value.shape(), name=name)
+            m.d.comb += wire.eq(value)
+            return wire
+
+        valid, outcome = p.control("valid", self.valid), self.stages(p, let)
         m.d.comb += [
             self.result_valid.eq(valid.at(self.latency)),
             self.result.eq(outcome.at(self.latency)[:-1]),
