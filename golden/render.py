@@ -30,8 +30,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="golden/render.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
-    parser.add_argument("--config", default="paper", choices=list(CONFIGS), help="machine (default: paper, the widest rows)")
-    parser.add_argument("--compare", choices=["oracle"], help="render the float64 oracle too and report the difference")
+    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
+    parser.add_argument("--compare", metavar="oracle", help="render the float64 oracle too and report the difference")
     parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/render/NAME)")
     return parser.parse_args(argv)
@@ -79,8 +79,11 @@ def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, fl
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line's work."""
     args = parse_arguments(argv)
-    if args.dump and args.dump not in pipeline.STAGES:
-        raise InputError(f"stage {args.dump!r} is not accepted: choose one of {', '.join(pipeline.STAGES)}")
+    for name, value, accepted in (
+        ("config", args.config, CONFIGS), ("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES),
+    ):
+        if value is not None and value not in accepted:
+            raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
     request = resolve(args)
     frame = pipeline.render(
         request.model, request.camera, config=CONFIGS[args.config], foveation=request.foveation, background=request.background)

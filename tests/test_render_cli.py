@@ -73,7 +73,7 @@ def test_background_shows_where_nothing_is(scene, tmp_path):
     (["--gaze", "700,5", "--size", "64x64"], "700.0,5.0"), (["--gaze", "1"], "'1'"), (["--gaze", "nan,1"], "'nan,1'"),
     (["--levels", "5"], "5"), (["--levels", "0"], "0"), (["--background", "2,0,0"], "'2,0,0'"),
     (["--camera", "99"], "99"), (["--camera", "missing.json"], "missing.json"), (["--dump", "nothing"], "'nothing'"),
-    (["--seed", "-1"], "-1"),
+    (["--seed", "-1"], "-1"), (["--config", "huge"], "'huge'"), (["--compare", "gsplat"], "'gsplat'"),
 ])
 def test_bad_requests_name_the_value_and_write_nothing(scene, tmp_path, argv, named):
     with pytest.raises(InputError, match=None) as error:
