@@ -1,7 +1,7 @@
 """Golden model: scenes, oracle, integer renderer, metrics, training.
 
-Importing it gives numba's compiled kernels a cache folder of their own for every state of the sources: numba notices an edit in a
-kernel's own file only, not in the functions and constants it takes from others, and would go on running stale code.
+Importing it gives numba's compiled kernels a cache folder of their own for every state of the sources: numba notices an edit
+in a kernel's own file only, not in the functions and constants it takes from others, and would go on running stale code.
 """
 
 import hashlib

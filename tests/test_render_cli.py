@@ -62,9 +62,9 @@ def test_foveation_of_a_plain_model_is_seeded(scene, tmp_path):
 
 
 def test_background_shows_where_nothing_is(scene, tmp_path):
-    render(scene, "--size", "64x64", "--background", "1,0.5,0", "--out", tmp_path)
+    render(scene, "--size", "64x64", "--background", "1,0.25,0", "--out", tmp_path)
     corner = np.asarray(Image.open(tmp_path / "frame.png"))[0, 0]
-    assert corner.tolist() == [255, 128, 0]
+    assert corner.tolist() == [255, 64, 0]
 
 
 @pytest.mark.parametrize(("argv", "named"), [
