@@ -86,11 +86,12 @@ def test_registers_are_the_camera_rounded():
 def test_depth_scale_covers_what_is_seen_but_no_outlier():
     camera = view(64, 48)
     seen = np.column_stack([np.zeros((500, 2)), np.linspace(1, 20, 500)])
-    assert depth_far(seen, camera) == 20
+    assert depth_far(seen, np.zeros(3), camera) == 20
     behind_or_beside = np.array([[0, 0, -50.0], [500, 0, 100]])
-    assert depth_far(np.concatenate([seen, behind_or_beside]), camera) == 20
-    assert 70 < depth_far(np.concatenate([seen, [[0, 0, 1e6]]]), camera) < 90  # four times the 99th percentile
-    assert depth_far(np.zeros((0, 3)), camera) > camera.near
+    assert depth_far(np.concatenate([seen, behind_or_beside]), np.zeros(3), camera) == 20
+    assert 70 < depth_far(np.concatenate([seen, [[0, 0, 1e6]]]), np.zeros(3), camera) < 90  # four times the 99th percentile
+    assert depth_far(seen - [0, 0, 5], np.array([0.0, 0, 5]), camera) == pytest.approx(20)
+    assert depth_far(np.zeros((0, 3)), np.zeros(3), camera) > camera.near
 
 
 def test_means_are_within_a_hundredth_of_a_pixel(scene):
