@@ -109,8 +109,19 @@ def frames_table(reports: Reports) -> str:
 
 
 def time_table(reports: Reports) -> str:
-    """Renderers side by side, from the benchmark's report."""
-    return reports["bench"]["table"] if "bench" in reports else "(not measured yet)"
+    """Every renderer's time against its error, from the benchmark; the RTL's from the frames it simulated."""
+    rows = []
+    for scene in reports.get("bench", {"scenes": []})["scenes"]:
+        size = "x".join(map(str, scene["size"]))
+        for name, r in scene["renderers"].items():
+            rows.append([f"{scene['scene']}, {size}", name, f"{1e3 * r['median_s']:,.1f} ms", f"{r['times_integer']:.2f}",
+                         f"{r['psnr_vs_oracle_db']:.1f} dB"])
+    for r in reports.get("frames", {"rows": []})["rows"]:
+        if r["config"] == "default" and not r["gaze"]:
+            size = "x".join(map(str, r["size"]))
+            rows.append([f"{r['scene']}, {size}", "RTL in Verilator", f"{1e3 * r['cycles'] / r['cycles_per_s']:,.0f} ms", "-",
+                         "equal to the integer golden"])
+    return markdown(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
 
 
 TABLES: dict[str, Callable[[Reports], str]] = {
