@@ -45,7 +45,7 @@ def results_table(reports: Reports) -> str:
         scaled = row["area_per_core_um2"] * AREA_7_TO_16_NM
         rows.append(["area of a core, registers of its row included, at 16 nm", f"{PAPER_CORE_UM2:,.0f} um²",
                      f"{scaled:,.0f} um² (ASAP7: {row['area_per_core_um2']:.0f} um² x 1/0.31)",
-                     "log2-domain integers instead of FP16; cells only, before place and route, without the line buffer"])
+                     "log2-domain integers, their format is not stated; cells only, no place and route, no line buffer"])
         rows.append(["pixel core alone, ASAP7, strict cell list", "-",
                      f"{core['area_um2']:.0f} um², slack {core['slack_ps']:.0f} ps at {core['clock_ps']:.0f} ps",
                      f"two level banks, depth, early stop; {1e3 / core['derated_ps']:.2f} GHz with 15 % for wires"])

@@ -1,0 +1,33 @@
+"""The README's tables are what reports/ give, and its commands exist."""
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from tools.tables import TABLES, fill_readme  # noqa: E402
+
+
+def test_tables_are_current():
+    assert fill_readme(ROOT / "README.md", ROOT / "reports", check=True) == 0, "run: make results ONLY=tables"
+
+
+def test_a_changed_number_is_noticed(tmp_path):
+    text = (ROOT / "README.md").read_text()
+    stale = re.sub(r"(\d+) um²", lambda m: f"{int(m[1]) + 1} um²", text, count=1)
+    assert stale != text
+    (tmp_path / "README.md").write_text(stale)
+    assert fill_readme(tmp_path / "README.md", ROOT / "reports", check=True) == 1
+    assert fill_readme(tmp_path / "README.md", ROOT / "reports") == 0
+    assert (tmp_path / "README.md").read_text() == text
+
+
+def test_every_table_is_shown_and_every_target_exists():
+    text, makefile = (ROOT / "README.md").read_text(), (ROOT / "Makefile").read_text()
+    assert set(re.findall(r"<!-- table:(\w+) -->", text)) == set(TABLES)
+    for target in re.findall(r"^ +(?:[A-Z0-9_]+=\S+ )*make ([a-z-]+)", text, flags=re.M):
+        assert re.search(rf"^{target}:", makefile, flags=re.M), target
+    for page in re.findall(r"\]\((docs/[^)#]+)\)", text):
+        assert (ROOT / page).exists(), page
