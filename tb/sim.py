@@ -7,9 +7,12 @@ from collections.abc import Sequence
 
 from spec.errors import InputError, run_command_line
 from tb.common.runner import SimulationError, Waves
-from tb.vrc import suite
+from tb.sort import suite as sort
+from tb.tmu import suite as tmu
+from tb.vrc import suite as vrc
 
-TESTS = {"vrc": "the volume rendering array"}
+TESTS = {"vrc": "the volume rendering array", "tmu": "the tile merge unit", "sort": "the chunk sorter"}
+SUITES = {"vrc": vrc, "tmu": tmu, "sort": sort}
 
 
 def parse_window(text: str) -> tuple[int, int]:
@@ -24,10 +27,15 @@ def parse_window(text: str) -> tuple[int, int]:
     return window
 
 
+def _variants(test: str) -> list[str]:
+    """Names of the machines that a unit, or any, can be tested in."""
+    return list(dict.fromkeys(name for unit in TESTS if test in ("all", unit) for name in SUITES[unit].VARIANTS))
+
+
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
     parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(TESTS)}")
-    parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(suite.VARIANTS)}")
+    parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
     parser.add_argument("--waves", action="store_true", help="record waves (FST); of tiny, unless --config names another")
@@ -41,22 +49,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     if args.test not in ("all", *TESTS):
         raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(TESTS)}")
-    if args.config != "all" and args.config not in suite.VARIANTS:
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(suite.VARIANTS)}")
+    if args.config not in ("all", *_variants(args.test)):
+        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(_variants(args.test))}")
     if args.seed < 0:
         raise InputError(f"SEED {args.seed} is not accepted: 0 or more is")
     begin, end = parse_window(args.wave_cycles)
     waves = Waves(begin, end, tuple(s for s in args.wave_scopes.split(",") if s)) if args.waves else None
-    every = ("tiny",) if waves else suite.DISTINCT
-    names = every if args.config == "all" else (args.config,)
-    return max([_run_variant(name, args.seed, args.runs, waves) for name in names])
+    statuses = []
+    for unit in TESTS if args.test == "all" else (args.test,):
+        every = ("tiny",) if waves else SUITES[unit].DISTINCT
+        names = every if args.config == "all" else {args.config} & SUITES[unit].VARIANTS.keys()
+        statuses += [_run_variant(unit, name, args.seed, args.runs, waves) for name in names]
+    if all(status is None for status in statuses):
+        raise InputError(f"runs {args.runs!r}: no run has that in its name")
+    return max(status for status in statuses if status is not None)
 
 
-def _run_variant(name: str, seed: int, only: str, waves: Waves | None) -> int:
-    config, folder = suite.VARIANTS[name], suite.variant_folder(name)
+def _run_variant(unit: str, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
+    """One unit in one machine: 1 when anything differs; None when no run is chosen."""
+    suite, name = SUITES[unit], f"{unit} {variant}"
+    config, folder = suite.VARIANTS[variant], suite.variant_folder(variant)
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
-        raise InputError(f"runs {only!r}: no run has that in its name")
+        return None
     print(f"{name}: {len(plan)} runs, seed {seed}", flush=True)
     try:
         outcome = suite.run_plan(config, plan, folder, waves=waves, progress=True)
@@ -65,7 +80,9 @@ def _run_variant(name: str, seed: int, only: str, waves: Waves | None) -> int:
         return 1
     for run, wrong in outcome.failures.items():
         print(f"{name}: {run}: FAILED", *wrong, sep="\n    ")
-    print(f"{name}: {outcome.runs - len(outcome.failures)} of {outcome.runs} runs equal, {outcome.pixels} pixels, "
+    for line in suite.figures(config, plan, outcome):
+        print(f"{name}: {line}")
+    print(f"{name}: {outcome.runs - len(outcome.failures)} of {outcome.runs} runs equal, {outcome.amount}, "
           f"{outcome.cycles} cycles, {outcome.seconds:.1f} s", flush=True)
     if waves:
         print(f"{name}: waves in {folder / 'dump.fst'}")

@@ -12,10 +12,19 @@ from hypothesis import strategies as st
 
 from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.pipeline import render
-from golden.msv2_ref.sort_tmu import ENTRY_BYTES, auto_beta, depth_order, merge_tiles
+from golden.msv2_ref.sort_tmu import (
+    ENTRY_BYTES,
+    auto_beta,
+    count_tiles,
+    depth_order,
+    merge_tiles,
+    sort_chunks,
+    tile_groups,
+)
 from golden.msv2_ref.tiling import tile_entries
 from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, TINY
+from spec.records import chunk_entry
 
 CAMERA = view(150, 100)
 DETERMINISTIC = settings(derandomize=True, database=None, deadline=None, max_examples=300)
@@ -132,3 +141,48 @@ def test_merging_changes_no_pixel(frame, foveation, beta):
     counts = np.diff(frame.entries.start)
     chosen = auto_beta(counts, DEFAULT) if beta is None else beta
     assert np.array_equal(again.groups, merge_tiles(counts, frame.registers.tiles_x, chosen))
+
+
+@pytest.mark.parametrize("beta", [None, 30])
+def test_counted_and_grouped_records_are_the_frames(frame, beta):
+    rows = np.flatnonzero(frame.projected.reason == VISIBLE).astype(np.int32)
+    tile, *_ = unsorted_stream(frame, rows)
+    counts, saturated, outside = count_tiles(np.random.default_rng(0).permutation(tile), len(frame.groups))
+    assert np.array_equal(counts, np.diff(frame.entries.start)) and not saturated and not outside
+    groups = tile_groups(DEFAULT, counts, frame.registers.tiles_x, beta)
+    assert np.array_equal(groups["count"], counts) and np.array_equal(groups["tile"], np.arange(len(counts)))
+    if beta is None:
+        assert np.array_equal(groups["group"], frame.groups)
+    ends = [np.flatnonzero(groups["group"] == group)[-1] for group in range(groups["group"][-1] + 1)]
+    assert np.array_equal(np.flatnonzero(groups["last"]), ends)
+
+
+def test_counters_saturate_and_leave_out_what_lies_outside():
+    hits = np.array([0] * 3 + [1] * 4 + [3])
+    for (tiles, bits), expected in {(4, 2): ([3, 3, 0, 1], True, False), (3, 3): ([3, 4, 0], False, True)}.items():
+        counts, *flags = count_tiles(hits, tiles, bits)
+        assert (counts.tolist(), *flags) == expected
+    assert count_tiles(np.empty(0, int), 2)[0].tolist() == [0, 0]
+
+
+def chunk_items(*chunks):
+    rows = [(index, key, tile, i == len(chunk), 0) for chunk in chunks for i, (tile, key, index) in enumerate(chunk, 1)]
+    return np.array(rows, chunk_entry(TINY).dtype)
+
+
+def test_chunks_are_sorted_each_by_itself():
+    one, two = [(1, 5, 9), (0, 7, 1), (1, 5, 2), (1, 4, 30)], [(0, 0, 0)]
+    assert np.array_equal(sort_chunks(chunk_items(one, two, one)), chunk_items(sorted(one), two, sorted(one)))
+    empty = np.array([(0, 0, 0, 1, 1)], chunk_entry(TINY).dtype)
+    items = np.concatenate([empty, chunk_items(one), empty, empty, chunk_items(two), empty])
+    assert np.array_equal(sort_chunks(items)[[0, 5, 6, 8]], np.concatenate([empty] * 4))
+
+
+def test_sorted_groups_behind_each_other_are_the_frames_lists(frame):
+    rows = np.flatnonzero(frame.projected.reason == VISIBLE).astype(np.int32)
+    tile, key, index, _ = unsorted_stream(frame, rows)
+    arrival = np.lexsort((index, frame.groups[tile]))
+    items = np.zeros(len(tile), chunk_entry(DEFAULT).dtype)
+    items["tile"], items["depth_key"], items["index"] = tile[arrival], key[arrival], index[arrival]
+    items["last"] = np.append(np.diff(frame.groups[items["tile"]]) > 0, True)
+    assert np.array_equal(sort_chunks(items)["index"], frame.entries.splat)

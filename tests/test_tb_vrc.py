@@ -160,7 +160,7 @@ def test_one_level_has_no_blend_tiles():
     (["--config", "huge"], r"'huge' is not accepted: choose one of all, tiny, .*default"),
     (["--config", "tiny", "--wave-cycles", "9:3"], r"'9:3' is not accepted"),
     (["--config", "tiny", "--seed", "-1"], r"-1 is not accepted"),
-    (["--config", "tiny", "--runs", "nothing like it"], r"no run has that in its name"),
+    (["--test", "vrc", "--config", "tiny", "--runs", "nothing like it"], r"no run has that in its name"),
 ])
 def test_bad_requests_name_what_is_accepted(argv, says, monkeypatch):
     monkeypatch.setattr(suite, "full_plan", lambda config, seed: quick_plan(config))

@@ -1,0 +1,134 @@
+"""Units whose every output is known in advance: runs with the rows they must give, and how fast."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tb.common.patterns import Pattern
+from tb.common.playback import Playback
+from tb.common.player import Recording, Run, play
+from tb.common.runner import Waves
+
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run and what must come of it.
+
+    Attributes:
+        run: what is played.
+        expected: rows of every output stream.
+        observed: values of plain outputs at the end; of those not named any is right.
+        least_rate: items a cycle in which one is offered, by input port; at least.
+        most_cycles: cycles from the start to the last item; at most.
+    """
+
+    run: Run
+    expected: Mapping[str, np.ndarray]
+    observed: Mapping[str, int] = field(default_factory=dict)
+    least_rate: Mapping[str, float] = field(default_factory=dict)
+    most_cycles: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The run's, for reports."""
+        return self.run.name
+
+
+@dataclass
+class Outcome:
+    """Of a plan.
+
+    Attributes:
+        failures: problems by run's name; empty when all is well.
+        recordings: what every run gave that was not cut off, by name.
+        runs, items, cycles: how much was compared and simulated.
+        seconds: wall time, the build included.
+    """
+
+    failures: dict[str, list[str]] = field(default_factory=dict)
+    recordings: dict[str, Recording] = field(default_factory=dict)
+    runs: int = 0
+    items: int = 0
+    cycles: int = 0
+    seconds: float = 0.0
+
+    @property
+    def amount(self) -> str:
+        """What was compared."""
+        return f"{self.items} items"
+
+
+def planned(
+    name: str, inputs: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], *,
+    observed: Mapping[str, int] | None = None, least_rate: Mapping[str, float] | None = None, most_cycles: int | None = None,
+    **options: object,
+) -> Planned:
+    """A run that gives `expected`; `options` are those of `Run`."""
+    run = Run(name, inputs, {port: len(rows) for port, rows in expected.items()}, **options)
+    return Planned(run, expected, observed or {}, least_rate or {}, most_cycles)
+
+
+def every_pattern(ports: Sequence[str], seed: int) -> dict[str, dict[str, tuple[Pattern, int]]]:
+    """Patterns of pauses by a name for the run: each kind on each port alone, and on all of them."""
+    return {
+        f"{pattern.value} pauses of {', '.join(paused)}": {port: (pattern, seed + i) for i, port in enumerate(paused)}
+        for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY)
+        for paused in (*((port,) for port in ports), tuple(ports))}
+
+
+def rate(recording: Recording, port: str) -> float:
+    """Items that an input port took a cycle in which one was offered."""
+    return recording.items[port] / max(recording.items[port] + recording.stalls[port], 1)
+
+
+def run_plan(
+    playback: Playback, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
+) -> Outcome:
+    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    begin, outcome = time.perf_counter(), Outcome()
+    for item, recording in zip(
+            plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress), strict=True):
+        outcome.cycles += recording.cycles
+        if item.run.abort is not None:
+            continue
+        outcome.runs += 1
+        outcome.items += sum(len(rows) for rows in item.expected.values())
+        outcome.recordings[item.name] = recording
+        wrong = problems(item, recording)
+        if wrong:
+            outcome.failures[item.name] = wrong
+    outcome.seconds = time.perf_counter() - begin
+    return outcome
+
+
+def problems(item: Planned, recording: Recording) -> list[str]:
+    """What is wrong with a recording, in words; empty when every bit and every rule is kept."""
+    found = list(recording.errors)
+    for port, wanted in item.expected.items():
+        found += _differences(port, recording.outputs[port], wanted)
+    for name, value in item.observed.items():
+        if recording.observed[name] != value:
+            found.append(f"{name} is {recording.observed[name]}, not {value}")
+    for port, least in item.least_rate.items():
+        if rate(recording, port) < least:
+            found.append(f"{port}: {rate(recording, port):.3f} items a cycle, fewer than {least}")
+    if item.most_cycles is not None and recording.cycles > item.most_cycles:
+        found.append(f"{recording.cycles} cycles, more than {item.most_cycles}")
+    return found
+
+
+def _differences(port: str, got: np.ndarray, wanted: np.ndarray) -> list[str]:
+    found = [f"{port}: {len(got)} items, not {len(wanted)}"] if len(got) != len(wanted) else []
+    shared = min(len(got), len(wanted))
+    wrong = np.flatnonzero(got[:shared] != wanted[:shared])
+    found += [f"{port} {i}: {got[i]}, golden {wanted[i]}" for i in wrong[:_SHOWN]]
+    if len(wrong) > _SHOWN:
+        found.append(f"{port}: and {len(wrong) - _SHOWN} more items")
+    return found

@@ -1,0 +1,60 @@
+"""Chunks for the sorter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame
+from spec.config import AcceleratorConfig
+from spec.records import INDEX_BITS, chunk_entry, frame_tiles
+
+ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
+"""How the entries of a chunk may arrive."""
+
+
+def items_of(config: AcceleratorConfig, chunks: Iterable[np.ndarray]) -> np.ndarray:
+    """ChunkEntry items of chunks, each (N, 3): tile, depth key, index; N may be 0."""
+    parts = []
+    for chunk in chunks:
+        part = np.zeros(max(len(chunk), 1), chunk_entry(config).dtype)
+        if len(chunk):
+            part["tile"], part["depth_key"], part["index"] = chunk.T
+        part["empty"], part["last"][-1] = not len(chunk), 1
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int, order: str) -> np.ndarray:
+    """(count, 3) entries of a few neighbouring tiles, in one of ORDERS; no two share tile and index but where all are equal."""
+    keys = 2 if order == "ties" else config.formats.depth_key.raw_max + 1
+    tile = rng.integers(frame_tiles(config)) + rng.integers(0, 5, count)
+    index = rng.choice(1 << INDEX_BITS - 6, count, replace=False) * 64 + rng.integers(0, 64, count)
+    chunk = np.stack([np.minimum(tile, frame_tiles(config) - 1), rng.integers(0, keys, count), index], 1)
+    if order == "equal":
+        chunk[:] = chunk[:1]
+    if order in ("sorted", "reversed", "zigzag"):
+        chunk = chunk[np.lexsort(chunk.T[::-1])]
+    if order == "zigzag":  # the smallest, the largest, the next smallest
+        place = np.arange(count)
+        chunk = chunk[np.where(place % 2, count - 1 - place // 2, place // 2)]
+    return chunk[::-1] if order == "reversed" else chunk
+
+
+def random_chunks(config: AcceleratorConfig, rng: np.random.Generator, lengths: Iterable[int]) -> list[np.ndarray]:
+    """Chunks of these lengths, orders drawn."""
+    return [random_chunk(config, rng, length, str(rng.choice(ORDERS))) for length in lengths]
+
+
+def group_chunks(frame: Frame, capacity: int) -> list[np.ndarray]:
+    """A traced frame's groups in order, entries as culling finds them; a group beyond the capacity is cut as it arrives."""
+    entries = frame.entries
+    tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
+    arrival = np.lexsort((tile, entries.splat, frame.groups[tile]))
+    rows = np.stack([tile, frame.projected.depth_key[entries.splat], entries.splat], 1)[arrival]
+    bounds = np.searchsorted(frame.groups[tile[arrival]], np.arange(frame.groups[-1] + 2))
+    return [
+        rows[start : min(start + capacity, end)]
+        for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        for start in range(begin, max(end, begin + 1), capacity)]
