@@ -37,7 +37,7 @@ PAIRS = [
     (SmallFloat(9, 2, 2), SmallFloat(10, 3, 3)),
 ]
 MACHINE = [(N.view, N.view, N.view), (N.work, N.work, N.work), (N.view, N.view, N.work), (N.work, N.work, N.conic),
-           (N.work, N.scale, N.work)]
+           (N.view, N.work, N.work), (N.work, N.scale, N.work)]
 
 
 def patterns(number: SmallFloat) -> range:
@@ -110,6 +110,16 @@ def test_the_machines_formats(kind, formats):
     if kind is FloatDivide and formats[0].sig_bits > formats[2].sig_bits:
         pytest.skip("quotients could be ties: refused")
     check_binary(kind, formats, directed_pairs(*formats[:2], 150), bubbles=0.2)
+
+
+def test_a_longer_operand_is_rounded_once():
+    """A tie of the result's format and a hair: float64 drops the hair, and rounding its sum would go the wrong way."""
+    tie, hair = Fraction(1) + Fraction(1, 1 << N.work.sig_bits), Fraction(1, 1 << 100)
+    a, b = pattern(N.view, tie), pattern(N.work, hair)
+    up, even = expected(N.work, tie + hair)[0], pattern(N.work, Fraction(1))
+    rows = [{"a": a, "b": b, "subtract": subtract} for subtract in (0, 1)]
+    assert [bits for bits, _ in simulate(FloatAdd(a=N.view, b=N.work, result=N.work), rows)] == [up, even] == [even + 1, even]
+    assert N.work.round(float(tie) + float(hair)) == 1
 
 
 @pytest.mark.parametrize("number", [N.view, N.work], ids=str)

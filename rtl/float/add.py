@@ -66,7 +66,7 @@ class FloatAdd(FloatUnit):
 
         def add(large, small, differ):
             large, small = Cat(Const(0, 1), top(large), Const(0, 1)), Cat(small, Const(0, 1))
-            return (large + (small ^ differ.replicate(len(small))) + differ)[: len(large)]
+            return let("sum", (large + (small ^ differ.replicate(len(small))) + differ)[: len(large)])
 
         aligned = p.reg("aligned", lambda small, n: shift_right(let, top(small), n), x["small"], x["distance"])
         total = p.reg("total", add, x["large"], aligned, x["differ"])

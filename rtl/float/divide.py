@@ -38,10 +38,10 @@ class FloatReciprocal(Iteration):
     def stages(self, p: Pipeline, let: Let) -> Staged:
         number, to, s = self._operands[0], self._result, self._seed
         a, bits, keep = fields(self.a, number), number.sig_bits, self._keep(s)
-        m, y0 = p.data("m", a.significand), self._first(p, a.significand)
+        m, y0 = p.data("m", a.significand), self._first(p, let, a.significand)
         frac, bias = s.frac_bits + bits - 1, to.bias + number.bias - 2
-        e = p.reg("e", lambda m, y: residual_bits(m * y - (1 << frac), frac, keep, s.worst), m, y0)
-        k = p.reg("k", lambda y, e: self._step(y, s.frac_bits, y, e, s.frac_bits + keep, to.sig_bits), y0, e)
+        e = p.reg("e", lambda m, y: residual_bits(let, m * y - (1 << frac), frac, keep, s.worst), m, y0)
+        k = p.reg("k", lambda y, e: self._step(let, y, s.frac_bits, y, e, s.frac_bits + keep, to.sig_bits), y0, e)
         # m h has at least as many fraction bits as the window, so the 1 is not in it; |1 - m h| < m ulp.
         up = p.reg("up", lambda m, k: (m * midpoint(k))[bits + 1], m, k)
         return p.reg(
@@ -96,14 +96,14 @@ class FloatDivide(Iteration):
         less = p.reg("less", lambda x: x, p.data("less", raised(a.significand, widest - a_bits) < raised(
             b.significand, widest - bits)))
         n = p.reg("n", lambda n, less: Mux(less, n << 1, n), p.data("a", a.significand), less)
-        m, y0 = p.data("m", b.significand), self._first(p, b.significand)
+        m, y0 = p.data("m", b.significand), self._first(p, let, b.significand)
         q_frac, d_frac, keep = self._quotient_frac(s), self._residual_frac(s), self._keep(s)
         frac = s.frac_bits + a_bits - 1
         q0 = p.reg("q0", lambda n, y: (n * raised(y, max(0, q_frac - frac)))[max(0, frac - q_frac) :][: q_frac + 2], n, y0)
         bound = 4 * (s.worst + 2.0**-q_frac)
         d = p.reg("d", lambda n, m, q: residual_bits(
-            m * raised(q, d_frac - bits + 1 - q_frac) - raised(n, d_frac - a_bits + 1), d_frac, keep, bound), n, m, q0)
-        k = p.reg("k", lambda q, y, d: self._step(q, q_frac, y, d, s.frac_bits + keep, ulp_bits), q0, y0, d)
+            let, m * raised(q, d_frac - bits + 1 - q_frac) - raised(n, d_frac - a_bits + 1), d_frac, keep, bound), n, m, q0)
+        k = p.reg("k", lambda q, y, d: self._step(let, q, q_frac, y, d, s.frac_bits + keep, ulp_bits), q0, y0, d)
         # n - m h, counted in 2^-(bits + ulp_bits), is within m ulp.
         up = p.reg("up", lambda n, m, k: (m * midpoint(k) - raised(n, bits + ulp_bits - a_bits + 1))[bits + 1], n, m, k)
         bias = to.bias - a_format.bias + b_format.bias - 1

@@ -9,8 +9,8 @@ They are correctly rounded without an argument about an approximation's last bit
    more than the result, and its product or square more than the operand. The residual is of the order of ulps, so the
    low bits of its products suffice.
 
-Area decided: a quadratic table instead of seed and step needs 64 segments of 50 bits against 16 of 21 for 20-bit reciprocals
-and as much multiplier; a recurrence of one digit a stage has as many adders and several times the registers.
+Area decided, by estimate: a quadratic table instead of seed and step needs 64 segments of 50 bits against 16 of 21 for 20-bit
+reciprocals and as much multiplier; a recurrence of one digit a stage has as many adders and several times the registers.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Iteration(FloatUnit):
     def _fits(self, below: float, above: float) -> bool:
         return below <= 0.5 + self.quarters / 4 and above <= 0.5 - self.quarters / 4
 
-    def _first(self, p: Pipeline, significand: Value, parity: Value | None = None) -> Staged:
+    def _first(self, p: Pipeline, let: Let, significand: Value, parity: Value | None = None) -> Staged:
         """Stages 1 and 2: the table and its straight line."""
         s, fraction = self._seed, significand[:-1]
         used = fraction[len(fraction) - s.index_bits - s.t_bits :]
@@ -70,10 +70,12 @@ class Iteration(FloatUnit):
                          for name, table in (("offset", s.offset), ("slope", s.slope)))
         width = max(s.offset).bit_length()
         return p.reg(
-            "seed", lambda o, c, t: (Cat(Const(0, s.slope_frac), o) - c * t)[s.slope_frac :][:width],
+            "seed", lambda o, c, t: let("line", raised(o, s.slope_frac) - c * t)[s.slope_frac :][:width],
             offset, slope, p.data("t", used[: s.t_bits]).to(1))
 
-    def _step(self, first: Value, first_frac: int, y: Value, residual: Value, correction_frac: int, ulp_bits: int) -> Value:
+    def _step(
+        self, let: Let, first: Value, first_frac: int, y: Value, residual: Value, correction_frac: int, ulp_bits: int,
+    ) -> Value:
         """k: first + y * residual + the centring constant, floored to multiples of 2^-ulp_bits.
 
         `correction_frac` is the product's fraction; the residual is as `residual_bits` gives it.
@@ -82,7 +84,7 @@ class Iteration(FloatUnit):
         residual = raised(residual, frac - correction_frac)
         constant = self.quarters << (frac - ulp_bits - 2)
         total = y * residual + raised(first, frac - first_frac) + constant - raised(y, len(residual) - 1)
-        return total[frac - ulp_bits :][: self._result.sig_bits + 1]
+        return let("step", total[frac - ulp_bits :][: self._result.sig_bits + 1])
 
     def _pack(self, let: Let, exponent: Value, k: Value, up: Value, **conditions: Value) -> Value:
         """The result k + up ulps; `exponent` is that of k's leading one, less one for adding it."""
@@ -105,14 +107,14 @@ def raised(x: Value, shift: int) -> Value:
     return Cat(Const(0, shift), x)
 
 
-def residual_bits(negated: Value, frac_bits: int, keep: int, bound: float) -> Value:
+def residual_bits(let: Let, negated: Value, frac_bits: int, keep: int, bound: float) -> Value:
     """-`negated`, which has `frac_bits` fraction bits and is below `bound`, to `keep` of them, plus half of the field's range.
 
     The offset spares a signed product and costs an inverter. What is left out lowers the residual by up to 2^-keep.
     """
     width = int(bound * 2.0**keep + 1).bit_length() + 1
-    bits = (~negated)[frac_bits - keep :][:width]
-    return Cat(bits[:-1], ~bits[-1])
+    bits = let("residual", negated[frac_bits - keep :][:width])
+    return Cat(~bits[:-1], bits[-1])
 
 
 def square(x: Value) -> Value:

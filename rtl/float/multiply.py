@@ -32,7 +32,7 @@ class FloatMul(FloatUnit):
         exponent = p.data("exponent", a.exponent + b.exponent + (to.bias - a_format.bias - b_format.bias))
         negative, nonzero = p.data("negative", a.negative ^ b.negative), p.data("nonzero", a.nonzero & b.nonzero)
 
-        significand = product(p, "product", p.data("a", a.significand), p.data("b", b.significand))
+        significand = product(p, let, "product", p.data("a", a.significand), p.data("b", b.significand))
 
         def finish(significand, exponent, negative, nonzero):
             # The product of significands in [1, 2) lies in [1, 4).

@@ -65,12 +65,17 @@ def shift_right(let: Let, x: Value, n: Value) -> Value:
     return Cat(sticky, x)
 
 
-def product(p: Pipeline, name: str, a: Staged, b: Staged) -> Staged:
+def product(p: Pipeline, let: Let, name: str, a: Staged, b: Staged) -> Staged:
     """Unsigned a * b in two stages: the products of a with the halves of b, then their sum."""
-    low = len(b.value) // 2
-    halves = [p.reg(f"{name}_{part}", lambda a, b: a * b, a, b.map(lambda b, bits=bits: b[bits]))
-              for part, bits in (("low", slice(low)), ("high", slice(low, None)))]
-    return p.reg(name, lambda x, y: Cat(x[:low], (x[low:] + y)[: len(a.value) + len(b.value) - low]), *halves)
+    low, width = len(b.value) // 2, len(a.value) + len(b.value)
+
+    def half(part: str, bits: slice) -> Staged:
+        return p.reg(f"{name}_{part}", lambda a, b: let(f"{name}_{part}", a * b), a, b.map(lambda b: b[bits]))
+
+    def add(x: Value, y: Value) -> Value:
+        return Cat(x[:low], let(f"{name}_top", (x[low:] + y)[: width - low]))
+
+    return p.reg(name, add, half("low", slice(low)), half("high", slice(low, None)))
 
 
 def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:

@@ -24,14 +24,14 @@ class _Root(Iteration):
     def __init__(self, *, a: SmallFloat, result: SmallFloat) -> None:
         super().__init__({"a": a}, result)
 
-    def _operand(self, p: Pipeline) -> tuple[Staged, Staged, Staged, Staged]:
+    def _operand(self, p: Pipeline, let: Let) -> tuple[Staged, Staged, Staged, Staged]:
         """(m with its two integer bits, seed, e / 2, whether positive)."""
         number = self._operands[0]
         a = fields(self.a, number)
         parity = a.exponent[0] ^ (number.bias & 1)
         m = p.data("m", Mux(parity, Cat(Const(0, 1), a.significand), Cat(a.significand, Const(0, 1))))
         half = p.data("half", (a.exponent - number.bias) >> 1)
-        return m, self._first(p, a.significand, parity), half, p.data("positive", a.nonzero & ~a.negative)
+        return m, self._first(p, let, a.significand, parity), half, p.data("positive", a.nonzero & ~a.negative)
 
 
 class FloatRsqrt(_Root):
@@ -52,10 +52,10 @@ class FloatRsqrt(_Root):
 
     def _keep(self, seed: Seed) -> int:
         """Fraction bits to which the residual enters Newton's step."""
-        return min(self._result.sig_bits + 2, self._root_frac(seed) + seed.frac_bits)
+        return min(self._result.sig_bits + 1, self._root_frac(seed) + seed.frac_bits)
 
     def _error(self, seed: Seed) -> tuple[float, float]:
-        # y0 (1 + e / 2) = (1 - e)^(1/2) (1 + e / 2) / sqrt(m) = (1 - 3/8 e^2 - 1/4 e^3 ...) / sqrt(m)
+        # y0 (1 + e / 2) = (1 - e)^(1/2) (1 + e / 2) / sqrt(m) = (1 - 3/8 e^2 - 1/8 e^3 ...) / sqrt(m)
         w, ulp = seed.worst, 2.0**-self._result.sig_bits
         below = (0.375 + w) * w**2 + (1 + w) * 2.0 ** -(self._keep(seed) + 1)
         return below / ulp, (1 + w) * 2.0 ** -(self._root_frac(seed) + 1) / ulp
@@ -63,15 +63,15 @@ class FloatRsqrt(_Root):
     def stages(self, p: Pipeline, let: Let) -> Staged:
         s, to, bits, ulp_bits = self._seed, self._result, self._operands[0].sig_bits, self._result.sig_bits
         s0_frac, keep = self._root_frac(s), self._keep(s)
-        m, y0, half, positive = self._operand(p)
+        m, y0, half, positive = self._operand(p, let)
         s0 = p.reg("s0", lambda m, y: (m * y)[s.frac_bits + bits - 1 - s0_frac :][: s0_frac + 2], m, y0)
         frac, bound = s0_frac + s.frac_bits, s.worst + 2.0**-s0_frac
-        e = p.reg("e", lambda r, y: residual_bits(r * y - (1 << frac), frac, keep, bound), s0, y0)
-        k = p.reg("k", lambda y, e: self._step(y, s.frac_bits, y, e, s.frac_bits + keep + 1, ulp_bits), y0, e)
-        h_square = p.reg("h_square", lambda k: square(midpoint(k)), k)
+        e = p.reg("e", lambda r, y: residual_bits(let, r * y - (1 << frac), frac, keep, bound), s0, y0)
+        k = p.reg("k", lambda y, e: self._step(let, y, s.frac_bits, y, e, s.frac_bits + keep + 1, ulp_bits), y0, e)
+        h_square = p.reg("h_square", lambda k: let("h_square", square(midpoint(k))), k)
         # |1 - m h^2| < sqrt(m) (2 + ulp) ulp < 8 ulp; from 4 result bits on the 1 is not in the window.
         one, window = 2 * ulp_bits + bits + 1, ulp_bits + bits + 5
-        up = product(p, "m_h_square", h_square, m).map(lambda x: (x - (1 << one) if one < window else x)[window - 1])
+        up = product(p, let, "m_h_square", h_square, m).map(lambda x: (x - (1 << one) if one < window else x)[window - 1])
         return p.reg(
             "outcome", lambda half, k, up, positive: self._pack(
                 let, to.bias - 2 - half, k, up, negative=Const(0, 1), nonzero=Const(1, 1), infinite=~positive),
@@ -118,13 +118,13 @@ class FloatSqrt(_Root):
     def stages(self, p: Pipeline, let: Let) -> Staged:
         s, to, bits, ulp_bits = self._seed, self._result, self._operands[0].sig_bits, self._result.sig_bits - 1
         s0_frac, d_frac, keep = self._root_frac(s), self._residual_frac(s), self._keep(s)
-        m, y0, half, positive = self._operand(p)
+        m, y0, half, positive = self._operand(p, let)
         frac = s.frac_bits + bits - 1
         s0 = p.reg("s0", lambda m, y: (m * raised(y, max(0, s0_frac - frac)))[max(0, frac - s0_frac) :][: s0_frac + 2], m, y0)
         bound = 8 * self._bounds(s)[1]
         d = p.reg("d", lambda m, r: residual_bits(
-            raised(square(r), d_frac - 2 * s0_frac) - raised(m, d_frac - bits + 1), d_frac, keep, bound), m, s0)
-        k = p.reg("k", lambda r, y, d: self._step(r, s0_frac, y, d, s.frac_bits + keep + 1, ulp_bits), s0, y0, d)
+            let, raised(square(r), d_frac - 2 * s0_frac) - raised(m, d_frac - bits + 1), d_frac, keep, bound), m, s0)
+        k = p.reg("k", lambda r, y, d: self._step(let, r, s0_frac, y, d, s.frac_bits + keep + 1, ulp_bits), s0, y0, d)
         # |m - h^2| < (2 s + ulp) ulp < 8 ulp; both have 2 ulp_bits + 2 fraction bits.
         up = p.reg("up", lambda m, k: (square(midpoint(k)) - raised(m, 2 * ulp_bits + 3 - bits))[ulp_bits + 5], m, k)
         return p.reg(
