@@ -1,8 +1,7 @@
 """The array's kernels: tiles of int32 pixels, as docs/array.md defines them.
 
-A tile's state is `rows` (16, 6 * 16) int32: for each row of 16 pixels the transmittance, three colour sums, the depth sum and
-room for the exponential's mantissas, side by side. All that a row's loop touches then lies at constant distances from one
-pointer, which is what lets LLVM turn the loop into vectors without testing for overlap.
+Pairs of a splat and a tile are set up in blocks, in float64, which LLVM makes vectors of; the pixels then go by rows of 16,
+each one vector. A tile's `state` is flat int32: for each row its transmittance, three colour sums and depth sum, side by side.
 """
 
 from __future__ import annotations
@@ -12,13 +11,20 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numba.extending import intrinsic
 
+from golden.msv2_ref.vectors import LANES, any_lane, choose, load, lookup, ramp, store
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 
-_T, _RED, _GREEN, _BLUE, _FAR, _MANTISSA = range(0, 6 * TILE, TILE)
+_PLANES = 5
+_T, _RED, _GREEN, _BLUE, _FAR = range(0, _PLANES * TILE, TILE)
+_STATE = TILE * _PLANES * TILE
+
+_BLOCK = 32  # pairs, one a column, set up at once; a tile is asked this often whether it has stopped
+_PAIR_ROWS = 16
+(_L1, _L2, _L3, _DX, _DY, _FALLOFF, _OPACITY, _CUT, _FIRST, _LAST, _CORNER, _SLOPE_X, _SLOPE_Y, _XX, _XY, _YY) = range(
+    0, _PAIR_ROWS * _BLOCK, _BLOCK)
 
 _ROW_MARGIN = 0.05  # added to the falloff limit of the row test; rounding of the exponent stays below 0.01
 
@@ -45,13 +51,16 @@ class ArrayConstants(NamedTuple):
     depth_shift: int
     depth: bool
     plane_frac: int
+    segment_shift: int  # of the exponential's argument: what is above tells the segment, what is below the place in it
+    segment_rest: int
+    slope_shift: int
 
 
 @cache
 def array_constants(config: AcceleratorConfig) -> ArrayConstants:
     """The constants of `config`."""
     n = config.formats
-    support = tables.support_exponent(config)
+    support, per_segment = tables.support_exponent(config), (1 << n.cut.frac_bits) // n.exp2_segments
     return ArrayConstants(
         mean_frac=n.mean2d.frac_bits, sig_bits=n.conic.sig_bits, offset_frac=n.offset.frac_bits, offset_max=n.offset.raw_max,
         factor_frac=n.factor.frac_bits, grid=n.exponent.frac_bits, cut_frac=n.cut.frac_bits,
@@ -62,170 +71,159 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
         colour_shift=n.weight.frac_bits + n.colour.frac_bits - n.accumulator.frac_bits,
         depth_shift=n.weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits,
         depth=config.depth, plane_frac=n.plane.frac_bits,
+        segment_shift=(per_segment - 1).bit_length(), segment_rest=per_segment - 1,
+        slope_shift=tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits,
     )
 
 
-@intrinsic
-def _shift(_context, x, n):
-    """x >> n in int32; numba's own operators widen to int64, which would halve the pixels in a vector."""
-    return numba.int32(numba.int32, numba.int32), lambda _, builder, __, arguments: builder.ashr(*arguments)
-
-
-@intrinsic
-def _product(_context, a, b, n):
-    """rs(a * b, n) in int32."""
-
-    def generate(_, builder, __, arguments):
-        a, b, n = arguments
-        one = n.type(1)
-        half = builder.lshr(builder.shl(one, n), one)
-        return builder.ashr(builder.add(builder.mul(a, b), half), n)
-
-    return numba.int32(numba.int32, numba.int32, numba.int32), generate
-
-
-@intrinsic
-def _exponent(_context, start, slope, curve, x):
-    """Exponent at pixel x of a row, in int32."""
-
-    def generate(_, builder, __, arguments):
-        start, slope, curve, x = arguments
-        triangle = builder.lshr(builder.mul(x, builder.sub(x, x.type(1))), x.type(1))
-        return builder.add(start, builder.add(builder.mul(x, slope), builder.mul(triangle, curve)))
-
-    return numba.int32(numba.int32, numba.int32, numba.int32, numba.int32), generate
+@numba.njit(cache=True, inline="always")
+def _nearest(x):
+    return np.floor(x + 0.5)
 
 
 @numba.njit(cache=True, inline="always")
-def _round_shift(x, n):
-    return (x + ((1 << n) >> 1)) >> n
+def _power(exponent):
+    """2^exponent, float64."""
+    return np.int64(np.int64(exponent + 1023) << 52).view(np.float64)
 
 
-@numba.njit(cache=True, inline="always")
-def _offset(significand, exponent, distance, k):
-    shift = k.sig_bits - 1 - exponent + k.mean_frac - k.offset_frac
-    return _round_shift(significand * distance, shift) if shift < 48 else 0
-
-
-@numba.njit(cache=True, inline="always")
-def _factor(significand, exponent, k):
-    return _round_shift(significand, -exponent) if -exponent <= k.sig_bits else 0
-
-
-@numba.njit(cache=True, inline="always")
-def _polynomial(splats, i, tile_x, tile_y, k):
-    """Setup steps 1-6: (kept, corner, slope_x, slope_y, curve_xx, curve_xy, curve_yy, v, k3)."""
-    half = 1 << (k.mean_frac - 1)
-    dx = ((np.int64(TILE) * tile_x + TILE // 2) << k.mean_frac) + half - splats.mean2d[i, 0]
-    dy = ((np.int64(TILE) * tile_y + TILE // 2) << k.mean_frac) + half - splats.mean2d[i, 1]
-    m1, m2, m3 = np.int64(splats.conic[i, 0]), np.int64(splats.conic[i, 1]), np.int64(splats.conic[i, 2])
-    e0, e1, e2 = splats.conic_exp[i, 0], splats.conic_exp[i, 1], splats.conic_exp[i, 2]
-    u = _offset(m1, e0, dx, k) + _offset(m2, e1, dy, k)
-    v = _offset(m3, e2, dy, k)
-    lowest, highest = -k.offset_max - 1, k.offset_max
-    square = u * u + v * v
-    kept = lowest <= u <= highest and lowest <= v <= highest
-    kept = kept and square < np.int64(tables.CENTRE_EXPONENT_MAX) << (2 * k.offset_frac)
-    if not kept:
-        return False, 0, 0, 0, 0, 0, 0, 0, 0
-    k1, k2, k3 = _factor(m1, e0, k), _factor(m2, e1, k), _factor(m3, e2, k)
-    second, first = 2 * k.factor_frac - k.grid, k.offset_frac + k.factor_frac - k.grid
-    curve_xx = -_round_shift(2 * k1 * k1, second)
-    curve_xy = -_round_shift(2 * k1 * k2, second)
-    curve_yy = -_round_shift(2 * (k2 * k2 + k3 * k3), second)
-    gx = -_round_shift(2 * u * k1, first) + (curve_xx >> 1)
-    gy = -_round_shift(2 * (u * k2 + v * k3), first) + (curve_yy >> 1)
-    q = _round_shift(square, 2 * k.offset_frac - k.grid)
-    corner = -q - 8 * gx - 8 * gy + 36 * curve_xx + 36 * curve_yy + 64 * curve_xy
-    return True, corner, gx - 8 * curve_xx - 8 * curve_xy, gy - 8 * curve_yy - 8 * curve_xy, curve_xx, curve_xy, curve_yy, v, k3
-
-
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def _row_range(falloff, v, k3, k):
-    """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8.
+    """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8."""
+    reach = np.sqrt(max(falloff * _power(-k.cut_frac) + _ROW_MARGIN, 0.0)) * _power(k.offset_frac)
+    step = max(k3, 1.0) * _power(k.offset_frac - k.factor_frac)
+    first, last = np.ceil((-reach - v) / step) + TILE // 2, np.floor((reach - v) / step) + TILE // 2
+    return min(max(first, 0.0), TILE), max(min(last, TILE - 1.0), -1.0)
 
-    An opacity below the cut makes the falloff negative: the row then does not matter, but it has to be one.
+
+@numba.njit(cache=True, error_model="numpy")
+def _set_up(pairs, k):
+    """Setup steps 1-6 for the _BLOCK columns of `pairs`: from L1..FALLOFF what FIRST..YY hold.
+
+    Float64 holds every value exactly: integers below 2^53, and products of a significand and a distance, of at most 42 bits,
+    which the addition of one half rounds only where the result is 0 in any case. Dropped pairs get no rows, and u and v that
+    overflow nothing.
     """
-    reach = np.sqrt(max(falloff / (1 << k.cut_frac) + _ROW_MARGIN, 0.0))
-    centre, step = v / (1 << k.offset_frac), max(k3, 1) / (1 << k.factor_frac)
-    low = TILE // 2 + np.ceil((-reach - centre) / step)
-    high = TILE // 2 + np.floor((reach - centre) / step)
-    return int(max(low, 0)), int(min(high, TILE - 1))
+    to_offset, to_grid = _power(k.offset_frac - k.mean_frac), _power(k.grid - k.offset_frac - k.factor_frac)
+    to_curve, to_falloff = _power(k.grid - 2 * k.factor_frac), _power(k.grid - 2 * k.offset_frac)
+    unit, too_far = _power(k.factor_frac), tables.CENTRE_EXPONENT_MAX * _power(2 * k.offset_frac)
+    lowest, highest = -k.offset_max - 1.0, k.offset_max + 0.0
+    for j in range(_BLOCK):
+        l1, l2, l3 = pairs[_L1 + j], pairs[_L2 + j], pairs[_L3 + j]
+        dx, dy = pairs[_DX + j], pairs[_DY + j]
+        u_all = _nearest(l1 * dx * to_offset) + _nearest(l2 * dy * to_offset)
+        v_all = _nearest(l3 * dy * to_offset)
+        u, v = min(max(u_all, lowest), highest), min(max(v_all, lowest), highest)
+        square = u * u + v * v
+        kept = (u == u_all) & (v == v_all) & (square < too_far)
+        k1, k2, k3 = _nearest(l1 * unit), _nearest(l2 * unit), _nearest(l3 * unit)
+        curve_xx, curve_xy = -_nearest(2.0 * k1 * k1 * to_curve), -_nearest(2.0 * k1 * k2 * to_curve)
+        curve_yy = -_nearest(2.0 * (k2 * k2 + k3 * k3) * to_curve)
+        gx = np.floor(curve_xx * 0.5) - _nearest(2.0 * u * k1 * to_grid)
+        gy = np.floor(curve_yy * 0.5) - _nearest(2.0 * (u * k2 + v * k3) * to_grid)
+        corner = 36.0 * (curve_xx + curve_yy) + 64.0 * curve_xy - 8.0 * (gx + gy) - _nearest(square * to_falloff)
+        first, last = _row_range(pairs[_FALLOFF + j], v, k3, k)
+        pairs[_FIRST + j], pairs[_LAST + j] = first if kept else TILE, last
+        pairs[_CORNER + j], pairs[_SLOPE_X + j] = corner, gx - 8.0 * (curve_xx + curve_xy)
+        pairs[_SLOPE_Y + j] = gy - 8.0 * (curve_yy + curve_xy)
+        pairs[_XX + j], pairs[_XY + j], pairs[_YY + j] = curve_xx, curve_xy, curve_yy
 
 
 @numba.njit(cache=True, inline="always")
-def _row_may_be_active(start, slope, curve, cut):
-    """Whether a row's largest exponent can reach `cut`: second differences are <= 0, so it is at an end or inside."""
-    if slope <= 0:
-        return start >= cut
-    return slope + (TILE - 2) * curve < 0 or start + (TILE - 1) * slope + (TILE - 1) * (TILE - 2) // 2 * curve >= cut
+def _gather(pairs, j, splats, i, level, left, top, k):
+    """Splat `i` into column `j` of `pairs`: factors, distance from (left, top), falloff down to the cut, cut and opacity."""
+    pairs[_DX + j], pairs[_DY + j] = left - splats.mean2d[i, 0], top - splats.mean2d[i, 1]
+    for c in range(3):
+        pairs[_L1 + c * _BLOCK + j] = splats.conic[i, c] * _power(splats.conic_exp[i, c] - k.sig_bits + 1)
+    opacity = splats.log2_opacity[i, level]
+    pairs[_OPACITY + j], pairs[_CUT + j] = opacity, max(opacity - k.support, k.cut_min)
+    pairs[_FALLOFF + j] = pairs[_OPACITY + j] - pairs[_CUT + j]
 
 
 @numba.njit(cache=True, inline="always")
-def _composite(rows, y, start, slope, curve, cut, least, colour, depth, mantissas, k):
-    """One splat over row `y`; start, slope and curve are the exponent there and its differences along x.
+def _composite(state, pairs, j, colour, depth, least, segments, k):
+    """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`.
 
-    `mantissas` are negated, so that shifting them right rounds alpha up; `least` is the least of 1 - alpha, which is `through`.
+    `segments` give the mantissa negated, so that shifting it right rounds alpha up. What `through` is before it is masked, in
+    pixels that are not active or have t >= 0, is of no account.
     """
-    to_cut, fraction = k.grid - k.cut_frac, (1 << k.cut_frac) - 1
-    e, step = start, slope
-    for x in range(TILE):
-        rows[y, _MANTISSA + x] = mantissas[(e >> to_cut) & fraction]
-        e, step = e + step, step + curve
-    start, slope, curve = np.int32(start), np.int32(slope), np.int32(curve)
-    one, opaque, t_stop, top = np.int32(1 << k.alpha_frac), np.int32(0), np.int32(k.t_stop), np.int32(-1)
+    one, half, to_cut = 1 << k.alpha_frac, 1 << (k.alpha_frac - 1), k.grid - k.cut_frac
     red, green, blue = colour
-    for x in range(TILE):
-        before = rows[y, _T + x]
-        t = _shift(_exponent(start, slope, curve, x), to_cut)
-        through = np.int32(one + _shift(rows[y, _MANTISSA + x], -_shift(min(max(t, cut), top), k.cut_frac)))
-        through = max(opaque if t >= 0 else through, least)
-        through = through if (t >= cut) & (before >= t_stop) else one
-        after = _product(before, through, k.alpha_frac)
-        weight = _shift(before, k.weight_drop) - _shift(after, k.weight_drop)
-        rows[y, _T + x] = after
-        rows[y, _RED + x] += _product(weight, red, k.colour_shift)
-        rows[y, _GREEN + x] += _product(weight, green, k.colour_shift)
-        rows[y, _BLUE + x] += _product(weight, blue, k.colour_shift)
-        rows[y, _FAR + x] += _product(weight, depth, k.depth_shift)
+    base, slope, x = load(segments, 0), load(segments, LANES), ramp()
+    curve_yy, cut, first = np.int32(pairs[_YY + j]), np.int32(pairs[_CUT + j]), np.int32(pairs[_FIRST + j])
+    exponent = np.int32(pairs[_CORNER + j]) + (np.int32(pairs[_OPACITY + j]) << (k.grid - k.opacity_frac)) + (1 << to_cut >> 1)
+    exponent += first * np.int32(pairs[_SLOPE_Y + j]) + (first * (first - 1) >> 1) * curve_yy
+    slope_x = np.int32(pairs[_SLOPE_X + j]) + first * np.int32(pairs[_XY + j])
+    e = exponent + x * slope_x + (x * (x - 1) >> 1) * np.int32(pairs[_XX + j])
+    down = np.int32(pairs[_SLOPE_Y + j]) + first * curve_yy + x * np.int32(pairs[_XY + j])
+    for y in range(first, np.int32(pairs[_LAST + j]) + 1):
+        at, t = y * _PLANES * TILE, e >> to_cut
+        e, down = e + down, down + curve_yy
+        before = load(state, at + _T)
+        active = (t >= cut) & (before >= k.t_stop)
+        if not any_lane(active):
+            continue
+        segment = (t >> k.segment_shift) & (LANES - 1)
+        mantissa = lookup(base, segment) - (lookup(slope, segment) * (t & k.segment_rest) >> k.slope_shift)
+        through = choose(t >= 0, 0, (mantissa >> (0 - (t >> k.cut_frac) & 31)) + one)
+        through = choose(active, choose(through >= least, through, least), one)
+        after = before * through + half >> k.alpha_frac
+        weight = (before >> k.weight_drop) - (after >> k.weight_drop)
+        store(state, at + _T, after)
+        _add(state, at + _RED, weight * red, k.colour_shift)
+        _add(state, at + _GREEN, weight * green, k.colour_shift)
+        _add(state, at + _BLUE, weight * blue, k.colour_shift)
+        _add(state, at + _FAR, weight * depth, k.depth_shift)
+
+
+@numba.njit(cache=True, inline="always")
+def _add(state, at, product, shift):
+    """Adds rs(product, shift) to the row at `at`."""
+    store(state, at, load(state, at) + (product + (1 << shift >> 1) >> shift))
 
 
 @numba.njit(cache=True)
-def _composite_background(rows, background, k):
-    for y in range(TILE):
-        for x in range(TILE):
-            weight = _shift(rows[y, _T + x], k.weight_drop)
-            rows[y, _RED + x] += _product(weight, background[0], k.colour_shift)
-            rows[y, _GREEN + x] += _product(weight, background[1], k.colour_shift)
-            rows[y, _BLUE + x] += _product(weight, background[2], k.colour_shift)
+def _composite_background(state, background, k):
+    for at in range(0, _STATE, _PLANES * TILE):
+        weight = load(state, at + _T) >> k.weight_drop
+        _add(state, at + _RED, weight * background[0], k.colour_shift)
+        _add(state, at + _GREEN, weight * background[1], k.colour_shift)
+        _add(state, at + _BLUE, weight * background[2], k.colour_shift)
 
 
 @numba.njit(cache=True)
-def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, mantissas, k, rows):
-    """The pass of one level bank over one tile, into `rows`."""
+def _stopped(state, k):
+    """Whether no pixel of the tile takes more light."""
+    for at in range(0, _STATE, _PLANES * TILE):
+        if any_lane(load(state, at + _T) >= k.t_stop):
+            return False
+    return True
+
+
+@numba.njit(cache=True)
+def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
+    """The pass of one level bank over one tile, into `state`. `pairs` is room for a block, finite numbers to begin with."""
+    rows = state.reshape(TILE, _PLANES * TILE)
     rows[:] = 0
     rows[:, _T : _T + TILE] = k.t_max
-    least = np.int32(0 if outer else (1 << k.alpha_frac) - k.alpha_max_l1)
-    for n in range(len(order)):
-        if n % 16 == 15 and rows[:, _T : _T + TILE].max() < k.t_stop:
-            break
-        if not use[n] >> bank & 1:
-            continue
-        i = order[n]
-        kept, corner, sx, sy, cxx, cxy, cyy, v, k3 = _polynomial(splats, i, tile_x, tile_y, k)
-        if not kept:
-            continue
-        opacity = splats.log2_opacity[i, level]
-        cut = np.int32(max(opacity - k.support, k.cut_min))
-        colour = splats.colour[i, level, 0], splats.colour[i, level, 1], splats.colour[i, level, 2]
-        depth = splats.depth[i] if k.depth else np.int32(0)
-        corner += (np.int64(opacity) << (k.grid - k.opacity_frac)) + (1 << (k.grid - k.cut_frac - 1))
-        first_row, last_row = _row_range(opacity - cut, v, k3, k)
-        for y in range(first_row, last_row + 1):
-            start, slope = corner + y * sy + (y * (y - 1) >> 1) * cyy, sx + y * cxy
-            if _row_may_be_active(start, slope, cxx, np.int64(cut) << (k.grid - k.cut_frac)):
-                _composite(rows, y, start, slope, cxx, cut, least, colour, depth, mantissas, k)
-    _composite_background(rows, background, k)
+    least = 0 if outer else (1 << k.alpha_frac) - k.alpha_max_l1
+    centre = (TILE // 2 << k.mean_frac) + (1 << (k.mean_frac - 1))
+    left, top = (TILE * tile_x << k.mean_frac) + centre, (TILE * tile_y << k.mean_frac) + centre
+    taken, chosen = 0, np.empty(_BLOCK, np.int32)
+    while taken < len(order) and not _stopped(state, k):
+        count = 0
+        while taken < len(order) and count < _BLOCK:
+            if use[taken] >> bank & 1:
+                chosen[count] = order[taken]
+                _gather(pairs, count, splats, chosen[count], level, left, top, k)
+                count += 1
+            taken += 1
+        _set_up(pairs, k)
+        for j in range(count):
+            i = chosen[j]
+            colour = splats.colour[i, level, 0], splats.colour[i, level, 1], splats.colour[i, level, 2]
+            _composite(state, pairs, j, colour, splats.depth[i] if k.depth else np.int32(0), least, segments, k)
+    _composite_background(state, background, k)
 
 
 @numba.njit(cache=True, inline="always")
@@ -250,15 +248,16 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
 
 
 @numba.njit(cache=True, nogil=True)
-def render_tiles(_slice, begin, end, splats, work, background, mantissas, smoothstep, k, colour, depth, transmittance):
+def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """Tiles begin..end of `work`, a `vrc_array.TileWork`, into colour, depth and transmittance, as `vrc_array.Pixels`."""
-    rows, outer_rows = np.empty((TILE, 6 * TILE), np.int32), np.empty((TILE, 6 * TILE), np.int32)
+    pairs, state, outer_state = np.ones(_PAIR_ROWS * _BLOCK), np.empty(_STATE, np.int32), np.empty(_STATE, np.int32)
+    rows, outer_rows = state.reshape(TILE, _PLANES * TILE), outer_state.reshape(TILE, _PLANES * TILE)
     for tile in range(begin, end):
         tile_x, tile_y, level, outer, blend = work.header[tile]
         order, use = work.order[work.start[tile] : work.start[tile + 1]], work.use[work.start[tile] : work.start[tile + 1]]
-        _bank(splats, order, use, 0, level, outer > 0, tile_x, tile_y, background, mantissas, k, rows)
+        _bank(splats, order, use, 0, level, outer > 0, tile_x, tile_y, background, segments, k, pairs, state)
         if blend:
-            _bank(splats, order, use, 1, level + 1, True, tile_x, tile_y, background, mantissas, k, outer_rows)
+            _bank(splats, order, use, 1, level + 1, True, tile_x, tile_y, background, segments, k, pairs, outer_state)
             _blend(rows, outer_rows, work.plane[tile], smoothstep, k)
         transmittance[tile], depth[tile] = rows[:, _T : _T + TILE], rows[:, _FAR : _FAR + TILE]
         colour[tile, :, :, 0], colour[tile, :, :, 1] = rows[:, _RED : _RED + TILE], rows[:, _GREEN : _GREEN + TILE]

@@ -13,6 +13,7 @@ import numpy as np
 
 from golden.msv2_ref import array_kernel
 from golden.msv2_ref.parallel import for_slices
+from golden.msv2_ref.vectors import LANES
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -66,13 +67,15 @@ class TileWork(NamedTuple):
 
 @cache
 def _mantissas(config: AcceleratorConfig) -> np.ndarray:
-    """(2^F(cut),) int32: the exponential's mantissa for every fraction, negated as `array_kernel` wants it."""
-    n = config.formats
-    base, slope = tables.exp2_segments(n)
-    fraction = np.arange(1 << n.cut.frac_bits)
-    segment, rest = np.divmod(fraction, len(fraction) // n.exp2_segments)
-    shift = tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits
-    return -(base[segment] + (slope[segment] * rest >> shift)).astype(np.int32)
+    """(2 * LANES,) int32: the exponential's segments as `array_kernel` wants them, negated bases and then slopes.
+
+    Raises:
+        ValueError: the number of segments is no power of two or more than a vector's lanes.
+    """
+    count, (base, slope) = config.formats.exp2_segments, tables.exp2_segments(config.formats)
+    if count not in (1, 2, 4, 8, LANES):
+        raise ValueError(f"exp2_segments must be a power of two up to {LANES}, not {count!r}")
+    return np.concatenate([np.resize(-base, LANES), np.resize(slope, LANES)]).astype(np.int32)  # repeated: indices wrap
 
 
 def render(config: AcceleratorConfig, splats: ArraySplats, work: TileWork, background: np.ndarray) -> Pixels:
