@@ -31,7 +31,7 @@ render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFI
 frame: base ## a whole frame through the RTL, compared bit for bit; SCENE= SIZE=WxH CONFIG= CAMERA= GAZE=X,Y LEVELS=N
 	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config)
 
-sim: base ## unit simulation; TEST=vrc|tmu|sort|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
+sim: base ## unit simulation; TEST=vrc|tmu|sort|float|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
 		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
 

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 
 from spec.errors import InputError, run_command_line
 from tb.common.runner import SimulationError, Waves
+from tb.float import suite as float_units
 from tb.sort import suite as sort
 from tb.tmu import suite as tmu
 from tb.vrc import suite as vrc
 
-TESTS = {"vrc": "the volume rendering array", "tmu": "the tile merge unit", "sort": "the chunk sorter"}
-SUITES = {"vrc": vrc, "tmu": tmu, "sort": sort}
+TESTS = {
+    "vrc": "the volume rendering array", "tmu": "the tile merge unit", "sort": "the chunk sorter", "float": "the float units"}
+SUITES = {"vrc": vrc, "tmu": tmu, "sort": sort, "float": float_units}
 
 
 def parse_window(text: str) -> tuple[int, int]:

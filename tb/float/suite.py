@@ -1,0 +1,77 @@
+"""The float units' test: every operation on millions of operands, with bubbles, and across a reset."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from rtl.emit import to_verilog
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from tb.common import exact
+from tb.common.exact import Outcome, Planned, planned
+from tb.common.patterns import Pattern
+from tb.common.playback import Playback, Stream
+from tb.common.runner import ROOT, Waves
+from tb.float.device import FloatBench, operations
+from tb.float.stimuli import operands, results
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines whose formats can be tested."""
+
+DISTINCT = ("tiny",)
+"""All have the same formats."""
+
+RANDOM_OPERANDS, FEW_OPERANDS = 500_000, 5_000
+"""Of an operation at full rate, and in each of the other runs."""
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The units, with files at their streams. Not kept by `tb.common.emission`, which knows rtl/ and spec/ alone."""
+    records = {name: operation.records(name) for name, operation in operations(config).items()}
+    return Playback(
+        name="float", module="float_bench", verilog=to_verilog(FloatBench(config), "float_bench"),
+        inputs=tuple(Stream(f"{name}_in", pair[0]) for name, pair in records.items()),
+        outputs=tuple(Stream(f"{name}_out", pair[1]) for name, pair in records.items()))
+
+
+def _plan_of(
+    config: AcceleratorConfig, name: str, rows: dict[str, np.ndarray], pattern: Pattern = Pattern.NEVER, seed: int = 0,
+    **options: object,
+) -> Planned:
+    units = operations(config)
+    inputs = {f"{unit}_in": values for unit, values in rows.items()}
+    wanted = {f"{unit}_out": results(unit, units[unit], values) for unit, values in rows.items()}
+    patterns = {port: (pattern, seed + i) for i, port in enumerate(inputs)}
+    return planned(name, inputs, wanted, patterns=patterns, quiet=50, **options)
+
+
+def full_plan(config: AcceleratorConfig, seed: int, count: int = RANDOM_OPERANDS) -> list[Planned]:
+    """At full rate on random operands and on every significand; with bubbles; cut off by a reset and once more."""
+    many = {name: operands(name, unit, count, seed + i) for i, (name, unit) in enumerate(operations(config).items())}
+    few = {name: rows[:FEW_OPERANDS] for name, rows in many.items()}
+    plan = [_plan_of(config, "full rate", many)]
+    for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY):
+        plan.append(_plan_of(config, f"{pattern.value} bubbles", few, pattern, seed))
+    return [*plan, _plan_of(config, "cut off", few, abort=77), _plan_of(config, "after the reset", few)]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """How many results every operation gave, a line each."""
+    whole = [item for item in plan if item.name in outcome.recordings]
+    return [f"{name}: latency {operation.kind.latency}, {sum(len(item.expected[f'{name}_out']) for item in whole)} results"
+            for name, operation in operations(config).items()]
+
+
+def run_plan(
+    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
+) -> Outcome:
+    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress)
+
+
+def variant_folder(name: str) -> Path:
+    """Where a variant's stimuli, results and waves go."""
+    return ROOT / "build" / "float" / name
