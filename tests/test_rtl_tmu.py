@@ -88,7 +88,8 @@ def test_random_frames_back_to_back(beta, pauses):
 
 @pytest.mark.parametrize(("counts", "tiles_x", "beta"), [
     ((3, 3, 3, 3), 4, 7), ((3, 4, 3, 4), 4, 7), ((9, 0, 1, 0), 4, 7), ((0, 0, 9, 1), 4, 7), ((1, 0, 9, 1), 4, 7),
-    ((1, 1, 1, 1), 2, 100), ((0, 0, 0, 0), 2, 5), ((0, 0, 5, 5), 2, 5), ((4, 1, 4, 1), 2, 5), ((5, 0, 0, 5), 4, 5)])
+    ((1, 1, 1, 1), 2, 100), ((1, 7, 1, 1), 4, 7), ((1, 6, 6, 1), 4, 7), ((2, 0, 0, 5), 4, 7), ((1, 1, 1), 2, 9),
+    ((0, 0, 0, 0), 2, 5), ((0, 0, 5, 5), 2, 5), ((4, 1, 4, 1), 2, 5), ((5, 0, 0, 5), 4, 5)])
 def test_merging_by_hand(counts, tiles_x, beta):
     hits = tuple(tile for tile, count in enumerate(counts) for _ in range(count))
     play([Job(hits, tiles_x, len(counts), beta)])
@@ -109,6 +110,36 @@ def test_counters_saturate_and_say_so():
         dut = run_frames([Job(hits), Job((1,))], count_bits=3)
         assert dut[0]["saturated"] == full and not dut[1]["saturated"] and not dut[0]["outside"]
         assert dut[0]["saturated"] == count_tiles(np.array(hits), 16, 3)[1]
+
+
+def test_a_saturated_frames_threshold_follows_its_counters():
+    hits = (2,) * 30 + (1, 3)
+    counts = count_tiles(np.array(hits), 16, 3)[0]
+    assert run_frames([Job(hits, beta=None)], count_bits=3)[0]["beta"] == auto_beta(counts, SMALL) == 6
+
+
+def test_a_frame_that_ends_early_does_not_move_the_threshold_of_groups_still_leaving():
+    jobs = [Job(tuple(range(16)) * 2, beta=None), Job((0,) * 9, beta=None)]  # thresholds 4 and 16
+    dut, items, found = TileMergeUnit(SMALL), [item for job in jobs for item in job.items()], []
+
+    async def bench(ctx):
+        jobs[0].settings(ctx, dut)
+        for cycle in range(2200):
+            ctx.set(dut.groups.ready, cycle % 60 == 0)
+            ctx.set(dut.hits.valid, bool(items))
+            if items:
+                ctx.set(dut.hits.payload, dut.hits.payload.shape().from_bits(items[0]))
+                if ctx.get(dut.hits.ready):
+                    items.pop(0)
+            if ctx.get(dut.groups.valid) and cycle % 60 == 0:
+                found.append(ctx.get(dut.groups.payload).as_bits())
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert found == [group for job in jobs for group in job.groups()]
 
 
 def test_tiles_outside_the_frame_are_not_counted_and_said_so():
@@ -196,7 +227,7 @@ def test_largest_frame_of_tiny():
 
 def beta_of(total: int, filled: int, cap: int) -> int:
     """The golden's rule in exact arithmetic: Python rounds a Fraction's ties to even."""
-    return max(1, min(round(Fraction(2 * total, filled)), cap)) if filled else 1
+    return min(round(Fraction(2 * total, filled)), cap) if filled else 1
 
 
 def test_automatic_beta_is_exact():

@@ -16,7 +16,7 @@ from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
 
 
 class AutoBeta(wiring.Component):
-    """max(1, min(round(2 total / filled), entries of half the sort buffer)), 1 for an empty frame, by restoring division.
+    """min(round(2 total / filled), entries of half the sort buffer), or 1 for an empty frame, by restoring division.
 
     Parameters:
         config: the machine; `row_width` and `sort_buffer_bytes` matter here.
@@ -62,5 +62,5 @@ class AutoBeta(wiring.Component):
         twice = rest << 1
         up = (twice > self.filled) | (twice == self.filled) & quotient[0]
         rounded = Mux(quotient >= cap, cap, quotient[: len(Const(cap))] + up)
-        m.d.comb += self.beta.eq(Mux((self.filled == 0) | (rounded == 0), 1, rounded))
+        m.d.comb += self.beta.eq(Mux(self.filled == 0, 1, rounded))  # a filled tile has an entry: the quotient is 2 or more
         return m

@@ -31,7 +31,7 @@ class ChunkSorter(wiring.Component):
 
     Ports:
         chunks: ChunkEntry items; a chunk ends with `last`, an empty one is a single item with `last` and `empty`.
-        sorted: the same chunks, each in order; what was equal stays as it came.
+        sorted: the same chunks, each in order. The order is total: equal entries would be the same Gaussian in the same tile.
         oversize: strobe, the entry taken does not fit its chunk any more. The chunk then leaves as sorted runs of
             `chunk_capacity` entries behind each other, with `last` at its end only.
         busy: something is on its way.

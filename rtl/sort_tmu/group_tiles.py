@@ -3,10 +3,11 @@
 With `total` the entries of the open group, c a tile's count and s = total + c, the rules come down to one sum and one
 comparison a tile:
 
-    closes before   c != 0, total != 0 and s >= beta: the group ends without this tile
+    closes before   total != 0 and s >= beta: the group ends without this tile
     total           c if so, else s
     closes after    total >= beta, or the row of tiles ends; total is then 0
 
+An empty tile closes nothing: an open group's total is below beta, and s with it.
 That a tile is its group's last is known from itself or from the next tile: a tile waits for the next but at the end of a row.
 """
 
@@ -53,7 +54,7 @@ class GroupTiles(wiring.Component):
         source = self.groups
         # Three registers in a row: a tile as it comes; in its group; with `last`, at the output.
         tile, tile_valid = Signal.like(self.counts.payload, reset_less=True), Signal()
-        filled, big = Signal(reset_less=True), Signal(reset_less=True)
+        big = Signal(reset_less=True)
         placed, placed_valid, closed = Signal.like(source.payload, reset_less=True), Signal(), Signal(reset_less=True)
         leaves, advances = Signal(), Signal()
         m.d.comb += [
@@ -65,12 +66,12 @@ class GroupTiles(wiring.Component):
         with m.If(self.counts.ready):
             count = self.counts.payload.count
             m.d.sync += tile_valid.eq(self.counts.valid)
-            m.d.sync += [tile.eq(self.counts.payload), filled.eq(count != 0), big.eq(count >= self.beta)]
+            m.d.sync += [tile.eq(self.counts.payload), big.eq(count >= self.beta)]
 
         total, group = Signal(COUNT_BITS), Signal.like(source.payload.group, reset_less=False)
         added = total + tile.count
         reached = added >= self.beta
-        before = filled & (total != 0) & reached
+        before = (total != 0) & reached
         after = Mux(before, big, reached) | tile.row_ends
         mine = (group + before)[: len(group)]
         with m.If(advances):

@@ -84,7 +84,7 @@ class MergeStage(wiring.Component):
     """Sorted runs of `run` entries, or fewer at the end of a chunk, to sorted runs of twice as many.
 
     Parameters:
-        width: bits of an entry; entries are ordered as unsigned numbers, equal ones as they came.
+        width: bits of an entry; entries are ordered as unsigned numbers. All of an entry is its key: equal ones are the same.
         run: entries of a run at the input; a power of two.
 
     Ports:
@@ -146,10 +146,8 @@ class MergeStage(wiring.Component):
         alone = Signal()
         m.d.comb += alone.eq(Mux(begun, single, self._alone(m, sides, older)))
         absent = Mux(begun, gone, Cat(alone & older, alone & ~older))
-        # One comparison decides ties, too: equal entries differ in the bit below them, and the older run's is 0.
-        first_leaves = Cat(older, heads[0].word) < Cat(~older, heads[1].word)
         side = Signal()
-        m.d.comb += side.eq(absent[0] | ~absent[1] & ~first_leaves)
+        m.d.comb += side.eq(absent[0] | ~absent[1] & (heads[0].word > heads[1].word))
         moves = Signal()
         m.d.comb += moves.eq((absent | there).all() & (~self.source.valid | self.source.ready))
         for s in sides:

@@ -45,7 +45,8 @@ class TileCounters(wiring.Component):
 
     Ports:
         hits: TileHit items of a frame, then one with `end`.
-        tiles_x, tile_count: tiles of a row and of the frame, 1 or more; stable from the first hit to the last count.
+        tiles_x, tile_count: tiles of a row and of the frame, 1 or more; stable from the first hit to the last count. The last
+            row may be shorter.
         begin_sweep: the counts may come out; waited for when the frame has ended, high for a cycle or more.
         settled: the frame has ended, the sums below are final and the sweep waits.
         counts: every tile's counter, in tile order.
@@ -146,7 +147,8 @@ class TileCounters(wiring.Component):
         out = self.counts.payload
         tile, column = Signal.like(out.tile, reset_less=False), Signal.like(self.tiles_x)
         fetching, fetched = Signal(init=1), Signal()  # a counter is left to read; the one in `out` was read last cycle
-        row_ends, frame_ends = column == self.tiles_x - 1, tile == self.tile_count - 1
+        frame_ends = tile == self.tile_count - 1
+        row_ends = (column == self.tiles_x - 1) | frame_ends
         moves = ~self.counts.valid | self.counts.ready
         m.d.comb += [
             read.en.eq(moves & fetching),
@@ -164,5 +166,5 @@ class TileCounters(wiring.Component):
                 m.d.sync += [tile.eq(tile + 1), column.eq(Mux(row_ends, 0, column + 1)), fetching.eq(~frame_ends)]
         done = self.counts.valid & self.counts.ready & out.frame_ends
         with m.If(done):
-            m.d.sync += [tile.eq(0), column.eq(0), fetching.eq(1)]
+            m.d.sync += [tile.eq(0), fetching.eq(1)]
         return done
