@@ -1,19 +1,20 @@
 """Stage two of the tile merge unit: counts in tile order to groups of about beta entries.
 
-With `total` the entries of the open group, c a tile's count and s = total + c, the rules come down to one sum and one
-comparison a tile:
+With `total` the entries of the open group, c a tile's count and s = total + c, the rules are
 
     closes before   total != 0 and s >= beta: the group ends without this tile
     total           c if so, else s
     closes after    total >= beta, or the row of tiles ends; total is then 0
 
-An empty tile closes nothing: an open group's total is below beta, and s with it.
+An empty tile closes nothing: an open group's total is below beta, and s with it. Not the total is kept but the room left,
+beta - 1 - total: then the sign of one difference, room - c, is the comparison, and the difference is the next room. What
+is left of a fresh group's room by the tile is known a cycle before.
 That a tile is its group's last is known from itself or from the next tile: a tile waits for the next but at the end of a row.
 """
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -30,7 +31,7 @@ class GroupTiles(wiring.Component):
         config: the machine; `row_width` matters here.
 
     Ports:
-        beta: merge threshold, 1 or more; stable from a frame's first count to its last group.
+        beta: merge threshold, 1 or more; stable from the cycle before a frame's first count to its last group.
         counts: every tile of a frame, in order.
         groups: TileGroup items, as many.
         busy: a tile is on its way.
@@ -52,10 +53,10 @@ class GroupTiles(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         source = self.groups
-        # Three registers in a row: a tile as it comes; in its group; with `last`, at the output.
+        # Three registers in a row: a tile as it comes; once it is known to be in the open group; with `last`, at the output.
         tile, tile_valid = Signal.like(self.counts.payload, reset_less=True), Signal()
-        big = Signal(reset_less=True)
-        placed, placed_valid, closed = Signal.like(source.payload, reset_less=True), Signal(), Signal(reset_less=True)
+        limit, fresh = Signal(COUNT_BITS), Signal(signed(COUNT_BITS + 1), reset_less=True)  # beta - 1; less the tile's count
+        placed, placed_valid, closed = Signal.like(tile, reset_less=True), Signal(), Signal(reset_less=True)
         leaves, advances = Signal(), Signal()
         m.d.comb += [
             leaves.eq(placed_valid & (closed | tile_valid) & (~source.valid | source.ready)),
@@ -66,22 +67,25 @@ class GroupTiles(wiring.Component):
         with m.If(self.counts.ready):
             count = self.counts.payload.count
             m.d.sync += tile_valid.eq(self.counts.valid)
-            m.d.sync += [tile.eq(self.counts.payload), big.eq(count >= self.beta)]
+            m.d.sync += [tile.eq(self.counts.payload), fresh.eq(limit - count)]
+        m.d.sync += limit.eq(self.beta - 1)
 
-        total, group = Signal(COUNT_BITS), Signal.like(source.payload.group, reset_less=False)
-        added = total + tile.count
-        reached = added >= self.beta
-        before = (total != 0) & reached
-        after = Mux(before, big, reached) | tile.row_ends
-        mine = (group + before)[: len(group)]
+        room, filled, opened = Signal(COUNT_BITS), Signal(), Signal(init=1)  # of the open group; `opened`: it has no tile yet
+        less, left = Signal(signed(COUNT_BITS + 1)), Signal(signed(COUNT_BITS + 1))
+        m.d.comb += [less.eq(room - tile.count), left.eq(Mux(opened, fresh, less))]
+        before = filled & (left < 0)
+        after = Mux(before, fresh < 0, left < 0) | tile.row_ends
         with m.If(advances):
-            m.d.sync += total.eq(Mux(after, 0, Mux(before, tile.count, added)))
-            m.d.sync += group.eq(Mux(tile.frame_ends, 0, mine + after))
-            m.d.sync += [placed.tile.eq(tile.tile), placed.count.eq(tile.count), placed.group.eq(mine), closed.eq(after)]
+            m.d.sync += [room.eq(Mux(before, fresh, left)), opened.eq(after)]
+            m.d.sync += filled.eq(~after & (filled | (tile.count != 0)))
+            m.d.sync += [placed.eq(tile), closed.eq(after)]
         with m.If(leaves | advances):
             m.d.sync += placed_valid.eq(advances)
         with m.If(~source.valid | source.ready):
             m.d.sync += source.valid.eq(leaves)
+        group, out, last = Signal.like(source.payload.group, reset_less=False), source.payload, closed | before
         with m.If(leaves):
-            m.d.sync += [source.payload.eq(placed), source.payload.last.eq(closed | before)]
+            m.d.sync += [out.tile.eq(placed.tile), out.count.eq(placed.count), out.group.eq(group), out.last.eq(last)]
+            with m.If(last):  # which is known late: no carry waits for it
+                m.d.sync += group.eq(Mux(placed.frame_ends, 0, group + 1))
         return m
