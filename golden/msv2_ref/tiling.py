@@ -51,77 +51,105 @@ class _Scene(NamedTuple):
     obb: bool
 
 
+# A run is the stretch of a tile row, within a Gaussian's box, in which the tiles see it with one opacity. Runs go in blocks,
+# one a column: `block` holds what the ellipse test reads and the tile columns it finds, `runs` (4, _BLOCK) where the run is.
+_BLOCK = 64
+_BLOCK_ROWS = 9
+_MX, _MY, _L1, _L2, _L3, _LIMIT, _ROW, _FIRST, _LAST = range(0, _BLOCK_ROWS * _BLOCK, _BLOCK)
+_SPLAT, _TILES, _BEGIN, _END = range(4)  # the Gaussian, the first tile of the tile row, first and last column
+
+
 @operation
-def _rim(conic, limit, W):
+def _rim(l2, l3, limit, W):
     """Of the ellipse u^2 + v^2 <= limit: its reach along y, and where its leftmost point lies (its rightmost at minus that)."""
-    l2, l3 = conic[1], conic[2]
     root = rnd(np.sqrt(limit), W)
     steep = rnd(rnd(l2 * root, W) / rnd(l3 * rnd(np.sqrt(rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)), W), W), W)
     return rnd(root / l3, W), steep
 
 
 @operation
-def _reach(y, sign, conic, limit, W):
+def _reach(y, sign, l1, l2, l3, limit, W):
     """The ellipse's reach along x at height y, to the left (sign -1) or to the right (1)."""
-    v = rnd(conic[2] * y, W)
+    v = rnd(l3 * y, W)
     u = rnd(np.sqrt(max(rnd(limit - rnd(v * v, W), W), 0.0)), W)
-    return rnd(rnd(sign * u - rnd(conic[1] * y, W), W) / conic[0], W)
+    return rnd(rnd(sign * u - rnd(l2 * y, W), W) / l1, W)
 
 
-@operation
-def _columns(mx, my, conic, limit, rim, steep, row, scene, W):
-    """First and last tile column whose pixel centres the ellipse meets in tile row `row`; first > last: none."""
-    top, bottom = row * TILE + 0.5, min(row * TILE + TILE, scene.height) - 0.5
-    low, high = max(top - my - EDGE_MARGIN, -rim), min(bottom - my + EDGE_MARGIN, rim)
-    if low > high:
-        return 1, 0
-    left = _reach(min(max(steep, low), high), -1.0, conic, limit, W)
-    right = _reach(min(max(-steep, low), high), 1.0, conic, limit, W)
-    first, last = np.ceil(mx + left - EDGE_MARGIN - 0.5), np.floor(mx + right + EDGE_MARGIN - 0.5)
-    if left > right or first > scene.width - 1 or last < 0 or first > last:
-        return 1, 0
-    return int(max(first, 0.0)) // TILE, int(min(last, scene.width - 1.0)) // TILE
+@numba.njit(cache=True, error_model="numpy")
+def _columns(block, scene, k):
+    """First and last tile column whose pixel centres the ellipse meets in its tile row, for a whole block; 1, 0: none.
+
+    One array and no branches, so that LLVM makes it vectors.
+    """
+    W, right_edge, height = k.to_work, scene.width - 1.0, float(scene.height)
+    for j in range(_BLOCK):
+        mx, my, l1, l2, l3 = block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j]
+        limit = rnd(max(block[_LIMIT + j], 0.0) + REACH_MARGIN, W)
+        rim, steep = _rim(l2, l3, limit, W)
+        top, bottom = block[_ROW + j] * TILE + 0.5, min(block[_ROW + j] * TILE + TILE, height) - 0.5
+        low, high = max(top - my - EDGE_MARGIN, -rim), min(bottom - my + EDGE_MARGIN, rim)
+        left = _reach(min(max(steep, low), high), -1.0, l1, l2, l3, limit, W)
+        right = _reach(min(max(-steep, low), high), 1.0, l1, l2, l3, limit, W)
+        first, last = np.ceil(mx + left - EDGE_MARGIN - 0.5), np.floor(mx + right + EDGE_MARGIN - 0.5)
+        none = (block[_LIMIT + j] < 0) | (low > high) | (left > right) | (first > last) | (first > right_edge) | (last < 0)
+        block[_FIRST + j] = 1.0 if none else np.floor(max(first, 0.0) / TILE)
+        block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
+
+
+# The arrays are taken out of `scene` outside the loops: within, numba would count references to them.
+@numba.njit(cache=True)
+def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered):
+    """The entries of `count` runs, from `at` on; gives the place after them."""
+    header, bound, obb = scene.header, scene.bound, scene.obb
+    if not obb:
+        _columns(block, scene, k)
+    for n in range(count):
+        i, first, last = runs[_SPLAT, n], runs[_BEGIN, n], runs[_END, n]
+        if not obb:
+            first, last = max(first, int(block[_FIRST + n])), min(last, int(block[_LAST + n]))
+        for tile in range(runs[_TILES, n] + first, runs[_TILES, n] + last + 1):
+            level = header[tile, 0]
+            if bound[i] >= level:
+                next_too = header[tile, 1] == 1 and bound[i] >= level + 1
+                tile_of[at], splat_of[at], use_of[at] = tile, i, 3 if next_too else 1
+                counts[part, tile] += 1
+                at += 1
+            else:
+                filtered[part] += 1
+    return at
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, counts, passed, filtered):
     """Entries of a slice of the splats, in their order, from `room[begin]` on."""
-    W, at = k.to_work, room[begin]
+    header, opacity, bound, box, mean2d, conic = scene.header, scene.opacity, scene.bound, scene.box, scene.mean2d, scene.conic
+    block, runs = np.ones(_BLOCK_ROWS * _BLOCK), np.empty((4, _BLOCK), np.int64)
+    at, count = room[begin], 0
     for n in range(begin, end):
         i = splats[n]
-        mx, my = scene.mean2d[i, 0] / k.mean_one, scene.mean2d[i, 1] / k.mean_one
-        conic = (scene.conic[i, 0], scene.conic[i, 1], scene.conic[i, 2])
-        bound, known = scene.bound[i], -(1 << 30)
-        x0, x1, y0, y1 = scene.box[i]
-        limit, rim, steep = -1.0, 0.0, 0.0
-        for row in range(y0, y1 + 1):
-            fresh, first, last = False, 1, 0
-            for column in range(x0, x1 + 1):
+        mx, my = mean2d[i, 0] / k.mean_one, mean2d[i, 1] / k.mean_one
+        for row in range(box[i, 2], box[i, 3] + 1):
+            known = -(1 << 30)
+            for column in range(box[i, 0], box[i, 1] + 1):
                 tile = row * scene.tiles_x + column
-                level = scene.header[tile, 0]
-                next_too = scene.header[tile, 1] == 1 and bound >= level + 1
-                strongest = scene.opacity[i, level]
-                if next_too:
-                    strongest = max(strongest, scene.opacity[i, level + 1])
-                if strongest != known:
-                    known, fresh, limit = strongest, False, falloff_limit(strongest, k)
-                    if limit >= 0:
-                        limit = rnd(limit + REACH_MARGIN, W)
-                        rim, steep = _rim(conic, limit, W)
-                if not fresh:
-                    fresh, first, last = True, 1, 0
-                    if scene.obb:
-                        first, last = x0, x1
-                    elif limit >= 0:
-                        first, last = _columns(mx, my, conic, limit, rim, steep, row, scene, W)
-                if first <= column <= last:
-                    if bound >= level:
-                        tile_of[at], splat_of[at], use_of[at] = tile, i, 3 if next_too else 1
-                        counts[part, tile] += 1
-                        at += 1
-                    else:
-                        filtered[part] += 1
-    passed[part] = at - room[begin]
+                level = header[tile, 0]
+                strongest = opacity[i, level]
+                if header[tile, 1] == 1 and bound[i] >= level + 1:
+                    strongest = max(strongest, opacity[i, level + 1])
+                if strongest == known:
+                    runs[_END, count - 1] = column
+                    continue
+                if count == _BLOCK:
+                    at = _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered)
+                    count = 0
+                known = strongest
+                runs[_SPLAT, count], runs[_TILES, count] = i, tile - column
+                runs[_BEGIN, count] = runs[_END, count] = column
+                block[_MX + count], block[_MY + count], block[_ROW + count] = mx, my, row
+                block[_L1 + count], block[_L2 + count], block[_L3 + count] = conic[i, 0], conic[i, 1], conic[i, 2]
+                block[_LIMIT + count] = falloff_limit(strongest, k)
+                count += 1
+    passed[part] = _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered) - room[begin]
 
 
 @numba.njit(cache=True, nogil=True)
