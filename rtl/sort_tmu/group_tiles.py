@@ -31,7 +31,7 @@ class GroupTiles(wiring.Component):
         config: the machine; `row_width` matters here.
 
     Ports:
-        beta: merge threshold, 1 or more; stable from the cycle before a frame's first count to its last group.
+        beta: merge threshold, 1 or more; stable from the cycle before a frame's first count to its last one.
         counts: every tile of a frame, in order.
         groups: TileGroup items, as many.
         busy: a tile is on its way.

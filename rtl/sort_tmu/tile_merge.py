@@ -28,7 +28,7 @@ class TileMergeUnit(wiring.Component):
         tiles_x, tile_count: tiles of a row and of the frame, 1 or more.
         beta: merge threshold in entries; 0 means 1.
         auto: twice the frame's mean count over non-empty tiles instead, capped by half of the sort buffer.
-        beta_used: the threshold of the frame whose groups come out or came last.
+        beta_used: the threshold of the frame that was counted last; groups of the one before may still be leaving.
         saturated, outside: an entry of the frame was not counted: its tile's counter was full, or there is no such tile. Until
             the next frame's first item.
         busy: high from a frame's first item until its last group is taken, and while the counters are cleared after a reset.
@@ -74,10 +74,9 @@ class TileMergeUnit(wiring.Component):
             self.outside.eq(counters.outside),
             self.busy.eq(counters.busy | group_tiles.busy),
         ]
-        # The last frame's groups may still be leaving when the next one has ended: beta changes behind them.
         with m.FSM():
             with m.State("COUNTING"):
-                with m.If(counters.settled & ~group_tiles.busy):
+                with m.If(counters.settled):
                     m.d.comb += auto_beta.start.eq(self.auto)
                     m.next = "CHOOSING"
             with m.State("CHOOSING"):
