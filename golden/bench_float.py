@@ -1,7 +1,7 @@
 """The benchmark's opponent: the integer golden renderer's structure in float32, as fast as numba makes it.
 
 Same algorithm, stage for stage: camera depths, survivors in blocks of vectors, one pass over tile rows, count and scatter,
-rows of 16 pixels as vectors, the same tests that skip rows and stop tiles. What differs is only what integers force on the
+pairs set up in blocks, rows of 16 pixels as vectors, the same tests that skip rows and stop tiles. What differs is only what integers force on the
 golden renderer: no rounding of intermediate results, a polynomial instead of a table for the exponential, `fastmath`.
 One level, depth included; constants are those of `spec.constants`.
 """
@@ -35,6 +35,7 @@ _SH3 = tuple(map(F, (-C3_3, C3_2, -C3_1, C3_0, -C3_1, C3_2 / 2, -C3_3)))
 _EXP2 = tuple(map(F, (1.00000349, 0.69297292, 0.24160436, 0.051745, 0.01367031)))  # 2^f on [0, 1] to 3.5e-6
 
 _BLOCK = 64
+_PAIRS = 32  # pairs of a splat and a tile set up at once
 _MEAN, _AXIS, _QUAT, _CONIC, _MEAN2D, _EXTENT = (_BLOCK * row for row in (0, 3, 6, 10, 13, 15))
 _X, _Y, _Z, _BASIS = (_BLOCK * row for row in range(4))
 _T, _RED, _GREEN, _BLUE, _FAR = range(0, 5 * TILE, TILE)
@@ -283,32 +284,59 @@ def _composite(rows, y, u, l1, room, top, red, green, blue, depth):
 
 
 @kernel
-def _tile(order, tile_x, tile_y, mean2d, conic, log2_opacity, limits, colour, depth, rows):
+def _stopped(rows):
+    """Whether no pixel of the tile takes more light."""
+    for y in range(TILE):
+        most = _ZERO
+        for x in range(TILE):
+            most = max(most, rows[y, _T + x])
+        if most >= _T_STOP:
+            return False
+    return True
+
+
+@kernel
+def _set_up(order, begin, count, left, top, mean2d, conic, log2_opacity, limits, colour, depth, pairs):
+    """Pairs begin.. of a tile, one a row of `pairs`: here no load waits for another, as they do between loops over pixels."""
+    for j in range(count):
+        i = order[begin + j]
+        dx, dy, limit = left - mean2d[i, 0], top - mean2d[i, 1], limits[i]
+        rim = np.sqrt(limit) / conic[i, 2]
+        pairs[j, 0], pairs[j, 1], pairs[j, 2] = max(np.ceil(-rim - dy), _ZERO), min(np.floor(rim - dy), F(TILE - 1)), dy
+        pairs[j, 3], pairs[j, 4], pairs[j, 5] = conic[i, 0] * dx + conic[i, 1] * dy, conic[i, 0], conic[i, 1]
+        pairs[j, 6], pairs[j, 7], pairs[j, 8] = conic[i, 2], limit, log2_opacity[i]
+        pairs[j, 9], pairs[j, 10], pairs[j, 11], pairs[j, 12] = colour[i, 0], colour[i, 1], colour[i, 2], depth[i]
+
+
+@kernel
+def _tile(order, tile_x, tile_y, mean2d, conic, log2_opacity, limits, colour, depth, pairs, rows):
     rows[:] = _ZERO
     rows[:, _T : _T + TILE] = _ONE
+    left, top = F(tile_x * TILE) + _HALF, F(tile_y * TILE) + _HALF
     for n in range(len(order)):
-        if n % 16 == 15 and rows[:, _T : _T + TILE].max() < _T_STOP:
-            break
-        i = order[n]
-        l1, l2, l3, limit = conic[i, 0], conic[i, 1], conic[i, 2], limits[i]
-        dx, dy = F(tile_x * TILE) + _HALF - mean2d[i, 0], F(tile_y * TILE) + _HALF - mean2d[i, 1]
-        rim = np.sqrt(limit) / l3
-        first_row, last_row = int(max(np.ceil(-rim - dy), _ZERO)), int(min(np.floor(rim - dy), F(TILE - 1)))
-        for y in range(first_row, last_row + 1):
+        j = n % _PAIRS
+        if j == 0:
+            if _stopped(rows):
+                break
+            _set_up(order, n, min(_PAIRS, len(order) - n), left, top, mean2d, conic, log2_opacity, limits, colour, depth, pairs)
+        dy, u_first, l1, l2, l3 = pairs[j, 2], pairs[j, 3], pairs[j, 4], pairs[j, 5], pairs[j, 6]
+        limit, opacity = pairs[j, 7], pairs[j, 8]
+        red, green, blue, far = pairs[j, 9], pairs[j, 10], pairs[j, 11], pairs[j, 12]
+        for y in range(int(pairs[j, 0]), int(pairs[j, 1]) + 1):
             v = l3 * (dy + F(y))
-            u, room = l1 * dx + l2 * (dy + F(y)), limit - v * v
+            u, room = u_first + l2 * F(y), limit - v * v
             last = u + F(TILE - 1) * l1
             nearest = u if u >= 0 else (last if last <= 0 else _ZERO)
             if nearest * nearest <= room:
-                _composite(rows, y, u, l1, room, log2_opacity[i] - v * v, colour[i, 0], colour[i, 1], colour[i, 2], depth[i])
+                _composite(rows, y, u, l1, room, opacity - v * v, red, green, blue, far)
 
 
 @kernel
 def _tiles(_slice, begin, end, start, splat, tiles_x, mean2d, conic, log2_opacity, limits, colour, depth, background, out):
-    rows = np.empty((TILE, 5 * TILE), np.float32)
+    pairs, rows = np.empty((_PAIRS, 13), np.float32), np.empty((TILE, 5 * TILE), np.float32)
     for tile in range(begin, end):
         order = splat[start[tile] : start[tile + 1]]
-        _tile(order, tile % tiles_x, tile // tiles_x, mean2d, conic, log2_opacity, limits, colour, depth, rows)
+        _tile(order, tile % tiles_x, tile // tiles_x, mean2d, conic, log2_opacity, limits, colour, depth, pairs, rows)
         for c in range(3):
             out[tile, :, :, c] = rows[:, (c + 1) * TILE : (c + 2) * TILE] + rows[:, _T : _T + TILE] * background[c]
         out[tile, :, :, 3], out[tile, :, :, 4] = rows[:, _FAR : _FAR + TILE], rows[:, _T : _T + TILE]

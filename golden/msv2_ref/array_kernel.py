@@ -22,9 +22,9 @@ _T, _RED, _GREEN, _BLUE, _FAR = range(0, _PLANES * TILE, TILE)
 _STATE = TILE * _PLANES * TILE
 
 _BLOCK = 32  # pairs, one a column, set up at once; a tile is asked this often whether it has stopped
-_PAIR_ROWS = 16
-(_L1, _L2, _L3, _DX, _DY, _FALLOFF, _OPACITY, _CUT, _FIRST, _LAST, _CORNER, _SLOPE_X, _SLOPE_Y, _XX, _XY, _YY) = range(
-    0, _PAIR_ROWS * _BLOCK, _BLOCK)
+_PAIR_ROWS = 20
+(_L1, _L2, _L3, _DX, _DY, _FALLOFF, _OPACITY, _CUT, _PAIR_RED, _PAIR_GREEN, _PAIR_BLUE, _PAIR_DEPTH, _FIRST, _LAST, _CORNER,
+ _SLOPE_X, _SLOPE_Y, _XX, _XY, _YY) = range(0, _PAIR_ROWS * _BLOCK, _BLOCK)
 
 _ROW_MARGIN = 0.05  # added to the falloff limit of the row test; rounding of the exponent stays below 0.01
 
@@ -129,26 +129,40 @@ def _set_up(pairs, k):
         pairs[_XX + j], pairs[_XY + j], pairs[_YY + j] = curve_xx, curve_xy, curve_yy
 
 
-@numba.njit(cache=True, inline="always")
-def _gather(pairs, j, splats, i, level, left, top, k):
-    """Splat `i` into column `j` of `pairs`: factors, distance from (left, top), falloff down to the cut, cut and opacity."""
-    pairs[_DX + j], pairs[_DY + j] = left - splats.mean2d[i, 0], top - splats.mean2d[i, 1]
-    for c in range(3):
-        pairs[_L1 + c * _BLOCK + j] = splats.conic[i, c] * _power(splats.conic_exp[i, c] - k.sig_bits + 1)
-    opacity = splats.log2_opacity[i, level]
-    pairs[_OPACITY + j], pairs[_CUT + j] = opacity, max(opacity - k.support, k.cut_min)
-    pairs[_FALLOFF + j] = pairs[_OPACITY + j] - pairs[_CUT + j]
+@numba.njit(cache=True)
+def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
+    """Fills columns of `pairs` with the entries from `taken` on that `bank` uses: their number, and the entries then taken.
+
+    All reads of splats are here, where none waits for another's cache miss, and of arrays taken out of the tuple: within the
+    loop, numba would count references to them.
+    """
+    mean2d, conic, conic_exp, colour, depth = splats.mean2d, splats.conic, splats.conic_exp, splats.colour, splats.depth
+    log2_opacity, count = splats.log2_opacity, 0
+    while taken < len(order) and count < _BLOCK:
+        i, j = order[taken], count
+        count += use[taken] >> bank & 1
+        taken += 1
+        pairs[_DX + j], pairs[_DY + j] = left - mean2d[i, 0], top - mean2d[i, 1]
+        for c in range(3):
+            pairs[_L1 + c * _BLOCK + j] = conic[i, c] * _power(conic_exp[i, c] - k.sig_bits + 1)
+            pairs[_PAIR_RED + c * _BLOCK + j] = colour[i, level, c]
+        pairs[_PAIR_DEPTH + j] = depth[i] if k.depth else 0
+        opacity = log2_opacity[i, level]
+        pairs[_OPACITY + j], pairs[_CUT + j] = opacity, max(opacity - k.support, k.cut_min)
+        pairs[_FALLOFF + j] = pairs[_OPACITY + j] - pairs[_CUT + j]
+    return count, taken
 
 
 @numba.njit(cache=True, inline="always")
-def _composite(state, pairs, j, colour, depth, least, segments, k):
+def _composite(state, pairs, j, least, segments, k):
     """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`.
 
     `segments` give the mantissa negated, so that shifting it right rounds alpha up. What `through` is before it is masked, in
     pixels that are not active or have t >= 0, is of no account.
     """
     one, half, to_cut = 1 << k.alpha_frac, 1 << (k.alpha_frac - 1), k.grid - k.cut_frac
-    red, green, blue = colour
+    red, green, blue = np.int32(pairs[_PAIR_RED + j]), np.int32(pairs[_PAIR_GREEN + j]), np.int32(pairs[_PAIR_BLUE + j])
+    depth = np.int32(pairs[_PAIR_DEPTH + j])
     base, slope, x = load(segments, 0), load(segments, LANES), ramp()
     curve_yy, cut, first = np.int32(pairs[_YY + j]), np.int32(pairs[_CUT + j]), np.int32(pairs[_FIRST + j])
     exponent = np.int32(pairs[_CORNER + j]) + (np.int32(pairs[_OPACITY + j]) << (k.grid - k.opacity_frac)) + (1 << to_cut >> 1)
@@ -209,20 +223,12 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
     least = 0 if outer else (1 << k.alpha_frac) - k.alpha_max_l1
     centre = (TILE // 2 << k.mean_frac) + (1 << (k.mean_frac - 1))
     left, top = (TILE * tile_x << k.mean_frac) + centre, (TILE * tile_y << k.mean_frac) + centre
-    taken, chosen = 0, np.empty(_BLOCK, np.int32)
+    taken = 0
     while taken < len(order) and not _stopped(state, k):
-        count = 0
-        while taken < len(order) and count < _BLOCK:
-            if use[taken] >> bank & 1:
-                chosen[count] = order[taken]
-                _gather(pairs, count, splats, chosen[count], level, left, top, k)
-                count += 1
-            taken += 1
+        count, taken = _gather(pairs, splats, order, use, bank, taken, level, left, top, k)
         _set_up(pairs, k)
         for j in range(count):
-            i = chosen[j]
-            colour = splats.colour[i, level, 0], splats.colour[i, level, 1], splats.colour[i, level, 2]
-            _composite(state, pairs, j, colour, splats.depth[i] if k.depth else np.int32(0), least, segments, k)
+            _composite(state, pairs, j, least, segments, k)
     _composite_background(state, background, k)
 
 
