@@ -1,8 +1,9 @@
 """The benchmark's opponent: the integer golden renderer's structure in float32, as fast as numba makes it.
 
 Same algorithm, stage for stage: camera depths, survivors in blocks of vectors, one pass over tile rows, count and scatter,
-pairs set up in blocks, rows of 16 pixels as vectors, the same tests that skip rows and stop tiles. What differs is only what integers force on the
-golden renderer: no rounding of intermediate results, a polynomial instead of a table for the exponential, `fastmath`.
+pairs set up in blocks, rows of 16 pixels as vectors, the same tests that skip rows and stop tiles. What differs is only what
+integers force on the golden renderer: no rounding of intermediate results, a polynomial instead of a table for the exponential,
+`fastmath`.
 One level, depth included; constants are those of `spec.constants`.
 """
 
