@@ -138,6 +138,8 @@ class AcceleratorConfig:
             raise ValueError(f"support_sigma must be None or in 0.5..8, not {sigma!r}")
         if not isinstance(self.formats, NumberFormats):
             raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
+        if self.formats.position.sig_bits > self.formats.view.sig_bits:  # their difference must round correctly
+            raise ValueError(f"position must not have more significand bits than view, not {self.formats.position!r}")
 
     @property
     def blocks(self) -> int:

@@ -15,6 +15,16 @@ MAX_LEVELS = 4
 SH_C0 = 0.5 / math.sqrt(math.pi)
 """Degree-0 real spherical harmonic; colour = SH_C0 * dc + 0.5."""
 
+SH_C1 = 0.4886025119029199
+"""Factor of the three basis functions of degree 1: sqrt(3 / 4 pi)."""
+
+SH_C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
+"""Factors of degree 2, in 3DGS order and sign: of xy, yz, 2zz - xx - yy, xz, xx - yy."""
+
+SH_C3 = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658,
+         1.445305721320277, -0.5900435899266435)
+"""Factors of degree 3: of y(3xx - yy), xyz, y(4zz - xx - yy), z(2zz - 3xx - 3yy), x(4zz - xx - yy), z(xx - yy), x(xx - 3yy)."""
+
 LOW_PASS = 0.3
 """Variance in px^2 added to both diagonal terms of the 2D covariance (3DGS): no footprint is narrower than a pixel."""
 
@@ -26,6 +36,12 @@ NEAR = 0.2
 
 SUPPORT_SIGMA = 3.0
 """Mahalanobis radius beyond which a splat contributes nothing (3DGS's tile bound, here per pixel)."""
+
+TILE_REACH_MARGIN = 2.0**-5
+"""Added to the falloff limit (log2 units) of the tile test: covers the exponent's rounding, so that no pixel is missed."""
+
+TILE_EDGE_MARGIN = 2.0**-5
+"""Pixels by which the tile test widens every interval: covers the rounding of the work format at 2,048 pixels."""
 
 ALPHA_MIN = 1 / 255
 """Alphas below this are skipped (3DGS)."""

@@ -122,7 +122,8 @@ class SmallFloat:
 
     Attributes:
         sig_bits: significand bits, the hidden one counted; at most 25, so that one operation in float64 followed by
-            one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2).
+            one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand of
+            a sum is longer than its result.
         exp_bits: exponent bits.
         bias: exponent bias.
         signed: whether negative numbers exist; unsigned formats clamp them to zero.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY, AcceleratorConfig, NumberFormats
+from spec.formats import SmallFloat
 
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "culling_units": (1, 64), "sorting_units": (1, 8),
@@ -86,6 +87,12 @@ def test_banks_follow_levels_and_blocks():
     one_level = TINY.with_(levels=1)
     assert (one_level.level_banks, one_level.banks) == (1, 16)
     assert (DEFAULT.with_(levels=2, cores_x=8).banks, DEFAULT.with_(levels=1).banks) == (4, 1)
+
+
+def test_positions_longer_than_the_view_format_are_rejected():
+    formats = replace(DEFAULT.formats, position=SmallFloat(sig_bits=21, exp_bits=8, bias=127))
+    with pytest.raises(ValueError, match=r"not SmallFloat\(sig_bits=21"):
+        DEFAULT.with_(formats=formats)
 
 
 def test_formats_agree_where_the_arithmetic_relies_on_it():

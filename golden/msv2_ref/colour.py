@@ -13,11 +13,7 @@ from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import RoundTo, dot3, rnd, round_to
 from spec.config import AcceleratorConfig
-
-_DEGREE_1 = 0.4886025119029199
-_DEGREE_2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
-_DEGREE_3 = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658,
-             1.445305721320277, -0.5900435899266435)
+from spec.constants import SH_C1, SH_C2, SH_C3
 
 
 class _Constants(NamedTuple):
@@ -36,8 +32,8 @@ class _Constants(NamedTuple):
 def _constants(config: AcceleratorConfig) -> _Constants:
     n = config.formats
     return _Constants(
-        round_to(n.view), round_to(n.work), float(n.work.round(_DEGREE_1)), tuple(n.work.round(_DEGREE_2).tolist()),
-        tuple(n.work.round(_DEGREE_3).tolist()), 2.0**n.sh_dc.frac_bits, 2.0**n.sh_rest.frac_bits, 2.0**n.colour.frac_bits,
+        round_to(n.view), round_to(n.work), float(n.work.round(SH_C1)), tuple(n.work.round(SH_C2).tolist()),
+        tuple(n.work.round(SH_C3).tolist()), 2.0**n.sh_dc.frac_bits, 2.0**n.sh_rest.frac_bits, 2.0**n.colour.frac_bits,
         float(n.colour.raw_max))
 
 

@@ -19,18 +19,11 @@ from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import RoundTo, dot3, operation, pattern, rnd, round_to
 from spec import tables
 from spec.config import AcceleratorConfig
-from spec.constants import EXPONENT_SCALE, LOW_PASS, TILE
+from spec.constants import EXPONENT_SCALE, LOW_PASS, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
 
 VISIBLE, NEAR, FAINT, OUTSIDE = 0, 1, 2, 3
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
 """Why a Gaussian was culled: at or behind the near plane, too faint for an alpha of 1/255, or off the frame."""
-
-REACH_MARGIN = 2.0**-5
-"""Added to the falloff limit (log2 units) of the tile test: covers the exponent's rounding, so that no pixel is missed."""
-
-EDGE_MARGIN = 2.0**-5
-"""Pixels by which the tile test widens every interval: covers the rounding of the work format at 2,048 pixels."""
-
 
 class Projected(NamedTuple):
     """Culling's result per Gaussian.
@@ -89,6 +82,7 @@ class _Camera(NamedTuple):
 
     position: np.ndarray
     rotation: np.ndarray
+    turn: np.ndarray
     focal: np.ndarray
     centre: np.ndarray
     limits: np.ndarray
@@ -195,9 +189,11 @@ _BLOCK_ROWS = 19
 def _project_block(block, cam, k):
     """Mean, conic, extent and depth of _BLOCK Gaussians: one array and no branches, so that LLVM makes it vectors."""
     V, W = k.to_view, k.to_work
-    rot, limits, position = cam.rotation, cam.limits, cam.position
+    rot, turn, limits, position = cam.rotation, cam.turn, cam.limits, cam.position
     a0, a1, a2, b0, b1, b2 = rot[0, 0], rot[0, 1], rot[0, 2], rot[1, 0], rot[1, 1], rot[1, 2]
     c0, c1, c2 = rot[2, 0], rot[2, 1], rot[2, 2]
+    wa0, wa1, wa2, wb0, wb1, wb2 = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
+    wc0, wc1, wc2 = turn[2, 0], turn[2, 1], turn[2, 2]
     fx, fy, centre_x, centre_y = cam.focal[0], cam.focal[1], cam.centre[0], cam.centre[1]
     low_x, high_x, low_y, high_y = limits[0], limits[1], limits[2], limits[3]
     px, py, pz = position[0], position[1], position[2]
@@ -207,19 +203,19 @@ def _project_block(block, cam, k):
         rz = rnd(1.0 / z, V)
         x = rnd(dot3(V, a0, a1, a2, dx, dy, dz) * rz, V)
         y = rnd(dot3(V, b0, b1, b2, dx, dy, dz) * rz, V)
-        a = _jacobian_row(fx, rz, min(max(x, low_x), high_x), (a0, a1, a2), (c0, c1, c2), W)
-        b = _jacobian_row(fy, rz, min(max(y, low_y), high_y), (b0, b1, b2), (c0, c1, c2), W)
+        a = _jacobian_row(fx, rz, min(max(x, low_x), high_x), (wa0, wa1, wa2), (wc0, wc1, wc2), W)
+        b = _jacobian_row(fy, rz, min(max(y, low_y), high_y), (wb0, wb1, wb2), (wc0, wc1, wc2), W)
         first, second, third = _rotation_columns(
             block[_QUAT + j], block[_QUAT + _BLOCK + j], block[_QUAT + 2 * _BLOCK + j], block[_QUAT + 3 * _BLOCK + j], k)
         l1, l2, l3, cov_xx, cov_yy = _conic(
             _splatted_axis(a, b, first, block[_SCALE + j], W), _splatted_axis(a, b, second, block[_SCALE + _BLOCK + j], W),
             _splatted_axis(a, b, third, block[_SCALE + 2 * _BLOCK + j], W), k)
-        reach = rnd(rnd(np.sqrt(rnd(block[_LIMIT + j] + REACH_MARGIN, W)), W) / k.scale, W)
+        reach = rnd(rnd(np.sqrt(rnd(block[_LIMIT + j] + TILE_REACH_MARGIN, W)), W) / k.scale, W)
         block[_CONIC + j], block[_CONIC + _BLOCK + j], block[_CONIC + 2 * _BLOCK + j] = l1, l2, l3
         block[_MEAN2D + j] = _to_pixels(x, fx, centre_x, k)
         block[_MEAN2D + _BLOCK + j] = _to_pixels(y, fy, centre_y, k)
-        block[_EXTENT + j] = rnd(rnd(np.sqrt(cov_xx), W) * reach, W) + EDGE_MARGIN
-        block[_EXTENT + _BLOCK + j] = rnd(rnd(np.sqrt(cov_yy), W) * reach, W) + EDGE_MARGIN
+        block[_EXTENT + j] = rnd(rnd(np.sqrt(cov_xx), W) * reach, W) + TILE_EDGE_MARGIN
+        block[_EXTENT + _BLOCK + j] = rnd(rnd(np.sqrt(cov_yy), W) * reach, W) + TILE_EDGE_MARGIN
         block[_DEPTH + j] = min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max)
 
 
@@ -259,7 +255,7 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
     out = Projected(
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
         np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros((count, 4), np.int16))
-    camera = _Camera(r.position, r.rotation, r.focal, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
+    camera = _Camera(r.position, r.rotation, r.turn, r.focal, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
                      r.key_near, r.depth_scale)
     d = words.decoded
     view_depth = np.empty(count)

@@ -20,8 +20,10 @@ class FrameRegisters:
     """Camera and frame registers. Floats are already rounded to the machine's `view` format unless said otherwise.
 
     Attributes:
-        position: (3,) camera centre relative to the words' origin, in the `position` format widened to 24 bits.
+        position: (3,) camera centre relative to the words' origin.
         rotation: (3, 3) world to camera.
+        turn: (3, 3) the same in the `work` format, for the Jacobian: no operand of a sum may be longer than its result, or one
+            rounding of a float64 sum would not be the correct one.
         focal: (2,) fx, fy in pixels.
         centre: (2,) int64, cx, cy, raw `mean2d`.
         limits: (4,) clamp of x/z (low, high) and y/z (low, high).
@@ -37,6 +39,7 @@ class FrameRegisters:
 
     position: np.ndarray
     rotation: np.ndarray
+    turn: np.ndarray
     focal: np.ndarray
     centre: np.ndarray
     limits: np.ndarray
@@ -115,8 +118,8 @@ def frame_registers(
               -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy]
     level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
     return FrameRegisters(
-        position=np.float32(camera.position - words.origin).astype(np.float64),
-        rotation=n.view.round(camera.rotation), focal=n.view.round([camera.fx, camera.fy]),
+        position=n.view.round(camera.position - words.origin),
+        rotation=n.view.round(camera.rotation), turn=n.work.round(camera.rotation), focal=n.view.round([camera.fx, camera.fy]),
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
         key_near=pattern(float(n.view.round(camera.near)), round_to(n.view)),

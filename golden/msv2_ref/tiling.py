@@ -2,7 +2,7 @@
 
 For one row of tiles the ellipse's reach along x is an interval (the projection of a convex set), so the exact
 ellipse-rectangle test costs two square roots a row and yields a run of columns. Both ends are widened by the margins of
-`culling`, so that rounding never loses a tile in which a pixel would change.
+`spec.constants`, so that rounding never loses a tile in which a pixel would change.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from golden.msv2_ref.culling import EDGE_MARGIN, REACH_MARGIN, Projected, culling_constants, falloff_limit
+from golden.msv2_ref.culling import Projected, culling_constants, falloff_limit
 from golden.msv2_ref.parallel import SLICES, for_slices
 from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import operation, rnd
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
+from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
 
 
 class TileEntries(NamedTuple):
@@ -84,13 +84,13 @@ def _columns(block, scene, k):
     W, right_edge, height = k.to_work, scene.width - 1.0, float(scene.height)
     for j in range(_BLOCK):
         mx, my, l1, l2, l3 = block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j]
-        limit = rnd(max(block[_LIMIT + j], 0.0) + REACH_MARGIN, W)
+        limit = rnd(max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN, W)
         rim, steep = _rim(l2, l3, limit, W)
         top, bottom = block[_ROW + j] * TILE + 0.5, min(block[_ROW + j] * TILE + TILE, height) - 0.5
-        low, high = max(top - my - EDGE_MARGIN, -rim), min(bottom - my + EDGE_MARGIN, rim)
+        low, high = max(top - my - TILE_EDGE_MARGIN, -rim), min(bottom - my + TILE_EDGE_MARGIN, rim)
         left = _reach(min(max(steep, low), high), -1.0, l1, l2, l3, limit, W)
         right = _reach(min(max(-steep, low), high), 1.0, l1, l2, l3, limit, W)
-        first, last = np.ceil(mx + left - EDGE_MARGIN - 0.5), np.floor(mx + right + EDGE_MARGIN - 0.5)
+        first, last = np.ceil(mx + left - TILE_EDGE_MARGIN - 0.5), np.floor(mx + right + TILE_EDGE_MARGIN - 0.5)
         none = (block[_LIMIT + j] < 0) | (low > high) | (left > right) | (first > last) | (first > right_edge) | (last < 0)
         block[_FIRST + j] = 1.0 if none else np.floor(max(first, 0.0) / TILE)
         block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
