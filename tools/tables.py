@@ -77,18 +77,23 @@ def units_table(reports: Reports) -> str:
     """Source, golden, tests, latency and area of every RTL unit."""
     area = {r["unit"]: f"{r['area_um2']:,.0f} um²" for r in reports.get("synthesis", {"rows": []})["rows"]}
     units = [
-        ("pixel core", "pixel_core.py", "array_kernel.py", "test_rtl_pixel_core.py", "4 cycles, 1 op/cycle", "pixel_core"),
-        ("row of 16 cores", "row.py", "array_kernel.py", "test_rtl_array.py", "1 cycle to the next row", "vrc_row"),
-        ("setup unit", "setup.py, polynomial.py", "array_kernel.py", "test_rtl_setup.py", "1 op/cycle", ""),
-        ("expansion to 16 columns", "expand.py", "array_kernel.py", "test_rtl_expand.py", "1 op/cycle", ""),
-        ("block sequencer", "blocks.py", "-", "test_rtl_array.py", "1 cycle (3 with blocks)", ""),
-        ("level blending", "blend.py", "array_kernel.py", "test_rtl_blend.py", "1 row/cycle", ""),
-        ("collection, line buffer", "collect.py", "-", "test_rtl_array.py", "1 row/cycle", ""),
-        ("whole array", "array.py", "vrc_array.py", "make sim TEST=vrc, make frame", "1 entry/cycle", ""),
+        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", "4 cycles, 1 op/cycle", "pixel_core"),
+        ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "1 cycle to the next row", "vrc_row"),
+        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", "15 cycles, 1 op/cycle", ""),
+        ("expansion to 16 columns", "vrc_array/expand", "array_kernel", "test_rtl_expand", "4 cycles, 1 op/cycle", ""),
+        ("block sequencer", "vrc_array/blocks", "-", "test_rtl_array", "1 cycle (3 with blocks)", ""),
+        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "1 row/cycle", ""),
+        ("collection, line buffer", "vrc_array/collect", "-", "test_rtl_array", "1 row/cycle", ""),
+        ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc, frame", "1 entry/cycle", ""),
+        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "test_rtl_tmu, sim TEST=tmu", "1 entry/cycle, 1 tile/cycle", ""),
+        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "test_rtl_sort, sim TEST=sort", "1 entry/cycle", ""),
+        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", "5, 3 cycles; 1/cycle", ""),
+        ("float divide, reciprocal", "float/divide", "rounding", "sim TEST=float", "7, 6 cycles; 1/cycle", ""),
+        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", "9, 7 cycles; 1/cycle", ""),
+        ("float from and to fixed", "float/convert", "rounding", "sim TEST=float", "3 cycles; 1/cycle", ""),
     ]
-    rows = [[name, f"`{source}`", f"`{golden}`" if golden != "-" else "-", tests, timing, area.get(key, "-")]
-            for name, source, golden, tests, timing, key in units]
-    return markdown(["unit", "rtl/vrc_array", "golden/msv2_ref", "tests", "latency, throughput", "area, ASAP7"], rows)
+    rows = [[name, source, golden, tests, timing, area.get(key, "-")] for name, source, golden, tests, timing, key in units]
+    return markdown(["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "area, ASAP7"], rows)
 
 
 def accuracy_table(reports: Reports) -> str:
