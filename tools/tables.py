@@ -10,6 +10,13 @@ from pathlib import Path
 from golden.accuracy import as_markdown
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
+from rtl.float.add import FloatAdd
+from rtl.float.convert import FixedToFloat, FloatToFixed
+from rtl.float.divide import FloatDivide, FloatReciprocal
+from rtl.float.multiply import FloatMul
+from rtl.float.roots import FloatRsqrt, FloatSqrt
+from rtl.vrc_array import blend, expand, row, setup
+from spec.config import DEFAULT
 from spec.constants import TILE
 
 AREA_7_TO_16_NM = 1 / 0.31
@@ -41,10 +48,9 @@ def results_table(reports: Reports) -> str:
     rows = []
     synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
     if "vrc_row" in synthesis:
-        row, core = synthesis["vrc_row"], synthesis["pixel_core"]
-        scaled = row["area_per_core_um2"] * AREA_7_TO_16_NM
+        per_core, core = synthesis["vrc_row"]["area_per_core_um2"], synthesis["pixel_core"]
         rows.append(["area of a core, registers of its row included, at 16 nm", f"{PAPER_CORE_UM2:,.0f} um²",
-                     f"{scaled:,.0f} um² (ASAP7: {row['area_per_core_um2']:.0f} um² x 1/0.31)",
+                     f"{per_core * AREA_7_TO_16_NM:,.0f} um² (ASAP7: {per_core:.0f} um² x 1/0.31)",
                      "log2-domain integers, their format is not stated; cells only, no place and route, no line buffer"])
         rows.append(["pixel core alone, ASAP7, strict cell list", "-",
                      f"{core['area_um2']:.0f} um², slack {core['slack_ps']:.0f} ps at {core['clock_ps']:.0f} ps",
@@ -73,24 +79,30 @@ def results_table(reports: Reports) -> str:
     return markdown(["quantity", "paper", "ours", "why they differ, notes"], rows)
 
 
+def latencies(*units: type) -> str:
+    """Latencies of float units, as their classes state them."""
+    return f"{', '.join(str(unit.latency) for unit in units)} cycles, 1/cycle"
+
+
 def units_table(reports: Reports) -> str:
     """Source, golden, tests, latency and area of every RTL unit."""
     area = {r["unit"]: f"{r['area_um2']:,.0f} um²" for r in reports.get("synthesis", {"rows": []})["rows"]}
+    core = row.PIPELINE + row.SUMS_LATER
     units = [
-        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", "4 cycles, 1 op/cycle", "pixel_core"),
+        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle", "pixel_core"),
         ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "1 cycle to the next row", "vrc_row"),
-        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", "15 cycles, 1 op/cycle", ""),
-        ("expansion to 16 columns", "vrc_array/expand", "array_kernel", "test_rtl_expand", "4 cycles, 1 op/cycle", ""),
+        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle", ""),
+        ("expansion to 16 columns", "vrc_array/expand", "array_kernel", "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle", ""),
         ("block sequencer", "vrc_array/blocks", "-", "test_rtl_array", "1 cycle (3 with blocks)", ""),
-        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "1 row/cycle", ""),
+        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle", ""),
         ("collection, line buffer", "vrc_array/collect", "-", "test_rtl_array", "1 row/cycle", ""),
         ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc, frame", "1 entry/cycle", ""),
         ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "test_rtl_tmu, sim TEST=tmu", "1 entry/cycle, 1 tile/cycle", ""),
         ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "test_rtl_sort, sim TEST=sort", "1 entry/cycle", ""),
-        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", "5, 3 cycles; 1/cycle", ""),
-        ("float divide, reciprocal", "float/divide", "rounding", "sim TEST=float", "7, 6 cycles; 1/cycle", ""),
-        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", "9, 7 cycles; 1/cycle", ""),
-        ("float from and to fixed", "float/convert", "rounding", "sim TEST=float", "3 cycles; 1/cycle", ""),
+        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", latencies(FloatAdd, FloatMul), ""),
+        ("float divide, reciprocal", "float/divide", "rounding", "sim TEST=float", latencies(FloatDivide, FloatReciprocal), ""),
+        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", latencies(FloatRsqrt, FloatSqrt), ""),
+        ("float from and to fixed", "float/convert", "rounding", "sim TEST=float", latencies(FixedToFloat, FloatToFixed), ""),
     ]
     rows = [[name, source, golden, tests, timing, area.get(key, "-")] for name, source, golden, tests, timing, key in units]
     return markdown(["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "area, ASAP7"], rows)
