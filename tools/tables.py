@@ -87,24 +87,25 @@ def latencies(*units: type) -> str:
 def units_table(reports: Reports) -> str:
     """Source, golden, tests, latency and area of every RTL unit."""
     area = {r["unit"]: f"{r['area_um2']:,.0f} um²" for r in reports.get("synthesis", {"rows": []})["rows"]}
-    core = row.PIPELINE + row.SUMS_LATER
+    core, array = row.PIPELINE + row.SUMS_LATER, "array_kernel"
     units = [
-        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle", "pixel_core"),
-        ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "1 cycle to the next row", "vrc_row"),
-        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle", ""),
-        ("expansion to 16 columns", "vrc_array/expand", "array_kernel", "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle", ""),
-        ("block sequencer", "vrc_array/blocks", "-", "test_rtl_array", "1 cycle (3 with blocks)", ""),
-        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle", ""),
-        ("collection, line buffer", "vrc_array/collect", "-", "test_rtl_array", "1 row/cycle", ""),
-        ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc, frame", "1 entry/cycle", ""),
-        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "test_rtl_tmu, sim TEST=tmu", "1 entry/cycle, 1 tile/cycle", ""),
-        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "test_rtl_sort, sim TEST=sort", "1 entry/cycle", ""),
-        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", latencies(FloatAdd, FloatMul), ""),
-        ("float divide, reciprocal", "float/divide", "rounding", "sim TEST=float", latencies(FloatDivide, FloatReciprocal), ""),
-        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", latencies(FloatRsqrt, FloatSqrt), ""),
-        ("float from and to fixed", "float/convert", "rounding", "sim TEST=float", latencies(FixedToFloat, FloatToFixed), ""),
+        ("pixel core", "vrc_array/pixel_core", array, "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle"),
+        ("row of 16 cores", "vrc_array/row", array, "test_rtl_array", "1 cycle to the next row"),
+        ("setup unit", "vrc_array/setup, polynomial", array, "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle"),
+        ("expansion", "vrc_array/expand", array, "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle"),
+        ("block sequencer", "vrc_array/blocks", "-", "test_rtl_array", "1 cycle (3 with blocks)"),
+        ("level blending", "vrc_array/blend", array, "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle"),
+        ("collection, line buffer", "vrc_array/collect", "-", "test_rtl_array", "1 row/cycle"),
+        ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc, frame", "1 entry/cycle"),
+        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "test_rtl_tmu, sim TEST=tmu", "1 entry/cycle, 1 tile/cycle"),
+        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "test_rtl_sort, sim TEST=sort", "1 entry/cycle"),
+        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", latencies(FloatAdd, FloatMul)),
+        ("float divide, 1/x", "float/divide", "rounding", "sim TEST=float", latencies(FloatDivide, FloatReciprocal)),
+        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", latencies(FloatRsqrt, FloatSqrt)),
+        ("float from, to fixed", "float/convert", "rounding", "sim TEST=float", latencies(FixedToFloat, FloatToFixed)),
     ]
-    rows = [[name, source, golden, tests, timing, area.get(key, "-")] for name, source, golden, tests, timing, key in units]
+    synthesised = {"pixel core": "pixel_core", "row of 16 cores": "vrc_row"}
+    rows = [[*unit, area.get(synthesised.get(unit[0]), "-")] for unit in units]
     return markdown(["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "area, ASAP7"], rows)
 
 
