@@ -58,6 +58,15 @@ T_STOP = 1e-4
 COVERAGE_VALID = 0.5
 """Depth is invalid where the accumulated alpha 1 - T is below this."""
 
+DEPTH_PERCENTILE = 99
+"""Percentile of z in view that the depth scale is fitted to, so that one outlier does not cost everyone's resolution."""
+
+DEPTH_REACH = 4.0
+"""Depth saturates at this multiple of that percentile, or at the largest z in view if that is nearer."""
+
+DEPTH_FRAME_MARGIN = 0.15
+"""Share of the frame's size by which it is widened on every side when z in view is collected: footprints reach in."""
+
 REGION_START_DEG = (0.0, 18.0, 27.0, 33.0)
 """Eccentricity at which each quality region starts (paper section 7)."""
 

@@ -51,6 +51,7 @@ class ArrayConstants(NamedTuple):
     depth_shift: int
     depth: bool
     plane_frac: int
+    blend_frac: int
     segment_shift: int  # of the exponential's argument: what is above tells the segment, what is below the place in it
     segment_rest: int
     slope_shift: int
@@ -70,7 +71,7 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
         weight_drop=n.transmittance.frac_bits - n.weight.frac_bits,
         colour_shift=n.weight.frac_bits + n.colour.frac_bits - n.accumulator.frac_bits,
         depth_shift=n.weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits,
-        depth=config.depth, plane_frac=n.plane.frac_bits,
+        depth=config.depth, plane_frac=n.plane.frac_bits, blend_frac=n.blend_weight.frac_bits,
         segment_shift=(per_segment - 1).bit_length(), segment_rest=per_segment - 1,
         slope_shift=tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits,
     )
@@ -233,13 +234,13 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
 
 
 @numba.njit(cache=True, inline="always")
-def _blend_weight(t, smoothstep, plane_frac):
+def _blend_weight(t, smoothstep, k):
     """Weight of the outer level from the raw blend parameter."""
     if t < 0:
         return np.int64(0)
-    if t >= 1 << plane_frac:
-        return np.int64(1 << 8)
-    return smoothstep[t >> (plane_frac - tables.BLEND_INDEX_BITS)]
+    if t >= 1 << k.plane_frac:
+        return np.int64(1 << k.blend_frac)
+    return smoothstep[t >> (k.plane_frac - tables.BLEND_INDEX_BITS)]
 
 
 @numba.njit(cache=True)
@@ -247,10 +248,10 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
     """Blends the second bank's rows into the first's."""
     for y in range(TILE):
         for x in range(TILE):
-            weight = _blend_weight(plane[0] + x * plane[1] + y * plane[2], smoothstep, k.plane_frac)
+            weight = _blend_weight(plane[0] + x * plane[1] + y * plane[2], smoothstep, k)
             for c in (_T, _RED, _GREEN, _BLUE, _FAR):
                 a, b = np.int64(rows[y, c + x]), np.int64(outer_rows[y, c + x])
-                rows[y, c + x] = a + (((b - a) * weight + 128) >> 8)
+                rows[y, c + x] = a + (((b - a) * weight + (1 << k.blend_frac - 1)) >> k.blend_frac)
 
 
 @numba.njit(cache=True, nogil=True)

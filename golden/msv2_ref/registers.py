@@ -12,7 +12,7 @@ from golden.msv2_ref.rounding import pattern, round_to
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
-from spec.constants import FRUSTUM_MARGIN, TILE
+from spec.constants import DEPTH_FRAME_MARGIN, DEPTH_PERCENTILE, DEPTH_REACH, FRUSTUM_MARGIN, TILE
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,19 @@ class FrameRegisters:
 
 @numba.njit(cache=True)
 def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, height):
-    """The z in front of the camera whose pixel lies inside the frame widened by 15 % of its size on every side.
+    """The z in front of the camera whose pixel lies inside the frame widened by DEPTH_FRAME_MARGIN on every side.
 
     One loop and not matrix products: the bits then depend on no BLAS.
     """
     r, t, found, count = rotation, translation, np.empty(len(mean)), 0
+    least, most = -DEPTH_FRAME_MARGIN, 1 + DEPTH_FRAME_MARGIN
     for i in range(len(mean)):
         mx, my, mz = mean[i, 0], mean[i, 1], mean[i, 2]
         x = r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + t[0]
         y = r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + t[1]
         z = r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + t[2]
         px, py = fx * x + cx * z, fy * y + cy * z
-        inside = (px > -0.15 * width * z) & (px < 1.15 * width * z) & (py > -0.15 * height * z) & (py < 1.15 * height * z)
+        inside = (px > least * width * z) & (px < most * width * z) & (py > least * height * z) & (py < most * height * z)
         found[count] = z
         count += inside & (z > near)
     return found[:count]
@@ -96,7 +97,7 @@ def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera) -> float:
     c = camera
     translation = c.translation + c.rotation @ origin
     z = _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-    return min(float(z.max()), 4.0 * float(np.percentile(z, 99))) if len(z) else 2 * c.near
+    return min(float(z.max()), DEPTH_REACH * float(np.percentile(z, DEPTH_PERCENTILE))) if len(z) else 2 * c.near
 
 
 def frame_registers(
