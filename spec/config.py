@@ -95,6 +95,11 @@ class AcceleratorConfig:
         sorting_units: hierarchical sorting units.
         row_width: widest frame in pixels.
         line_buffer_bytes, sort_buffer_bytes: capacity of a line buffer and of the double buffer before sorting.
+        incremental: stages hand over through line buffers as work becomes final; otherwise whole groups and whole tiles
+            change hands through double buffers, the paper's baseline.
+        merge_ways: sorted runs that are merged at a time where a group is larger than the sort buffer.
+        splat_cache_lines: splats that the array's fetch unit keeps.
+        counters: performance counters present.
         formats: number formats.
     """
 
@@ -109,6 +114,10 @@ class AcceleratorConfig:
     row_width: int = 1920
     line_buffer_bytes: int = 1024
     sort_buffer_bytes: int = 65536
+    incremental: bool = True
+    merge_ways: int = 8
+    splat_cache_lines: int = 1024
+    counters: bool = True
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -119,7 +128,7 @@ class AcceleratorConfig:
         for name, low, high in (
             ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("culling_units", 1, 64),
             ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
-            ("sort_buffer_bytes", 256, 1 << 24),
+            ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -129,8 +138,12 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        if not isinstance(self.depth, bool):
-            raise TypeError(f"depth must be a bool, not {self.depth!r}")
+        for name in ("merge_ways", "splat_cache_lines"):
+            if getattr(self, name) & (getattr(self, name) - 1):
+                raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
+        for name in ("depth", "incremental", "counters"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         sigma = self.support_sigma
         if sigma is not None and (not isinstance(sigma, int | float) or isinstance(sigma, bool)):
             raise TypeError(f"support_sigma must be None or a number, not {sigma!r}")
@@ -156,12 +169,24 @@ class AcceleratorConfig:
         """Accumulator banks of a pixel core: one per block and level, index `block * level_banks + level`."""
         return self.blocks * self.level_banks
 
+    @property
+    def point_interval(self) -> int:
+        """Cycles a Gaussian takes in the near test and in projection, and a run of tiles in the tile test: 8 by one unit."""
+        return max(1, 8 // self.culling_units)
+
+    @property
+    def colour_interval(self) -> int:
+        """Cycles a splat takes in the colour unit: 32 by one unit."""
+        return max(1, 32 // self.culling_units)
+
     def with_(self, **changes: object) -> AcceleratorConfig:
         """A copy with some parameters changed."""
         return replace(self, **changes)
 
 
-TINY = AcceleratorConfig(name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096)
+TINY = AcceleratorConfig(
+    name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096, merge_ways=4,
+    splat_cache_lines=64)
 DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280)
 PAPER = AcceleratorConfig(name="paper")
 

@@ -21,7 +21,7 @@ from types import ModuleType
 
 import numpy as np
 
-from spec import constants, formats, records, tables
+from spec import constants, formats, memory, records, tables
 from spec.config import CONFIGS, DEFAULT, PAPER, AcceleratorConfig, NumberFormats
 from spec.errors import InputError, run_command_line
 from spec.formats import Fixed, Format, SmallFloat
@@ -121,10 +121,11 @@ def records_section() -> list[str]:
     """Every record, and the widths that depend on a parameter."""
     lines = ["## Records", "", "Field 0 sits in the lowest bits; the numbers of one field follow each other upwards. "
              f"Layouts are those of `{PAPER.name}` and of SH degree 3.", ""]
-    for make in records.RECORDS:
+    for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
         lines += record_section(make)
     colour = [[degree, records.gaussian_colour(PAPER, degree).width] for degree in range(4)]
-    widths = [[f"`{make(PAPER).name}`", *(make(c).width for c in CONFIGS.values())] for make in records.RECORDS]
+    widths = [[f"`{make(PAPER).name}`", *(make(c).width for c in CONFIGS.values())]
+              for make in (*records.RECORDS, *memory.MEMORY_RECORDS)]
     return [*lines, "### Widths in bits", "", *table(("record", *CONFIGS), widths),
             *table(("SH degree", "bits of GaussianColour"), colour)]
 
@@ -132,7 +133,7 @@ def records_section() -> list[str]:
 def constants_section() -> list[str]:
     """Constants with value and derivation, then the integers derived from them."""
     lines = ["## Constants", ""]
-    for module in (constants, tables, records):
+    for module in (constants, tables, records, memory):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
         lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
     n = DEFAULT.formats

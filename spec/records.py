@@ -254,6 +254,69 @@ def chunk_entry(config: AcceleratorConfig) -> Record:
     ))
 
 
+def entry_item(config: AcceleratorConfig) -> Record:
+    """A tile entry as the culling unit emits it; after a frame's last one follows an item with `end`, which is no entry."""
+    return Record("EntryItem", entry_item.__doc__, (
+        *tile_entry(config).fields,
+        Field("end", uint(1), "all entries of the frame have come; the rest means nothing"),
+    ))
+
+
+def gaussian_point(config: AcceleratorConfig) -> Record:
+    """A Gaussian's geometry on its way into the culling unit; a frame ends with an item with `end`, which is no point."""
+    return Record("GaussianPoint", gaussian_point.__doc__, (
+        *gaussian_geometry(config).fields,
+        Field("index", uint(INDEX_BITS), "Gaussian index"),
+        Field("end", uint(1), "all points of the frame have come; the rest means nothing"),
+    ))
+
+
+def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """What projection knows of a splat."""
+    n = config.formats
+    return (
+        Field("index", uint(INDEX_BITS), "Gaussian index"),
+        Field("bound", uint(2), "quality bound m - 1"),
+        Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
+        Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
+        Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
+        Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
+        Field("offset", n.view, "position less the camera's, world axes: what colour looks along", 3),
+    )
+
+
+def projected_splat(config: AcceleratorConfig) -> Record:
+    """A splat that is not culled and the box of tiles that it may touch; a frame ends with an item with `end`."""
+    tile = uint(TILE_BITS)
+    return Record("ProjectedSplat", projected_splat.__doc__, (
+        *_projection(config),
+        Field("depth_key", config.formats.depth_key, "sort key"),
+        Field("first_x", tile, "first tile column of the box"),
+        Field("last_x", tile, "last tile column"),
+        Field("first_y", tile, "first tile row"),
+        Field("last_y", tile, "last tile row"),
+        Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
+    ))
+
+
+def surviving_splat(config: AcceleratorConfig) -> Record:
+    """A splat with an entry at least: wants its colour; a frame ends with an item with `end`."""
+    return Record("SurvivingSplat", surviving_splat.__doc__, (
+        *_projection(config),
+        Field("levels", uint(MAX_LEVELS), "levels of the tiles it has entries in, a bit each"),
+        Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
+    ))
+
+
+def tile_level(config: AcceleratorConfig) -> Record:
+    """A tile's level, on its way into the tile test's table."""
+    return Record("TileLevel", tile_level.__doc__, (
+        Field("tile", tile_index(config), "native tile"),
+        Field("level", uint(2), "level of the tile, 0..3"),
+        Field("blend", uint(1), "the tile blends its level with the next"),
+    ))
+
+
 RECORDS = (
     gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row, tile_hit, tile_group,
-    tile_entry, chunk_entry)
+    tile_entry, chunk_entry, entry_item, gaussian_point, projected_splat, surviving_splat, tile_level)

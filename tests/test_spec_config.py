@@ -11,8 +11,11 @@ from spec.formats import SmallFloat
 
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "culling_units": (1, 64), "sorting_units": (1, 8),
-    "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
+    "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24), "merge_ways": (2, 32),
+    "splat_cache_lines": (4, 1 << 16),
 }
+FLAGS = ("depth", "incremental", "counters")
+POWERS_OF_TWO = ("merge_ways", "splat_cache_lines")
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -39,8 +42,20 @@ def test_arrays_divide_the_tile(name):
                 DEFAULT.with_(**{name: cores})
 
 
+@pytest.mark.parametrize("name", POWERS_OF_TWO)
+def test_powers_of_two(name):
+    with pytest.raises(ValueError, match=rf"^{name} must be a power of two, not 12$"):
+        DEFAULT.with_(**{name: 12})
+
+
+@pytest.mark.parametrize("name", FLAGS)
+def test_flags_are_bools(name):
+    with pytest.raises(TypeError, match=rf"^{name} must be a bool, not 1$"):
+        DEFAULT.with_(**{name: 1})
+
+
 @pytest.mark.parametrize(("name", "bad", "error"), [
-    ("depth", 1, TypeError), ("depth", None, TypeError), ("formats", None, TypeError), ("formats", {}, TypeError),
+    ("formats", None, TypeError), ("formats", {}, TypeError),
     ("support_sigma", 0, ValueError), ("support_sigma", 8.1, ValueError), ("support_sigma", float("nan"), ValueError),
     ("support_sigma", float("inf"), ValueError), ("support_sigma", "3", TypeError), ("support_sigma", True, TypeError),
     ("name", "", ValueError), ("name", "a/b", ValueError), ("name", None, TypeError), ("name", 3, TypeError),
@@ -52,7 +67,7 @@ def test_other_parameters_are_checked(name, bad, error):
 
 
 def test_every_parameter_is_covered_here():
-    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, "name", "depth", "support_sigma", "formats"}
+    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, *FLAGS, "name", "support_sigma", "formats"}
 
 
 def test_frozen_keyword_only_and_hashable():

@@ -14,6 +14,7 @@ import pytest
 from spec import constants, document
 from spec.config import CONFIGS, PAPER, NumberFormats
 from spec.errors import InputError
+from spec.memory import MEMORY_RECORDS
 from spec.records import RECORDS
 
 ROOT = Path(__file__).parents[1]
@@ -45,7 +46,7 @@ def test_everything_is_on_the_page():
     page = document.page()
     for f in fields(NumberFormats):
         assert f"| `{f.name}` | {getattr(NumberFormats(), f.name)} |" in page
-    for make in RECORDS:
+    for make in (*RECORDS, *MEMORY_RECORDS):
         record = make(PAPER)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
@@ -63,7 +64,7 @@ def test_bit_ranges_of_each_record_are_contiguous():
             assert ranges[0][1] == 0
             assert all(low == before + 1 for (before, _), (_, low) in itertools.pairwise(ranges))
             assert section.split("\n")[0].endswith(f": {ranges[-1][0] + 1} bits")
-    assert checked == len(RECORDS)
+    assert checked == len(RECORDS) + len(MEMORY_RECORDS)
 
 
 def test_docstrings_are_found_where_they_stand():
