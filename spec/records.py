@@ -317,6 +317,16 @@ def tile_level(config: AcceleratorConfig) -> Record:
     ))
 
 
+def tile_use(config: AcceleratorConfig) -> Record:
+    """What the splat fetch unit must know of a tile before its entries; one per tile, empty tiles too, in tile order."""
+    return Record("TileUse", tile_use.__doc__, (
+        Field("level", uint(2), "level of the tile, 0..3"),
+        Field("blend", uint(1), "the tile blends its level with the next"),
+        Field("count", uint(COUNT_BITS), "entries that follow"),
+    ))
+
+
 RECORDS = (
     gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row, tile_hit, tile_group,
-    tile_entry, chunk_entry, entry_item, gaussian_point, projected_splat, surviving_splat, tile_level)
+    tile_entry, chunk_entry, entry_item, gaussian_point, projected_splat, surviving_splat, tile_level,
+    tile_use)
