@@ -1,0 +1,27 @@
+"""Culling and conversion: Gaussians to splats, and the dataflow engine that its units are made with.
+
+    dataflow    a unit's arithmetic as a graph of operations
+    schedule    when each operation starts and what keeps each value, for one slot every `interval` cycles
+    datapath    the graph as hardware between two streams
+
+A unit is a graph and the interval at which slots (points, splats, runs of tiles) enter::
+
+    g = Dataflow()
+    x, y = g.input("x", VIEW), g.input("y", VIEW)
+    focal = g.setting("focal", VIEW)                        # an In port, constant during a frame
+    slope = g.divide(x, y, VIEW)
+    larger = g.logic("larger", VIEW, lambda a, b: Mux(a > b, a, b), slope, g.constant(1.5, VIEW))
+    g.output("pixels", g.to_fixed(g.mul(larger, focal, VIEW), MEAN2D))
+    unit = Datapath(g, interval=4, carried=unsigned(24))
+
+Operations (`to` is the result's format; every one is rounded once, as rtl.float says):
+
+    add(a, b, to)  sub(a, b, to)  mul(a, b, to)  divide(a, b, to)  reciprocal(a, to)  rsqrt(a, to)  sqrt(a, to)
+    to_fixed(a, to, rounding)  to_float(a, to)
+    logic(name, to, fn, *operands)      combinational fn of the operands' Values, registered at its end; `to` a format or shape
+    view(name, to, fn, operand)         the same of one operand, wiring only: no register, no cycle (a field, a sign flipped)
+    input(name, to)  setting(name, to)  settings(name, to, count)  constant(value, to)  output(name, node)
+
+`Datapath` has the streams `sink` (payload: the inputs, and `carried`) and `source` (the outputs, and `carried`), and a port for
+every setting. Whoever builds for several intervals writes the graph once.
+"""

@@ -1,0 +1,219 @@
+"""A graph as hardware: operators, registers and queues by a schedule, between two streams."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, Value
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.dataflow import Dataflow, Node, Operator, as_value
+from rtl.culling.schedule import Schedule, schedule
+from rtl.emit import add_shared
+from rtl.float.unit import FloatUnit
+
+
+def _make(kind: Operator) -> FloatUnit:
+    return kind.make()
+
+
+class Datapath(wiring.Component):
+    """The operations of a graph on one slot after another.
+
+    Parameters:
+        graph: what is computed.
+        interval: cycles between slots at least; with more than 1, operators are shared by a static schedule and a slot enters
+            in phase 0 only, one cycle in `interval`.
+        carried: shape of what waits in memory beside the graph and leaves with its slot; None: nothing does.
+
+    Ports:
+        sink: payload with a field for each input of the graph, and `carried`.
+        source: payload with a field for each output, and `carried`; in the order of the sink.
+        a port for every setting of the graph, named like it: an array where it has several numbers. They may change when no
+            slot is inside.
+
+    Attributes:
+        schedule: times, instances and registers.
+
+    Throughput: a slot every `interval` cycles. Latency: schedule.length + 2 cycles from a slot's transfer to its offer. Nothing
+    inside ever waits: a slot enters only when a row of the output queue is free for it, and there are as many rows as slots
+    fit between entry and exit at full rate. Outputs are written into their slot's row as they are born, so that early ones take
+    no registers::
+
+        interval 4       0    1    2    3    4    5    6    7    8
+        phase            0    1    2    3    0    1    2    3    0
+        sink.ready       ~~~~~_______________~~~~~_______________~~~~~    a row is free
+        sink             < A >               < B >
+        first registers       <  A                ><  B
+    """
+
+    def __init__(self, graph: Dataflow, *, interval: int, carried: ShapeLike | None = None) -> None:
+        if not isinstance(graph, Dataflow):
+            raise TypeError(f"graph must be a Dataflow, not {graph!r}")
+        self.schedule = schedule(graph, interval)
+        self._graph, self._interval, self._carried = graph, interval, carried
+        ports = {
+            name: In(nodes[0].shape if len(nodes) == 1 else data.ArrayLayout(nodes[0].shape, len(nodes)))
+            for name, nodes in graph.ports.items()}
+        super().__init__({
+            "sink": In(stream.Signature(graph.input_layout(carried))),
+            "source": Out(stream.Signature(graph.output_layout(carried))), **ports})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        work = _Elaboration(m, platform, self, self.schedule)
+        work.control()
+        work.operators()
+        work.registers()
+        work.queue()
+        return m
+
+
+class _Elaboration:
+    """The hardware of one datapath under construction."""
+
+    def __init__(self, m: Module, platform: object, unit: Datapath, plan: Schedule) -> None:
+        self.m, self.platform, self.unit, self.plan = m, platform, unit, plan
+        self.interval, self.copies = plan.interval, plan.copies()
+        self.origin: dict[Node, Value] = {}
+        """Values at their birth."""
+        self.chain: dict[Node, list[Value]] = {}
+        """The registers behind a value."""
+        for node, count in self.copies.items():
+            self.chain[node] = [
+                Signal(node.shape, name=f"{node.name}_{i + 1}", reset_less=True) for i in range(count)]
+
+    def control(self) -> None:
+        """Phase, which slots are real, and entry."""
+        m, sink, rows = self.m, self.unit.sink, self.plan.depth
+        self.phase = Signal(self.interval, init=1)
+        if self.interval > 1:
+            m.d.sync += self.phase.eq(self.phase.rotate_left(1))
+        self.free = Signal(range(rows + 1), init=rows)
+        self.enter = Signal()
+        m.d.comb += [sink.ready.eq(self.phase[0] & (self.free != 0)), self.enter.eq(sink.valid & sink.ready)]
+        rounds = -(-self.plan.length // self.interval)
+        self.active = Signal(rounds)
+        with m.If(self.phase[0]):
+            m.d.sync += self.active.eq(Cat(self.enter, self.active)[:rounds])
+
+    def now(self, cycle: int) -> Value:
+        """Whether a slot is real and entered `cycle` cycles ago."""
+        if cycle == 0:
+            return self.enter
+        active = self.active[-(-cycle // self.interval) - 1]
+        return active & self.phase[cycle % self.interval] if self.interval > 1 else active
+
+    def read(self, node: Node, cycle: int) -> Value:
+        """A node's value as it is to be had in that cycle of its slot."""
+        if node.kind == "view":
+            return as_value(node.fn(self.read(node.operands[0], cycle)))
+        if node.kind == "constant":
+            return node.fn()
+        if node.kind == "setting":
+            return self.setting(node)
+        place = self.plan.place(node, cycle)
+        return self.chain[node][place - 1] if place else self.at_birth(node)
+
+    def setting(self, node: Node) -> Value:
+        for name, nodes in self.unit._graph.ports.items():
+            if node in nodes:
+                port = getattr(self.unit, name)
+                return port if len(nodes) == 1 else port[nodes.index(node)]
+        raise KeyError(node.name)
+
+    def at_birth(self, node: Node) -> Value:
+        """A value in the cycle of its birth, a wire."""
+        if node not in self.origin:
+            if node.kind == "input":
+                value = self.unit.sink.payload[node.name]
+            else:
+                value = Signal(node.shape, name=node.name)
+                start = self.plan.start[node]
+                self.m.d.comb += value.eq(node.fn(*(self.read(operand, start) for operand in node.operands)))
+            self.origin[node] = value
+        return self.origin[node]
+
+    def operators(self) -> None:
+        """The instances, and what they read in each phase."""
+        instances = []
+        for kind, users in self.plan.instances.items():
+            for i, nodes in enumerate(users):
+                name = f"{kind.name}_{i}"
+                instance = add_shared(self.m, self.platform, name, kind.name, _make, kind)
+                self.origin.update(dict.fromkeys(nodes, instance.result))
+                instances.append((name, kind, instance, nodes))
+        for name, kind, instance, nodes in instances:
+            self.m.d.comb += instance.valid.eq(Cat(self.now(self.plan.start[node]) for node in nodes).any())
+            for port, operand in enumerate(kind.ports):
+                self.choose(getattr(instance, operand), f"{name}_{operand}", nodes, lambda node, port=port: self.read(
+                    node.operands[port], self.plan.start[node]), lambda node, port=port: (
+                        node.operands[port], self.plan.place(node.operands[port], self.plan.start[node])))
+            if hasattr(instance, "subtract"):
+                self.choose(instance.subtract, f"{name}_subtract", nodes, lambda node: Const(node.subtract, 1),
+                            lambda node: node.subtract)
+
+    def choose(
+        self, port: Value, name: str, nodes: list[Node], value: Callable[[Node], Value], key: Callable[[Node], object],
+    ) -> None:
+        """Drives an instance's port with the value of the operation whose turn it is: a phase and its source are one to one,
+        and sources that are wanted in several phases are selected once."""
+        phases: dict[object, tuple[Node, list[int]]] = {}
+        for node in nodes:
+            phases.setdefault(key(node), (node, []))[1].append(self.plan.start[node] % self.interval)
+        if len(phases) == 1:
+            self.m.d.comb += port.eq(value(nodes[0]))
+            return
+        total = Const(0, len(Value.cast(port)))
+        for node, turns in phases.values():
+            turn = Cat(self.phase[p] for p in turns).any()
+            total = total | Mux(turn, Value.cast(value(node)), 0)
+        self.m.d.comb += port.eq(total)
+
+    def registers(self) -> None:
+        """Chains of waiting values: each register loads when its slot is as old as that."""
+        for node, chain in self.chain.items():
+            birth, value = self.plan.birth(node), self.at_birth(node)
+            for i, register in enumerate(chain):
+                with self.m.If(self.now(birth + i * self.interval)):
+                    self.m.d.sync += register.eq(value)
+                value = register
+
+    def queue(self) -> None:
+        """Rows of outputs, written as they are born, read in turn into the source's register."""
+        m, source, plan, rows = self.m, self.unit.source, self.plan, self.plan.depth
+        fetch, read, done = Signal(), Signal(range(rows)), Signal(range(rows + 1))
+        fields = {name: (node.shape, self.at_birth_of(node), plan.birth(node)) for name, node in plan.graph.outputs.items()}
+        if self.unit._carried is not None:
+            fields["carried"] = (self.unit._carried, self.unit.sink.payload.carried, 0)
+        for born in sorted({born for _, _, born in fields.values()}):
+            self.rows({name: (of, value) for name, (of, value, b) in fields.items() if b == born}, born, fetch, read)
+        finished = self.now(plan.length)
+        m.d.comb += fetch.eq((done != 0) & (source.ready | ~source.valid))
+        m.d.sync += [self.free.eq(self.free + fetch - self.enter), done.eq(done + finished - fetch)]
+        with m.If(source.ready | ~source.valid):
+            m.d.sync += source.valid.eq(done != 0)
+        with m.If(fetch):
+            m.d.sync += read.eq(_next(read, rows))
+
+    def at_birth_of(self, node: Node) -> Value:
+        """An output's value at its birth, through its views."""
+        return as_value(node.fn(self.at_birth_of(node.operands[0]))) if node.kind == "view" else self.at_birth(node)
+
+    def rows(self, fields: dict[str, tuple[ShapeLike, Value]], born: int, fetch: Value, read: Value) -> None:
+        """The part of the queue that is written at one age of a slot."""
+        m, rows = self.m, self.plan.depth
+        layout = data.StructLayout({name: of for name, (of, _) in fields.items()})
+        m.submodules[f"rows_{born}"] = words = memory.Memory(shape=layout, depth=rows, init=[])
+        write_port, read_port, write = words.write_port(), words.read_port(), Signal(range(rows), name=f"write_{born}")
+        m.d.comb += [
+            write_port.en.eq(self.now(born)), write_port.addr.eq(write), read_port.en.eq(fetch), read_port.addr.eq(read)]
+        for name, (_, value) in fields.items():
+            m.d.comb += [write_port.data[name].eq(value), self.unit.source.payload[name].eq(read_port.data[name])]
+        with m.If(write_port.en):
+            m.d.sync += write.eq(_next(write, rows))
+
+
+def _next(pointer: Signal, rows: int) -> Value:
+    return Mux(pointer == rows - 1, 0, pointer + 1)

@@ -1,0 +1,244 @@
+"""When each operation starts, in cycles after its slot entered, and which instance of an operator does it.
+
+A slot enters every `interval` cycles at most. Two operations can share an instance if their start times differ modulo the
+interval: then they never meet, whichever slots they belong to (modulo scheduling; without loops in the graph any interval
+is feasible). A value born in cycle b and last read in cycle u is kept by a chain of ceil((u - b) / interval) registers, each of
+which moves once an interval.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil
+
+from rtl.culling.dataflow import Dataflow, Node, Operator
+
+_PASSES = 4
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Of a graph at an interval.
+
+    Attributes:
+        graph, interval: what was scheduled.
+        start: cycle in which a node takes its operands, for operations and logic.
+        instance: number of an operation's operator instance, from 0 for each kind.
+        length: cycle in which the last output is born, and written to the output queue.
+    """
+
+    graph: Dataflow
+    interval: int
+    start: dict[Node, int]
+    instance: dict[Node, int]
+    length: int
+
+    def birth(self, node: Node) -> int:
+        """The cycle in which a value is first there: an operation's at the unit's output, others' before their register."""
+        return _birth(node.stored, self.start)
+
+    def place(self, node: Node, cycle: int) -> int:
+        """How many registers behind its source a value is read in that cycle."""
+        return 0 if node.stored.steady else ceil((cycle - self.birth(node)) / self.interval)
+
+    def copies(self) -> dict[Node, int]:
+        """Registers of every value that is kept."""
+        found: dict[Node, int] = defaultdict(int)
+        for node, start in self.start.items():
+            for operand in node.operands:
+                if not operand.stored.steady:
+                    found[operand.stored] = max(found[operand.stored], self.place(operand, start))
+        return found
+
+    @property
+    def instances(self) -> dict[Operator, list[list[Node]]]:
+        """The operations of every instance of every kind."""
+        found: dict[Operator, list[list[Node]]] = {}
+        for node, number in self.instance.items():
+            users = found.setdefault(node.operator, [])
+            users.extend([] for _ in range(number + 1 - len(users)))
+            users[number].append(node)
+        return found
+
+    @property
+    def depth(self) -> int:
+        """Slots that fit between entry and the output register at full rate: rows of the output queue."""
+        return ceil((self.length + 2) / self.interval)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a schedule needs, before synthesis.
+
+    Attributes:
+        operators: instances by kind of unit.
+        register_bits: of values that wait, outside the operators.
+        mux_bits: two-to-one multiplexers, a bit each, before the operators.
+        queue_bits: memory of outputs and of what is carried.
+        latency: cycles from entry to the source at least.
+    """
+
+    operators: dict[str, int]
+    register_bits: int
+    mux_bits: int
+    queue_bits: int
+    latency: int
+
+
+def cost(schedule: Schedule, carried_bits: int = 0) -> Cost:
+    """Counts of a schedule; `carried_bits` is the width of what is carried beside the graph."""
+    operators: Counter[str] = Counter()
+    mux_bits = 0
+    for kind, users in schedule.instances.items():
+        operators[kind.unit.__name__] += len(users)
+        for nodes in users:
+            for port, number in enumerate(kind.operands):
+                sources = {source(schedule, node, port) for node in nodes}
+                mux_bits += (len(sources) - 1) * number.width
+    register_bits = sum(count * node.width for node, count in schedule.copies().items())
+    queue_bits = schedule.depth * (carried_bits + sum(node.width for node in schedule.graph.outputs.values()))
+    return Cost(dict(sorted(operators.items())), register_bits, mux_bits, queue_bits, schedule.length + 2)
+
+
+def source(schedule: Schedule, node: Node, port: int) -> tuple[Node, int]:
+    """Where an operation reads an operand: the node and how many registers behind it."""
+    operand = node.operands[port]
+    return operand, schedule.place(operand, schedule.start[node])
+
+
+def _duration(node: Node) -> int:
+    """Cycles from a node's start to its value's birth."""
+    return node.operator.latency if node.operator else 0
+
+
+def _birth(node: Node, start: dict[Node, int]) -> int:
+    return start.get(node, 0) + _duration(node)
+
+
+def _first_use(node: Node, start: dict[Node, int]) -> int:
+    """The first cycle in which others can read it: inputs and logic are registered first."""
+    node = node.stored
+    return 0 if node.steady else _birth(node, start) + (node.operator is None)
+
+
+class _Scheduler:
+    """The work of `schedule`: list scheduling, then moves that shorten lifetimes."""
+
+    def __init__(self, graph: Dataflow, interval: int) -> None:
+        self.graph, self.interval = graph, interval
+        live = _live(graph)
+        self.timed = [node for node in graph.nodes if node.kind in ("operation", "logic") and node in live]
+        self.readers: dict[Node, list[Node]] = defaultdict(list)
+        for node in self.timed:
+            for stored in _sources(node):
+                self.readers[stored].append(node)
+        self.start: dict[Node, int] = {}
+        counts = Counter(node.operator for node in self.timed if node.operator)
+        self.instances = {kind: ceil(count / interval) for kind, count in counts.items()}
+        self.busy: Counter[tuple[Operator, int]] = Counter()
+
+    def earliest(self, node: Node) -> int:
+        return max((_first_use(operand, self.start) for operand in node.operands), default=1)
+
+    def free(self, node: Node, cycle: int) -> bool:
+        kind = node.operator
+        return kind is None or self.busy[kind, cycle % self.interval] < self.instances[kind]
+
+    def put(self, node: Node, cycle: int) -> None:
+        self.start[node] = cycle
+        if node.operator:
+            self.busy[node.operator, cycle % self.interval] += 1
+
+    def take(self, node: Node) -> int:
+        cycle = self.start.pop(node)
+        if node.operator:
+            self.busy[node.operator, cycle % self.interval] -= 1
+        return cycle
+
+    def place_all(self) -> None:
+        """The most urgent first, each as early as an instance is free."""
+        urgency: dict[Node, int] = {}
+        for node in reversed(self.timed):
+            after = max((urgency[reader] for reader in self.readers[node]), default=0)
+            urgency[node] = after + _duration(node) + (node.operator is None)
+        waiting = list(self.timed)
+        while waiting:
+            ready = [n for n in waiting if all(s in self.start for s in _sources(n) if s.kind != "input")]
+            node = min(ready, key=lambda n: (self.earliest(n) - urgency[n], self.earliest(n)))
+            self.put(node, next(c for c in range(self.earliest(node), 1 << 30) if self.free(node, c)))
+            waiting.remove(node)
+
+    def bits(self, values: set[Node]) -> int:
+        """Register bits of these values."""
+        total = 0
+        for value in values:
+            uses = [self.start[reader] for reader in self.readers[value] if reader in self.start]
+            total += value.width * ceil((max(uses) - _birth(value, self.start)) / self.interval) if uses else 0
+        return total
+
+    def improve(self) -> None:
+        """Moves single nodes within their slack to where fewest registers are needed."""
+        length = max(_birth(node.stored, self.start) for node in self.graph.outputs.values())
+        for _ in range(_PASSES):
+            for node in (*reversed(self.timed), *self.timed):
+                old, touched = self.take(node), {node, *_sources(node)}
+                limits = [self.start[reader] - (node.operator is None) for reader in self.readers[node]]
+                latest = min(limits, default=length) - _duration(node)
+                best = None
+                for cycle in range(self.earliest(node), max(latest, old) + 1):
+                    if cycle == old or (cycle <= latest and self.free(node, cycle)):
+                        self.start[node] = cycle
+                        now = (self.bits(touched), cycle != old, cycle)
+                        best = min(best or now, now)
+                self.put(node, best[2])
+
+    def assign(self) -> dict[Node, int]:
+        """Instances: an operation goes where its operands already come from the same places, if one such is free."""
+        made = Schedule(self.graph, self.interval, self.start, {}, 0)
+        instance, taken, known = {}, set(), defaultdict(set)
+        for node in sorted((n for n in self.timed if n.operator), key=lambda n: self.start[n]):
+            kind, phase = node.operator, self.start[node] % self.interval
+            places = {(port, *source(made, node, port)) for port in range(len(node.operands))}
+            choices = [i for i in range(self.instances[kind]) if (kind, i, phase) not in taken]
+            number = min(choices, key=lambda i: (len(places - known[kind, i]), len(known[kind, i])))
+            taken.add((kind, number, phase))
+            known[kind, number] |= places
+            instance[node] = number
+        return instance
+
+
+def _sources(node: Node) -> Iterator[Node]:
+    """The stored nodes, steady ones apart, that a node reads."""
+    return (operand.stored for operand in node.operands if not operand.stored.steady)
+
+
+def _live(graph: Dataflow) -> set[Node]:
+    """Nodes that an output depends on."""
+    found, todo = set(), list(graph.outputs.values())
+    while todo:
+        node = todo.pop()
+        if node not in found:
+            found.add(node)
+            todo += node.operands
+    return found
+
+
+def schedule(graph: Dataflow, interval: int) -> Schedule:
+    """Schedules a graph for one slot every `interval` cycles; deterministic.
+
+    Raises:
+        TypeError, ValueError: a bad interval, or a graph without outputs.
+    """
+    if not isinstance(interval, int) or isinstance(interval, bool):
+        raise TypeError(f"interval must be an integer, not {interval!r}")
+    if interval < 1:
+        raise ValueError(f"interval must be at least 1, not {interval!r}")
+    if not graph.outputs:
+        raise ValueError(f"graph must have an output, not {graph.outputs!r}")
+    work = _Scheduler(graph, interval)
+    work.place_all()
+    work.improve()
+    length = max(_birth(node.stored, work.start) for node in graph.outputs.values())
+    return Schedule(graph, interval, dict(work.start), work.assign(), length)
