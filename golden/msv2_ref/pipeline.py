@@ -49,7 +49,8 @@ class Frame:
     pixels: vrc_array.Pixels
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def _untile(self, tiled: np.ndarray) -> np.ndarray:
+    def untiled(self, tiled: np.ndarray) -> np.ndarray:
+        """(height, width, ...) of a field of `pixels`."""
         r = self.registers
         grid = tiled.reshape(r.tiles_y, r.tiles_x, TILE, TILE, *tiled.shape[3:]).swapaxes(1, 2)
         return grid.reshape(r.tiles_y * TILE, r.tiles_x * TILE, *tiled.shape[3:])[: r.height, : r.width]
@@ -57,20 +58,20 @@ class Frame:
     @property
     def image(self) -> np.ndarray:
         """(height, width, 3) float64 colour before clamping and 8-bit rounding."""
-        return self.config.formats.accumulator.to_float(self._untile(self.pixels.colour))
+        return self.config.formats.accumulator.to_float(self.untiled(self.pixels.colour))
 
     @property
     def transmittance(self) -> np.ndarray:
         """(height, width) float64, what is left of the light at the end."""
-        return self.config.formats.transmittance.to_float(self._untile(self.pixels.transmittance))
+        return self.config.formats.transmittance.to_float(self.untiled(self.pixels.transmittance))
 
     @property
     def depth(self) -> np.ndarray:
         """(height, width) float64 z in world units, NaN where the coverage is below one half."""
         n, r = self.config.formats, self.registers
         drop = n.transmittance.frac_bits - n.weight.frac_bits
-        weights = (n.transmittance.raw_max >> drop) - (self._untile(self.pixels.transmittance) >> drop)  # all that a pixel gave
-        total = n.depth_accumulator.to_float(self._untile(self.pixels.depth)) * r.depth_far
+        weights = (n.transmittance.raw_max >> drop) - (self.untiled(self.pixels.transmittance) >> drop)  # all that a pixel gave
+        total = n.depth_accumulator.to_float(self.untiled(self.pixels.depth)) * r.depth_far
         mean = total / n.weight.to_float(np.maximum(weights, 1))
         return np.where(1 - self.transmittance >= COVERAGE_VALID, mean, np.nan)
 
