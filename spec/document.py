@@ -1,7 +1,7 @@
 """Writes docs/formats.md from the formats, records, constants, tables and configurations as they are.
 
-    python -m spec.document             writes the page
-    python -m spec.document --check     fails if the page is stale
+    python -m spec.document             writes the page, and those of `spec.document_registers`
+    python -m spec.document --check     fails if one is stale
 
 The words are the docstrings': a format, field or constant is explained once, where it is defined.
 """
@@ -196,24 +196,28 @@ def page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def write(path: Path = PAGE) -> None:
-    """Writes the page, whole or not at all."""
+def write(path: Path = PAGE, make: Callable[[], str] = page) -> None:
+    """Writes what `make` gives, whole or not at all."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(page(), encoding="utf-8")
+    partial.write_text(make(), encoding="utf-8")
     partial.replace(path)
 
 
-def check(path: Path = PAGE) -> None:
-    """Raises InputError unless `path` holds the page as it is generated now."""
-    if not path.is_file() or path.read_text(encoding="utf-8") != page():
+def check(path: Path = PAGE, make: Callable[[], str] = page) -> None:
+    """Raises InputError unless `path` holds what `make` gives now."""
+    if not path.is_file() or path.read_text(encoding="utf-8") != make():
         raise InputError(f"{path} is stale: run `python -m spec.document`")
 
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/formats.md from spec/.")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if the page is stale")
-    check() if parser.parse_args().check else write()
+    from spec import document_registers  # it uses the functions above
+
+    parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/ from spec/.")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if a page is stale")
+    act = check if parser.parse_args().check else write
+    for path, make in {PAGE: page, **document_registers.PAGES}.items():
+        act(path, make)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,359 @@
+"""The host's registers: one description for the RTL, the page docs/registers.md, the C header and the drivers.
+
+32-bit registers, little-endian, in 4 KB of byte addresses. Reserved bits read 0 and ignore writes. A write to a read-only
+register, and any access where no register is, is answered with SLVERR and has no effect.
+
+    0x000  identity: what machine this is
+    0x020  control, status, errors, interrupts
+    0x100  settings of the frame, a register a number, in the order of `spec.memory.frame_settings`
+    0x400  counters
+
+**A frame.** Write the settings, then `control.start`. The machine checks the settings, takes a copy of all of them and is
+busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error` and
+a code. `start` is ignored while the machine is busy.
+
+**Values.** A setting stands in the lowest bits of its register, in its own number format: two's complement where the format
+is signed fixed-point, the bit pattern where it is a small float. Bits above are ignored; they read as the sign of signed
+fixed-point numbers, so that an int32 comes back as it was written, and as 0 otherwise.
+
+**Counters** count from `control.clear` on, over as many frames as follow. A counter of 64 bits has two registers; reading
+the lower one keeps the upper half of the same moment for the next read of the upper one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.formats import Fixed, Format, SmallFloat
+from spec.memory import frame_settings
+from spec.records import Field
+
+REGISTER_ADDRESS_BITS = 12
+"""Byte addresses of the register space."""
+
+MAGIC = 0x4D535632
+"""What register `id` reads: "MSV2"."""
+
+VERSION_MAJOR, VERSION_MINOR = 1, 0
+"""Of this map. A higher minor version only adds registers."""
+
+CONTROL_BASE = 0x020
+"""First of the control registers."""
+
+SETTINGS_BASE = 0x100
+"""First of the settings."""
+
+COUNTERS_BASE = 0x400
+"""First of the counters."""
+
+STAGES = (
+    "geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover", "fetch", "array",
+    "pixel_write")
+"""Stages whose input streams are watched."""
+
+READ_CLIENTS = ("geometry", "tiles", "colour", "entries", "spill", "views")
+"""Who reads memory, by the region that is read; the place is the AXI read ID. Entries include their directory."""
+
+WRITE_CLIENTS = ("entries", "views", "spill", "frame")
+"""Who writes memory, by the region that is written; the place is the AXI write ID. Entries include their directory."""
+
+
+class Phase(IntEnum):
+    """What the machine is doing."""
+
+    IDLE = 0
+    """Nothing; ready for `start`."""
+    TABLE = 1
+    """Reading the table of tiles."""
+    GEOMETRY = 2
+    """Culling, conversion, tile test, colours."""
+    RENDER = 3
+    """Merging, sorting, blending."""
+    STOPPING = 4
+    """Waiting for memory after an abort, an error or a reset."""
+
+
+class ErrorCode(IntEnum):
+    """Why a frame ended early, or did not begin."""
+
+    NONE = 0
+    """No error."""
+    BAD_SETTING = 1
+    """A setting is out of its limits; `bad_setting` says which. The frame did not begin."""
+    READ_ERROR = 2
+    """Memory answered a read with an error; `error_clients` says whose."""
+    WRITE_ERROR = 3
+    """Memory answered a write with an error; `error_clients` says whose."""
+    ENTRIES_FULL = 4
+    """The tiles' entries need more than `entries_beats`."""
+    SPILL_FULL = 5
+    """The spilled runs need more than `spill_beats`."""
+    COUNT_SATURATED = 6
+    """A tile, or a group of tiles, has more entries than can be counted or addressed."""
+    ABORTED = 7
+    """`control.abort` ended the frame."""
+    WATCHDOG = 8
+    """Nothing moved for too long."""
+
+
+class Access(Enum):
+    """What the host may do with a register; with what a write does."""
+
+    READ_ONLY = "read"
+    READ_WRITE = "read, write"
+    CLEARING = "read, write 1 to clear"
+
+
+@dataclass(frozen=True)
+class Bits:
+    """Some bits of a register.
+
+    Attributes:
+        name: of the bits.
+        low: place of the lowest.
+        width: how many.
+        doc: what they mean.
+        strobe: writing 1 does something; they always read 0.
+        values: the enumeration they hold, if any.
+    """
+
+    name: str
+    low: int
+    width: int
+    doc: str
+    strobe: bool = False
+    values: type[IntEnum] | None = None
+
+    @property
+    def mask(self) -> int:
+        """The bits of the register that are these."""
+        return (1 << self.width) - 1 << self.low
+
+
+@dataclass(frozen=True)
+class Register:
+    """A register.
+
+    Attributes:
+        name: in lower case, words joined by underscores.
+        offset: byte address.
+        access: what the host may do with it.
+        doc: what it holds.
+        bits: its parts; without any, all 32 bits are one number.
+        format: number format of a setting.
+    """
+
+    name: str
+    offset: int
+    access: Access
+    doc: str
+    bits: tuple[Bits, ...] = ()
+    format: Format | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One number of the frame's settings: `field[index]`, or the field itself where it has but one."""
+
+    field: Field
+    index: int
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Of its register: the field's, with the index where there are several."""
+        return f"{self.field.name}_{self.index}" if self.field.count > 1 else self.field.name
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a setting's pattern, read as an unsigned number, must be: low..high; the same in words."""
+
+    setting: str
+    low: int
+    high: int
+    words: str
+
+    def allows(self, pattern: int) -> bool:
+        """Whether a bit pattern is legal."""
+        return self.low <= pattern <= self.high
+
+
+@dataclass(frozen=True)
+class Counter:
+    """A counter: its name, what it counts, and its bits, 32 or 64."""
+
+    name: str
+    doc: str
+    width: int = 32
+
+
+EVENTS = {
+    "points": "Gaussians read",
+    "culled_near": "points in front of the near plane",
+    "culled_faint": "points too faint to be seen at any level",
+    "culled_outside": "points whose projection is degenerate or touches no tile of the frame",
+    "survivors": "points with an entry",
+    "entries": "tile entries written",
+    "filtered": "pairs of point and tile that the foveation filter dropped",
+    "groups": "groups of merged tiles",
+    "spilled_entries": "entries written to memory once more, in sorted runs",
+    "fetch_hits": "views found in the splat cache",
+    "fetch_misses": "views read from memory",
+    "pixels": "pixels written",
+}
+"""What the units report, by name."""
+
+
+def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
+    """Every number of the frame's settings; `number` is the place of its register behind SETTINGS_BASE."""
+    numbers = [(f, i) for f in frame_settings(config).fields for i in range(f.count)]
+    found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers))
+    for setting in found:
+        if setting.field.format.width > 32:
+            raise ValueError(f"{setting.name} must fit a register of 32 bits, not {setting.field.format.width!r}")
+    return found
+
+
+def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
+    """What the machine checks before a frame, in the order of the settings; all other settings may be anything.
+
+    Whether regions of memory overlap, or end beyond the address space, is the host's business.
+    """
+    view, top = config.formats.view, 1 << (config.formats.view.width - 1)
+    least, shift = 1 << (view.sig_bits - 1), (MAX_LEVELS - 1).bit_length()
+    return (
+        *(Limit(f"focal_{i}", least, top - 1, "positive") for i in range(2)),
+        Limit("near", least, top - 1, "positive"),
+        Limit("depth_scale", 0, top - 1, "not negative"),
+        Limit("width", 1, config.row_width, "1..row_width"),
+        Limit("height", 1, config.row_width, "1..row_width"),
+        Limit("view_shift", 0, shift, f"0..{shift}"),
+    )
+
+
+def first_illegal(config: AcceleratorConfig, patterns: dict[str, int]) -> int | None:
+    """Number of the first setting that is out of its limits, given bit patterns by register name; None if all are legal."""
+    numbers = {setting.name: setting.number for setting in settings(config)}
+    return min((numbers[limit.setting] for limit in limits(config) if not limit.allows(patterns[limit.setting])), default=None)
+
+
+def counters() -> tuple[Counter, ...]:
+    """Every counter, in the order of its registers."""
+    phases = {"total": "in which the machine was busy"} | {
+        p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
+    stages = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
+    return (
+        *(Counter(f"cycles_{name}", f"cycles {doc}", 64) for name, doc in phases.items()),
+        Counter("read_beats", "beats read from memory"),
+        Counter("write_beats", "beats written to memory"),
+        *(Counter(f"read_beats_{name}", f"of these by read client {name}") for name in READ_CLIENTS),
+        *(Counter(f"write_beats_{name}", f"of these by write client {name}") for name in WRITE_CLIENTS),
+        *(Counter(f"{stage}_{what}", f"busy cycles in which stage {stage} {doc}")
+          for stage in STAGES for what, doc in stages.items()),
+        *(Counter(name, doc) for name, doc in EVENTS.items()),
+    )
+
+
+def fingerprint(config: AcceleratorConfig) -> int:
+    """32 bits that differ where two machines differ in anything but their names."""
+    return int.from_bytes(hashlib.sha256(repr(config.with_(name="any")).encode()).digest()[:4], "little")
+
+
+def identity(config: AcceleratorConfig) -> dict[str, int]:
+    """What the identity registers of a machine read, by name."""
+    parts = {
+        "machine_array": (config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters),
+        "machine_units": (config.culling_units, config.sorting_units, config.merge_ways),
+        "machine_frame": (config.row_width,),
+    }
+    values = {"id": MAGIC, "version": VERSION_MAJOR << 16 | VERSION_MINOR, "fingerprint": fingerprint(config)}
+    for register in _IDENTITY:
+        if register.name in parts:
+            values[register.name] = sum(
+                int(value) << bits.low for value, bits in zip(parts[register.name], register.bits, strict=True))
+    return values | {"machine_sort_buffer": config.sort_buffer_bytes, "machine_cache": config.splat_cache_lines}
+
+
+_IDENTITY = (
+    Register("id", 0x000, Access.READ_ONLY, "0x4D535632 in every machine"),
+    Register("version", 0x004, Access.READ_ONLY, "version of this map", (
+        Bits("minor", 0, 16, "higher ones add registers"), Bits("major", 16, 16, "others are not compatible"))),
+    Register("fingerprint", 0x008, Access.READ_ONLY, "differs where machines differ in any parameter or number format"),
+    Register("machine_array", 0x00C, Access.READ_ONLY, "parameters of the array", (
+        Bits("cores_x", 0, 8, "pixel cores of a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
+        Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
+        Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"))),
+    Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units before the array", (
+        Bits("culling_units", 0, 8, "culling and conversion units"), Bits("sorting_units", 8, 8, "sorting units"),
+        Bits("merge_ways", 16, 8, "runs merged at a time"))),
+    Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (Bits("row_width", 0, 16, "widest row in pixels"),)),
+    Register("machine_sort_buffer", 0x018, Access.READ_ONLY, "bytes of the double buffer before sorting"),
+    Register("machine_cache", 0x01C, Access.READ_ONLY, "lines of the splat cache"),
+)
+
+_CONTROL = (
+    Register("control", CONTROL_BASE, Access.READ_WRITE, "commands", (
+        Bits("start", 0, 1, "begin a frame; ignored while busy", strobe=True),
+        Bits("abort", 1, 1, "end the frame with error ABORTED; ignored unless busy", strobe=True),
+        Bits("reset", 2, 1, "stop, and forget everything but settings and interrupt enables", strobe=True),
+        Bits("clear", 3, 1, "set all counters to 0", strobe=True),
+        Bits("enable_done", 8, 1, "interrupt when a frame is done"),
+        Bits("enable_error", 9, 1, "interrupt when a frame ends with an error"))),
+    Register("status", CONTROL_BASE + 0x4, Access.READ_ONLY, "how far the frame is", (
+        Bits("busy", 0, 1, "a frame, or stopping, is under way"),
+        Bits("done", 1, 1, "the last frame is in memory; until the next start"),
+        Bits("error", 2, 1, "the last frame ended early; until the next start"),
+        Bits("phase", 8, 4, "what the machine is doing", values=Phase))),
+    Register("error", CONTROL_BASE + 0x8, Access.READ_ONLY, "why", (
+        Bits("code", 0, 8, "until the next start", values=ErrorCode),)),
+    Register("bad_setting", CONTROL_BASE + 0xC, Access.READ_ONLY,
+             "of BAD_SETTING: which setting, counted from 0 in their order; the first that is out of its limits"),
+    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "whose accesses memory answered with an error", (
+        Bits("read", 0, len(READ_CLIENTS), "a bit a read client"),
+        Bits("write", 16, len(WRITE_CLIENTS), "a bit a write client"))),
+    Register("interrupt", CONTROL_BASE + 0x14, Access.CLEARING, "why the interrupt line is high, whether or not enabled", (
+        Bits("done", 0, 1, "a frame is done"), Bits("error", 1, 1, "a frame ended with an error"))),
+)
+
+
+def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
+    words = {limit.setting: limit.words for limit in limits(config)}
+    for s in settings(config):
+        number, several = s.field.format, f", number {s.index} of {s.field.count}" if s.field.count > 1 else ""
+        limit = f"; must be {words[s.name]}" if s.name in words else ""
+        yield Register(s.name, SETTINGS_BASE + 4 * s.number, Access.READ_WRITE, f"{s.field.doc}{several}{limit}",
+                       (Bits("value", 0, number.width, str(number)),), number)
+
+
+def _counter_registers() -> Iterator[Register]:
+    offset = COUNTERS_BASE
+    for counter in counters():
+        halves = {"": ""} if counter.width == 32 else {"_low": ", lower half", "_high": ", upper half"}
+        for half, words in halves.items():
+            yield Register(counter.name + half, offset, Access.READ_ONLY, counter.doc + words)
+            offset += 4
+
+
+def register_map(config: AcceleratorConfig) -> tuple[Register, ...]:
+    """Every register, by ascending address."""
+    return (*_IDENTITY, *_CONTROL, *_setting_registers(config), *_counter_registers())
+
+
+def is_signed(number: Format) -> bool:
+    """Whether a register of the format is read back with its sign extended."""
+    return isinstance(number, Fixed) and number.signed
+
+
+def scale_words(number: Format) -> str:
+    """How the host turns a register's value into a number."""
+    if isinstance(number, SmallFloat):
+        return (f"{number.width}-bit float: {'sign, ' if number.signed else ''}{number.exp_bits} exponent bits of bias "
+                f"{number.bias}, {number.sig_bits - 1} fraction bits; exponent 0 is zero")
+    return f"{number.width}-bit {'signed' if number.signed else 'unsigned'}" + (
+        f", value * 2^-{number.frac_bits}" if number.frac_bits else "")
