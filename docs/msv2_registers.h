@@ -500,10 +500,12 @@
 /* What the machine is doing. */
 enum msv2_phase {
     MSV2_PHASE_IDLE = 0, /* Nothing; ready for `start`. */
-    MSV2_PHASE_TABLE = 1, /* Reading the table of tiles. */
-    MSV2_PHASE_GEOMETRY = 2, /* Culling, conversion, tile test, colours. */
-    MSV2_PHASE_RENDER = 3, /* Merging, sorting, blending. */
-    MSV2_PHASE_STOPPING = 4, /* Waiting for memory after an abort, an error or a reset. */
+    MSV2_PHASE_CLEAR = 1, /* Forgetting the frame before. */
+    MSV2_PHASE_TABLE = 2, /* Reading the table of tiles. */
+    MSV2_PHASE_GEOMETRY = 3, /* Culling, conversion, tile test, colours. */
+    MSV2_PHASE_RENDER = 4, /* Merging, sorting, blending. */
+    MSV2_PHASE_DRAIN = 5, /* The frame has failed: waiting for what memory still owes. */
+    MSV2_PHASE_RESET = 6, /* The frame has failed: starting all units anew. */
 };
 
 /* Why a frame ended early, or did not begin. */

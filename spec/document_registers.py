@@ -5,14 +5,13 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator
-from enum import IntEnum
 from itertools import pairwise
 from pathlib import Path
 
 from spec import registers
 from spec.config import PAPER
 from spec.document import attribute_docs, doc_of, one_line, table
-from spec.registers import ErrorCode, Phase, Register
+from spec.registers import Code, ErrorCode, Phase, Register
 
 _DOCS = Path(__file__).parents[1] / "docs"
 
@@ -28,7 +27,7 @@ def _grouped() -> Iterator[tuple[str, list[Register]]]:
         yield name, [register for register in everything if low <= register.offset < high]
 
 
-def _enum_docs(values: type[IntEnum]) -> list[tuple[IntEnum, str]]:
+def _enum_docs(values: type[Code]) -> list[tuple[Code, str]]:
     docs = attribute_docs(inspect.getsource(values))
     return [(value, docs[value.name]) for value in values]
 

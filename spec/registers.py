@@ -63,22 +63,35 @@ WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 """Who writes memory, by the region that is written; the place is the AXI write ID. Entries include their directory."""
 
 
-class Phase(IntEnum):
+class Code(IntEnum):
+    """Numbers with names, as registers hold them."""
+
+    @classmethod
+    def width(cls) -> int:
+        """Bits that hold every one of them."""
+        return max(cls).bit_length()
+
+
+class Phase(Code):
     """What the machine is doing."""
 
     IDLE = 0
     """Nothing; ready for `start`."""
-    TABLE = 1
+    CLEAR = 1
+    """Forgetting the frame before."""
+    TABLE = 2
     """Reading the table of tiles."""
-    GEOMETRY = 2
+    GEOMETRY = 3
     """Culling, conversion, tile test, colours."""
-    RENDER = 3
+    RENDER = 4
     """Merging, sorting, blending."""
-    STOPPING = 4
-    """Waiting for memory after an abort, an error or a reset."""
+    DRAIN = 5
+    """The frame has failed: waiting for what memory still owes."""
+    RESET = 6
+    """The frame has failed: starting all units anew."""
 
 
-class ErrorCode(IntEnum):
+class ErrorCode(Code):
     """Why a frame ended early, or did not begin."""
 
     NONE = 0
@@ -127,7 +140,7 @@ class Bits:
     width: int
     doc: str
     strobe: bool = False
-    values: type[IntEnum] | None = None
+    values: type[Code] | None = None
 
     @property
     def mask(self) -> int:
@@ -301,7 +314,7 @@ _CONTROL = (
     Register("control", CONTROL_BASE, Access.READ_WRITE, "commands", (
         Bits("start", 0, 1, "begin a frame; ignored while busy", strobe=True),
         Bits("abort", 1, 1, "end the frame with error ABORTED; ignored unless busy", strobe=True),
-        Bits("reset", 2, 1, "stop, and forget everything but settings and interrupt enables", strobe=True),
+        Bits("reset", 2, 1, "as abort where busy; and forget how frames ended, interrupts included", strobe=True),
         Bits("clear", 3, 1, "set all counters to 0", strobe=True),
         Bits("enable_done", 8, 1, "interrupt when a frame is done"),
         Bits("enable_error", 9, 1, "interrupt when a frame ends with an error"))),

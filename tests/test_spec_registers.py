@@ -125,7 +125,8 @@ def test_the_header_shows_everything():
     for r in MAPS["paper"]:
         assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
     assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
-    assert "MSV2_ERROR_BAD_SETTING = 1," in header and "MSV2_PHASE_RENDER = 3," in header
+    assert (Phase.width(), ErrorCode.width()) == (3, 4)
+    assert "MSV2_ERROR_BAD_SETTING = 1," in header and "MSV2_PHASE_RENDER = 4," in header
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
