@@ -79,6 +79,11 @@ class NumberFormats:
     exp2_segments: int = 16
     """Segments of the piecewise linear 2^x on [0, 1)."""
 
+    @property
+    def reach(self) -> Fixed:
+        """How far a row of pixels, or an ellipse's edge, lies from a splat's mean: a difference of two `mean2d`."""
+        return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
+
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:

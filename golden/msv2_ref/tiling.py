@@ -2,7 +2,10 @@
 
 For one row of tiles the ellipse's reach along x is an interval (the projection of a convex set), so the exact
 ellipse-rectangle test costs two square roots a row and yields a run of columns. Both ends are widened by the margins of
-`spec.constants`, so that rounding never loses a tile in which a pixel would change.
+`spec.constants`, so that rounding never loses a tile in which a pixel would change: the falloff's by that of the limit, a
+length's, five roundings to the `view` format, by that of edges up to 4,096 pixels.
+
+Every `rnd` is one operation of the unit; what lies between is arithmetic of fixed-point numbers, exact.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import operation, rnd
 from spec.config import AcceleratorConfig
 from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.records import entry_item, surviving_splat
 
 
 class TileEntries(NamedTuple):
@@ -60,38 +64,46 @@ _SPLAT, _TILES, _BEGIN, _END = range(4)  # the Gaussian, the first tile of the t
 
 
 @operation
-def _rim(l2, l3, limit, W):
-    """Of the ellipse u^2 + v^2 <= limit: its reach along y, and where its leftmost point lies (its rightmost at minus that)."""
-    root = rnd(np.sqrt(limit), W)
-    steep = rnd(rnd(l2 * root, W) / rnd(l3 * rnd(np.sqrt(rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)), W), W), W)
-    return rnd(root / l3, W), steep
+def _shape(l1, l2, l3, k):
+    """Of the ellipse u^2 + v^2 <= limit: 1 / l1, and its reach along y and its leftmost point's y as factors of sqrt(limit)."""
+    W = k.to_work
+    hypotenuse = rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)
+    turn = rnd(l2 * rnd(1.0 / np.sqrt(hypotenuse), W), W)
+    rise = rnd(1.0 / l3, W)
+    return rnd(1.0 / l1, k.to_view), rise, rnd(turn * rise, W)
 
 
 @operation
-def _reach(y, sign, l1, l2, l3, limit, W):
-    """The ellipse's reach along x at height y, to the left (sign -1) or to the right (1)."""
+def _reach(y, narrow, l2, l3, limit, k):
+    """The ellipse's reach to the left at height y, and to the right at -y, in ulps of `reach`."""
+    W, V = k.to_work, k.to_view
     v = rnd(l3 * y, W)
     u = rnd(np.sqrt(max(rnd(limit - rnd(v * v, W), W), 0.0)), W)
-    return rnd(rnd(sign * u - rnd(l2 * y, W), W) / l1, W)
+    reach = rnd(rnd(u + rnd(l2 * y, V), V) * narrow, V)
+    return min(max(np.floor(reach * k.mean_one + 0.5), 2 * k.mean_min), 2 * k.mean_max + 1)  # one bit more than `mean2d`
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _columns(block, scene, k):
     """First and last tile column whose pixel centres the ellipse meets in its tile row, for a whole block; 1, 0: none.
 
-    One array and no branches, so that LLVM makes it vectors.
+    One array and no branches, so that LLVM makes it vectors. Integers, ulps of `mean2d`, are float64 here.
     """
-    W, right_edge, height = k.to_work, scene.width - 1.0, float(scene.height)
+    W, V, one, margin, half = k.to_work, k.to_view, k.mean_one, TILE_EDGE_MARGIN * k.mean_one, 0.5 * k.mean_one
+    right_edge, height = scene.width - 1.0, float(scene.height)
     for j in range(_BLOCK):
         mx, my, l1, l2, l3 = block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j]
-        limit = rnd(max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN, W)
-        rim, steep = _rim(l2, l3, limit, W)
-        top, bottom = block[_ROW + j] * TILE + 0.5, min(block[_ROW + j] * TILE + TILE, height) - 0.5
-        low, high = max(top - my - TILE_EDGE_MARGIN, -rim), min(bottom - my + TILE_EDGE_MARGIN, rim)
-        left = _reach(min(max(steep, low), high), -1.0, l1, l2, l3, limit, W)
-        right = _reach(min(max(-steep, low), high), 1.0, l1, l2, l3, limit, W)
-        first, last = np.ceil(mx + left - TILE_EDGE_MARGIN - 0.5), np.floor(mx + right + TILE_EDGE_MARGIN - 0.5)
-        none = (block[_LIMIT + j] < 0) | (low > high) | (left > right) | (first > last) | (first > right_edge) | (last < 0)
+        limit = max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN
+        narrow, rise, slant = _shape(l1, l2, l3, k)
+        root = rnd(np.sqrt(limit), W)
+        rim, steep = rnd(root * rise, V), rnd(root * slant, V)
+        top, bottom = block[_ROW + j] * TILE, min(block[_ROW + j] * TILE + TILE, height)
+        low = max(rnd((top * one + half - my - margin) / one, V), -rim)
+        high = min(rnd((bottom * one - half - my + margin) / one, V), rim)
+        left = _reach(min(max(steep, low), high), narrow, l2, l3, limit, k)
+        right = _reach(min(max(steep, -high), -low), narrow, l2, l3, limit, k)
+        first, last = np.ceil((mx - left - margin - half) / one), np.floor((mx + right + margin - half) / one)
+        none = (block[_LIMIT + j] < 0) | (low > high) | (first > last) | (first > right_edge) | (last < 0)
         block[_FIRST + j] = 1.0 if none else np.floor(max(first, 0.0) / TILE)
         block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
 
@@ -127,7 +139,7 @@ def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, 
     at, count = room[begin], 0
     for n in range(begin, end):
         i = splats[n]
-        mx, my = mean2d[i, 0] / k.mean_one, mean2d[i, 1] / k.mean_one
+        mx, my = float(mean2d[i, 0]), float(mean2d[i, 1])
         for row in range(box[i, 2], box[i, 3] + 1):
             known = -(1 << 30)
             for column in range(box[i, 0], box[i, 1] + 1):
@@ -161,6 +173,23 @@ def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor,
         splat[at], use[at] = splat_of[e], use_of[e]
 
 
+def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> TileEntries:
+    """The entries of `splats`, int32 rows of the scene in any order, grouped by tile; the order stays inside each tile."""
+    k, tiles = culling_constants(config), len(scene.header)
+    counts = np.zeros((SLICES, tiles), np.int64)
+    passed, filtered = np.zeros(SLICES, np.int64), np.zeros(SLICES, np.int64)
+    box = scene.box[splats].astype(np.int64)
+    room = np.concatenate(([0], np.cumsum((box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1))))
+    found = np.empty(room[-1], np.int32), np.empty(room[-1], np.int32), np.empty(room[-1], np.uint8)
+    for_slices(_visit, len(splats), splats, room, scene, k, *found, counts, passed, filtered)
+    total = counts.sum(axis=0)
+    start = np.concatenate(([0], np.cumsum(total)))
+    cursor = start[:-1] + np.concatenate((np.zeros((1, tiles), np.int64), np.cumsum(counts, axis=0)[:-1]))
+    splat, use = np.empty(start[-1], np.int32), np.empty(start[-1], np.uint8)
+    for_slices(_scatter, len(splats), room, passed, *found, cursor, splat, use)
+    return TileEntries(start, splat, use, int(filtered.sum()))
+
+
 def tile_entries(
     config: AcceleratorConfig, projected: Projected, opacity: np.ndarray, bound: np.ndarray, registers: FrameRegisters,
     splats: np.ndarray, *, obb: bool = False,
@@ -176,19 +205,57 @@ def tile_entries(
         splats: visible rows in the order wanted: by index it is the unit's stream, by depth key the sorted lists.
         obb: the bounding box's tiles instead of the exact test.
     """
-    k = culling_constants(config)
-    tiles = len(registers.header)
-    counts = np.zeros((SLICES, tiles), np.int64)
-    passed, filtered = np.zeros(SLICES, np.int64), np.zeros(SLICES, np.int64)
-    scene = _Scene(projected.mean2d, projected.conic, projected.box, np.ascontiguousarray(opacity), np.ascontiguousarray(bound),
-                   registers.header, registers.tiles_x, registers.width, registers.height, obb)
-    box = projected.box[splats].astype(np.int64)
-    room = np.concatenate(([0], np.cumsum((box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1))))
-    found = np.empty(room[-1], np.int32), np.empty(room[-1], np.int32), np.empty(room[-1], np.uint8)
-    for_slices(_visit, len(splats), splats, room, scene, k, *found, counts, passed, filtered)
-    total = counts.sum(axis=0)
-    start = np.concatenate(([0], np.cumsum(total)))
-    cursor = start[:-1] + np.concatenate((np.zeros((1, tiles), np.int64), np.cumsum(counts, axis=0)[:-1]))
-    splat, use = np.empty(start[-1], np.int32), np.empty(start[-1], np.uint8)
-    for_slices(_scatter, len(splats), room, passed, *found, cursor, splat, use)
-    return TileEntries(start, splat, use, int(filtered.sum()))
+    return _entries(config, _Scene(
+        projected.mean2d, projected.conic, projected.box, np.ascontiguousarray(opacity), np.ascontiguousarray(bound),
+        registers.header, registers.tiles_x, registers.width, registers.height, obb), splats)
+
+
+class TileTest(NamedTuple):
+    """A frame through the unit: its streams, `end` included, and its counts of (splat, tile) pairs.
+
+    Attributes:
+        entries: EntryItem records, splat by splat as they came, each by tile row, then by column.
+        survivors: SurvivingSplat records of the splats with an entry, in the order they came.
+        touched: pairs that touch.
+        filtered: those of them that the foveation filter rejects; the others are the entries.
+    """
+
+    entries: np.ndarray
+    survivors: np.ndarray
+    touched: int
+    filtered: int
+
+
+def tile_test(
+    config: AcceleratorConfig, splats: np.ndarray, levels: np.ndarray, width: int, height: int, *, obb: bool = False,
+) -> TileTest:
+    """What the unit makes of a frame.
+
+    Args:
+        config: the machine.
+        splats: (N,) ProjectedSplat records without the `end`.
+        levels: (tiles, 2) level and blend of each tile, row-major.
+        width, height: of the frame in pixels.
+        obb: the bounding box's tiles instead of the exact test.
+    """
+    box = np.stack([splats[name] for name in ("first_x", "last_x", "first_y", "last_y")], 1)
+    mean2d, opacity, bound = (np.ascontiguousarray(splats[name]) for name in ("mean2d", "log2_opacity", "bound"))
+    scene = _Scene(mean2d, config.formats.conic.to_float(splats["conic"]), box, opacity, bound,
+                   np.ascontiguousarray(levels, np.int64), -(-width // TILE), width, height, obb)
+    found = _entries(config, scene, np.arange(len(splats), dtype=np.int32))
+    tile = np.repeat(np.arange(len(levels)), np.diff(found.start))
+    order = np.lexsort((tile, found.splat))
+    row, tile = found.splat[order], tile[order]
+
+    entries = np.zeros(len(row) + 1, entry_item(config).dtype)
+    entries["tile"][:-1], entries["end"][-1] = tile, 1
+    for name in ("index", "depth_key"):
+        entries[name][:-1] = splats[name][row]
+    mask = np.zeros(len(splats), np.int64)
+    np.bitwise_or.at(mask, row, 1 << scene.header[tile, 0])
+    kept = np.flatnonzero(mask)
+    survivors = np.zeros(len(kept) + 1, surviving_splat(config).dtype)
+    for name in set(splats.dtype.names) & set(survivors.dtype.names) - {"end"}:
+        survivors[name][:-1] = splats[name][kept]
+    survivors["levels"][:-1], survivors["end"][-1] = mask[kept], 1
+    return TileTest(entries, survivors, len(row) + found.filtered, found.filtered)
