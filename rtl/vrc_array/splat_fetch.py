@@ -1,0 +1,189 @@
+"""Splat fetch: sorted tile entries to the array's entries, through a prefetching cache of splat views.
+
+    tiles, sorted -> SplatTags -+-> pending -------> line memory -> entries
+                                |                       ^
+                                +-> reads ... memory ... data
+
+The organisation is that of texture units (Igehy, Eldridge, Proudfoot 1998, "Prefetching in a Texture Cache Architecture"):
+tags are looked up and changed as entries come, misses go to memory at once, and a FIFO of pending entries covers the latency.
+At its end, in order, the data of a miss enter its line, and a hit reads its line. So an entry finds in its line what the tags
+had said, however many misses on that line are pending, and nothing is compared twice.
+
+Direct-mapped by the index' low bits, because little else pays. Views are wanted once or twice: in scenes' frames 40 to 70 % of
+the entries are the first to want theirs, and the next to want it is a tile's list away. Misses of 1,024 lines, share of
+entries, from `python -m tb.fetch.miss_rates`, whose whole output is reports/splat_cache.md:
+
+                                  direct    folded index    2 ways    4 ways    first wants
+    embedded 128x128               0.829           0.831     0.808     0.792          0.621
+    truck 640x360                  0.796           0.799     0.773     0.757          0.399
+    truck 640x360, foveated        0.835           0.838     0.815     0.800          0.442
+    garden_large 320x180           0.959           0.958     0.954     0.951          0.632
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from rtl.vrc_array.splat_tags import SplatTags, line_bits
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, read_data, read_request, splat_view
+from spec.records import array_entry, chunk_entry, tile_use
+
+COUNTER_BITS = 32
+
+LATENCY = 5
+"""Cycles from an entry's transfer to its view at `entries`, where nothing waits and its view is in the cache."""
+
+PENDING = 256
+"""Entries between tags and lines: at an entry a cycle, the memory's latency in cycles that costs nothing."""
+
+
+class SplatFetch(wiring.Component):
+    """Entries with the index of their splat to entries with its view.
+
+    Parameters:
+        config: the machine.
+        pending: entries that wait for memory, 1 or more.
+
+    Ports:
+        sorted: ChunkEntry items in rendering order; only `index` and `empty` matter. Items with `empty` vanish.
+        tiles: TileUse items of every tile, in the order of the entries.
+        entries: as many as the counts of `tiles`, in order.
+        reads, data: the memory's; a beat for every miss, in order.
+        views_base, view_shift: settings of the frame.
+        clear: strobe between frames: views in memory change from here on. Entries are taken again `splat_cache_lines` cycles
+            later, and so after a reset.
+        hits, misses: entries since `clear`; 0 for ever without `config.counters`.
+        error: the memory answered with an error since `clear`. The entry came, with a view that means nothing.
+        busy: entries are inside, or wanted for a tile that was taken, or tags are being cleared.
+
+    Storage: that of `SplatTags`; `splat_cache_lines` views, for PAPER 1,024 x 222 bits, never read and written in the same
+    cycle; `pending` entries of a line's number and 4 bits. Throughput: one entry a cycle, hits and misses alike, while memory
+    gives a beat a miss; an empty tile takes a cycle. Latency: LATENCY cycles, and for a miss the memory's.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, pending: int = PENDING):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        if not isinstance(pending, int) or isinstance(pending, bool):
+            raise TypeError(f"pending must be an integer, not {pending!r}")
+        if pending < 1:
+            raise ValueError(f"pending must be 1 or more, not {pending!r}")
+        self.config, self.pending = config, pending
+        super().__init__({
+            "sorted": In(stream.Signature(layout(chunk_entry(config)))),
+            "tiles": In(stream.Signature(layout(tile_use(config)))),
+            "entries": Out(stream.Signature(layout(array_entry(config)))),
+            "reads": Out(stream.Signature(layout(read_request(config)))),
+            "data": In(stream.Signature(layout(read_data(config)))),
+            "views_base": In(BEAT_BITS),
+            "view_shift": In(2),
+            "clear": In(1),
+            "hits": Out(COUNTER_BITS),
+            "misses": Out(COUNTER_BITS),
+            "error": Out(1),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.tags = tags = SplatTags(self.config)
+        m.submodules.requests = requests = Buffer(self.reads.payload.shape())
+        pending = data.StructLayout({"line": line_bits(self.config), "missed": 1, "level": 2, "blend": 1})
+        m.submodules.pending = fifo = SyncFIFOBuffered(width=pending.size, depth=self.pending)
+        m.d.comb += tags.clear.eq(self.clear)
+        wiring.connect(m, requests.source, wiring.flipped(self.reads))
+        wanted = self._want(m, tags)
+        self._ask(m, tags, requests, fifo, data.View(pending, fifo.w_data))
+        inside = self._deliver(m, fifo, data.View(pending, fifo.r_data))
+        m.d.comb += self.busy.eq(wanted | tags.busy | requests.source.valid | fifo.level.any() | inside)
+        return m
+
+    def _want(self, m: Module, tags: SplatTags) -> Value:
+        """Entries with their tiles' level into the tags; returns whether the tile that was taken wants more."""
+        tile, item, wanted = self.tiles.payload, self.sorted.payload, tags.wanted
+        left, level, blend = Signal.like(tile.count), Signal(2, reset_less=True), Signal(reset_less=True)
+        taken = wanted.valid & wanted.ready
+        m.d.comb += [
+            wanted.valid.eq(self.sorted.valid & ~item.empty & left.any()),
+            wanted.payload.index.eq(item.index),
+            wanted.payload.level.eq(level),
+            wanted.payload.blend.eq(blend),
+            self.sorted.ready.eq(item.empty | wanted.ready & left.any()),
+            self.tiles.ready.eq((left == 0) | taken & (left == 1)),
+        ]
+        with m.If(taken):
+            m.d.sync += left.eq(left - 1)
+        with m.If(self.tiles.valid & self.tiles.ready):
+            m.d.sync += [left.eq(tile.count), level.eq(tile.level), blend.eq(tile.blend)]
+        return left.any()
+
+    def _ask(self, m: Module, tags: SplatTags, requests: Buffer, fifo: SyncFIFOBuffered, pending: data.View) -> None:
+        """What the tags found into the FIFO, and misses to memory; both have room, or neither happens."""
+        found, wanted = tags.found.payload, tags.found.payload.wanted
+        moves = tags.found.valid & tags.found.ready
+        m.d.comb += [
+            tags.found.ready.eq(fifo.w_rdy & requests.sink.ready),
+            fifo.w_en.eq(moves),
+            pending.line.eq(wanted.index[: line_bits(self.config)]),
+            pending.missed.eq(found.missed),
+            pending.level.eq(wanted.level),
+            pending.blend.eq(wanted.blend),
+            requests.sink.valid.eq(tags.found.valid & fifo.w_rdy & found.missed),
+            requests.sink.payload.beat.eq(self.views_base + (wanted.index << self.view_shift) + wanted.level),
+        ]
+        if self.config.counters:
+            for counter, counts in ((self.hits, moves & ~found.missed), (self.misses, moves & found.missed)):
+                m.d.sync += counter.eq(Mux(self.clear, 0, counter + counts))
+
+    def _deliver(self, m: Module, fifo: SyncFIFOBuffered, pending: data.View) -> Value:
+        """Lines filled and read in order, then `entries` out of a register; returns whether there is something behind the FIFO.
+
+        A view that comes from memory passes beside its line, which is written in that cycle and so cannot be read.
+        """
+        view_layout = layout(splat_view(self.config))
+        m.submodules.lines = lines = memory.Memory(shape=view_layout, depth=self.config.splat_cache_lines, init=[])
+        write, read = lines.write_port(), lines.read_port(transparent_for=())
+        beat, entry = Signal(view_layout), Signal(self.entries.payload.shape(), reset_less=True)
+        came, passed, passes = Signal(view_layout, reset_less=True), Signal(), Signal(reset_less=True)
+        level, blend = Signal(2, reset_less=True), Signal(reset_less=True)
+        room, leaves, moves = Signal(), Signal(), Signal()
+        m.d.comb += [
+            leaves.eq(~self.entries.valid | self.entries.ready),
+            room.eq(~passed | leaves),
+            moves.eq(fifo.r_rdy & room & (self.data.valid | ~pending.missed)),
+            fifo.r_en.eq(moves),
+            self.data.ready.eq(fifo.r_rdy & room & pending.missed),
+            beat.as_value().eq(self.data.payload.word.as_value()),
+            read.en.eq(moves & ~pending.missed),
+            read.addr.eq(pending.line),
+            write.en.eq(moves & pending.missed),
+            write.addr.eq(pending.line),
+            write.data.eq(beat),
+            self.entries.payload.eq(entry),
+        ]
+        with m.If(room):
+            m.d.sync += passed.eq(moves)
+        with m.If(moves):
+            m.d.sync += [level.eq(pending.level), blend.eq(pending.blend), passes.eq(pending.missed)]
+        with m.If(write.en):
+            m.d.sync += came.eq(beat)
+        with m.If(leaves):
+            m.d.sync += self.entries.valid.eq(passed)
+        with m.If(leaves & passed):
+            view = view_layout(Mux(passes, came.as_value(), read.data.as_value()))
+            m.d.sync += [entry[name].eq(view[name]) for name in ("mean2d", "conic", "log2_opacity", "colour", "depth")]
+            m.d.sync += [entry.use[0].eq(view.bound >= level), entry.use[1].eq(blend & (view.bound > level))]
+        m.d.sync += self.error.eq((self.error & ~self.clear) | self.data.valid & self.data.ready & self.data.payload.error)
+        return passed | self.entries.valid
+
+
+def emit_splat_fetch(config: AcceleratorConfig) -> str:
+    """Verilog of module `splat_fetch`."""
+    return to_verilog(SplatFetch(config), "splat_fetch")

@@ -1,0 +1,117 @@
+"""`python -m tb.fetch.miss_rates`: what a cache of splats would miss in scenes' frames, by lines, ways, policy and set.
+
+An entry costs the 8 bytes of its place in the tile's list, and a beat where its splat is not in the cache.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.request import resolve
+from spec.config import PAPER, AcceleratorConfig
+from spec.errors import run_command_line
+from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
+from spec.records import ENTRY_BYTES
+from tb.common.runner import ROOT
+
+SCENES = (
+    ("embedded", "128x128"), ("truck.splat", "256x144"), ("truck.splat", "640x360"), ("garden_large", "320x180"),
+    ("rock_sh3", "320x180"))
+"""Scenes, the trained ones where they are, and their sizes."""
+
+ORGANISATIONS = (
+    (1, "-", "low"), (1, "-", "fold"), (2, "fifo", "low"), (2, "lru", "low"), (4, "fifo", "low"), (4, "lru", "low"))
+"""Ways, what is replaced, and what of the index chooses the set: its low bits, or all of it folded together."""
+
+LINES = (64, 256, 512, 1024, 2048, 4096, 8192)
+
+
+@numba.njit(cache=True)
+def find_misses(index: np.ndarray, level: np.ndarray, lines: int, ways: int, keep_used: bool, fold: bool) -> np.ndarray:
+    """Which of the accesses, in order, miss in a cache that is empty before; bool each.
+
+    Args:
+        index, level: what is wanted, int64.
+        lines, ways: of the cache, powers of two.
+        keep_used: what was used longest ago is replaced instead of what came first.
+        fold: the set is the whole index folded together instead of its low bits.
+    """
+    sets = lines // ways
+    tags, misses = np.full((sets, ways), -1, np.int64), np.empty(len(index), np.bool_)
+    bits = 0
+    while 1 << bits < sets:
+        bits += 1
+    for i in range(len(index)):
+        place = index[i]
+        if fold and bits:
+            place = place ^ place >> bits ^ place >> 2 * bits
+        line, key, way = tags[place & sets - 1], index[i] * 4 + level[i], 0
+        while way < ways and line[way] != key:
+            way += 1
+        missed = way == ways
+        misses[i] = missed
+        if missed or keep_used:  # the newest first
+            for j in range(min(way, ways - 1), 0, -1):
+                line[j] = line[j - 1]
+            line[0] = key
+    return misses
+
+
+def accesses(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """Index and level of the views that a frame's entries want, in rendering order, int64 each."""
+    e = frame.entries
+    return e.splat.astype(np.int64), np.repeat(frame.registers.header[:, 0], np.diff(e.start))
+
+
+def table(frame: Frame) -> dict[tuple[int, str, str], list[float]]:
+    """Misses as a share of the accesses, by organisation, for each of LINES."""
+    index, level = accesses(frame)
+    return {
+        (ways, policy, place): [
+            find_misses(index, level, lines, ways, policy == "lru", place == "fold").mean() for lines in LINES]
+        for ways, policy, place in ORGANISATIONS}
+
+
+def cycles_per_entry(share: float) -> float:
+    """Cycles of the paper's memory for an entry's place in its list and its share of a miss."""
+    return (ENTRY_BYTES + BEAT_BYTES * share) / DRAM_BYTES_PER_CYCLE
+
+
+def _frames(config: AcceleratorConfig):
+    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
+    for scene, size in SCENES:
+        path = scene if scene == "embedded" else str(folder / scene)
+        if scene != "embedded" and not Path(path).exists():
+            continue
+        width, height = (int(number) for number in size.split("x"))
+        for gaze, levels in (("none", None), (f"{width // 2},{height // 2}", 4)):
+            request = resolve(argparse.Namespace(
+                scene=path, size=size, camera="orbit", gaze=gaze, levels=levels, background="0,0,0", seed=0))
+            name = f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}"
+            yield name, render(request.model, request.camera, config=config, foveation=request.foveation)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints the tables."""
+    argparse.ArgumentParser(prog="python -m tb.fetch.miss_rates", description=__doc__).parse_args(argv)
+    for name, frame in _frames(PAPER):
+        entries, tiles = len(frame.entries.splat), len(frame.registers.header)
+        views = len(np.unique(np.stack(accesses(frame)), axis=1).T)
+        print(f"\n{name}: {entries:,} entries in {tiles} tiles, {views:,} views, {views / entries:.3f} a view read once only")
+        print("lines               " + "".join(f"{lines:>8}" for lines in LINES))
+        for (ways, policy, place), shares in table(frame).items():
+            print(f"{ways} way{'s' * (ways > 1):<2}{policy:>5} {place:>5}  " + "".join(f"{share:8.3f}" for share in shares))
+            if (ways, policy) == (1, "-") and place == "low":
+                print("memory cycles/entry " + "".join(f"{cycles_per_entry(share):8.3f}" for share in shares), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    run_command_line(main)
