@@ -1,0 +1,150 @@
+"""The cocotb side of `tb.top.player`: one frame after another in one simulation, asleep while the machine works.
+
+This runs in the simulator's process. orders.json says what to do, report.json what came of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles, FallingEdge, First, ReadOnly, RisingEdge, Timer
+from cocotb.utils import get_sim_time
+from tqdm import tqdm
+
+from spec.memory import PIXEL_BYTES
+from tb.common.runner import CLOCK_NS
+
+_PROGRESS_CYCLES = 5000
+_PATIENCE = 1000
+_COUNTERS = ("reads", "writes", "busy", "watched")
+
+
+class Lite:
+    """An AXI-Lite master: one access at a time, no process of its own between them."""
+
+    def __init__(self, dut: object):
+        self._dut = dut
+        for name in ("awvalid", "wvalid", "bready", "arvalid", "rready", "awprot", "arprot"):
+            self._port(name).value = 0
+
+    def _port(self, name: str) -> object:
+        return getattr(self._dut, f"s_axil_{name}")
+
+    async def _offer(self, channels: tuple[str, ...], answer: str) -> None:
+        """Valid on every channel until each was taken, then ready until the answer is there; returns as it is read."""
+        waiting = set(channels)
+        await FallingEdge(self._dut.clk)
+        for channel in channels:
+            self._port(f"{channel}valid").value = 1
+        self._port(f"{answer}ready").value = 1
+        answered = False
+        for _ in range(_PATIENCE):
+            await ReadOnly()
+            taken = {channel for channel in waiting if self._port(f"{channel}ready").value}
+            answered = bool(self._port(f"{answer}valid").value)
+            self._answer = {name: int(self._port(f"{answer}{name}").value) for name in ("resp", *("data",) * (answer == "r"))}
+            await FallingEdge(self._dut.clk)
+            for channel in taken:
+                self._port(f"{channel}valid").value = 0
+            waiting -= taken
+            if answered and not waiting:
+                break
+        assert answered and not waiting, f"no answer on channel {answer} in {_PATIENCE} cycles"
+        self._port(f"{answer}ready").value = 0
+
+    async def write(self, address: int, data: int) -> None:
+        """Writes a register; AssertionError where it is refused."""
+        for name, value in (("awaddr", address), ("wdata", data & 0xFFFFFFFF), ("wstrb", 15)):
+            self._port(name).value = value
+        await self._offer(("aw", "w"), "b")
+        assert self._answer["resp"] == 0, f"write to {address:#x} answered with {self._answer['resp']}"
+
+    async def read(self, address: int) -> int:
+        """What a register holds; AssertionError where it is refused."""
+        self._port("araddr").value = address
+        await self._offer(("ar",), "r")
+        assert self._answer["resp"] == 0, f"read from {address:#x} answered with {self._answer['resp']}"
+        return self._answer["data"]
+
+
+@cocotb.test()
+async def frames(dut: object) -> None:
+    """All frames of the orders; the report has an item for each."""
+    folder = Path(os.environ["PLAYER_FOLDER"])
+    orders = json.loads((folder / "orders.json").read_text())
+    dut.rst.value, dut.load.value, dut.dump.value, dut.poison.value = 1, 0, 0, 0
+    lite = Lite(dut)
+    cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
+    total = sum(frame["pixels"] for frame in orders["frames"])
+    report = []
+    with tqdm(total=total, unit="px", unit_scale=True, disable=not orders["progress"], desc="RTL", mininterval=1) as bar:
+        for frame in orders["frames"]:
+            report.append(await _frame(dut, lite, orders, frame, bar))
+    (folder / "report.json").write_text(json.dumps(report))
+
+
+async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) -> dict:
+    for name, value in frame["memory"].items():
+        getattr(dut, name).value = value
+    if frame["reset"]:
+        dut.rst.value = 1
+        await ClockCycles(dut.clk, 3)
+    dut.rst.value = 0
+    for number, first, beats, poison in frame["loads"]:
+        dut.poison.value = poison
+        await _transfer(dut, dut.load, number, first, beats)
+    await FallingEdge(dut.clk)
+    before = _numbers(dut)
+    begin, clock = get_sim_time("ns"), time.perf_counter()
+    for address, value in frame["writes"]:
+        await lite.write(address, value)
+    started, end = get_sim_time("ns"), "cut off"
+    if frame["abort"] is not None:
+        await ClockCycles(dut.clk, frame["abort"])
+        await lite.write(*frame["abort_write"])
+    if frame["cut"] is None:
+        end = await _finish(dut, orders["watchdog"], before["watched"], bar)
+    else:
+        await ClockCycles(dut.clk, frame["cut"])
+    cycles, seconds = (get_sim_time("ns") - started) / CLOCK_NS, time.perf_counter() - clock
+    after = _numbers(dut)
+    registers = {name: await lite.read(address) for name, address in orders["reads"].items()} if end != "cut off" else {}
+    for address, value in frame["last_writes"]:
+        await lite.write(address, value)
+    await FallingEdge(dut.clk)
+    await _transfer(dut, dut.dump, *frame["dump"])
+    return {
+        "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS), "seconds": seconds,
+        "registers": registers, "errors": after["errors"],
+        **{name: (after[name] - before[name]) % (1 << 32) for name in _COUNTERS}}
+
+
+async def _transfer(dut: object, strobe: object, number: int, first: int, beats: int) -> None:
+    """Memory to a file, or the other way round."""
+    dut.file_number.value, dut.file_first.value, dut.file_beats.value = number, first, beats
+    strobe.value = 1
+    await ClockCycles(dut.clk, 2)
+    strobe.value = 0
+    await ClockCycles(dut.clk, 2)
+
+
+def _numbers(dut: object) -> dict[str, int]:
+    return {name: int(getattr(dut, name).value) for name in (*_COUNTERS, "errors")}
+
+
+async def _finish(dut: object, watchdog: int, watched: int, bar: tqdm) -> str:
+    """Waits for the interrupt; how it ended, in a word."""
+    shown = 0
+    while not dut.interrupt.value:
+        await First(RisingEdge(dut.interrupt), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
+        pixels = (int(dut.watched.value) - watched) % (1 << 32) // PIXEL_BYTES
+        bar.update(pixels - shown)
+        shown = pixels
+        if int(dut.idle.value) > watchdog:
+            return "stuck"
+    return "interrupt"

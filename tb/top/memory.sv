@@ -1,0 +1,185 @@
+// A memory behind AXI4: answers in order, one beat of 32 bytes a transaction, as fast as its settings let it.
+//
+// A request waits in a queue until its turn; a turn needs `cost` credits, and `gain` come in every cycle (cost 0: reads and
+// writes have a turn each in every cycle). A read samples memory at its turn and is answered `latency` cycles after its
+// request or later; a write changes memory when it is answered, so that a master that does not wait for the answer before it
+// reads shows. Reads and writes take turns in the order of their arrival. Ready and answers pause at random in `pauses` of
+// 256 cycles. Contents come from FOLDER/NUMBER.bin at the rise of `load` and go to FOLDER/NUMBER.dump at that of `dump`.
+module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
+  input clk, input rst,
+  input [31:0] latency, input [31:0] gain, input [31:0] cost, input [7:0] pauses,
+  input [31:0] first_writable, input [31:0] error_first, input [31:0] error_end, input [31:0] watch_first, input [31:0] watch_end,
+  input load, input poison, input dump, input [31:0] file_number, input [31:0] file_first, input [31:0] file_beats,
+  output reg [31:0] reads = 0, output reg [31:0] writes = 0, output reg [31:0] busy = 0, output reg [31:0] watched = 0,
+  output reg [31:0] idle = 0, output reg [7:0] errors = 0,
+  input [ID_BITS-1:0] arid, input [31:0] araddr, input [7:0] arlen, input [2:0] arsize, input [1:0] arburst,
+  input arvalid, output reg arready = 0,
+  output reg [ID_BITS-1:0] rid, output reg [255:0] rdata, output reg [1:0] rresp, output rlast,
+  output reg rvalid = 0, input rready,
+  input [ID_BITS-1:0] awid, input [31:0] awaddr, input [7:0] awlen, input [2:0] awsize, input [1:0] awburst,
+  input awvalid, output reg awready = 0,
+  input [255:0] wdata, input [31:0] wstrb, input wlast, input wvalid, output reg wready = 0,
+  output reg [ID_BITS-1:0] bid, output reg [1:0] bresp, output reg bvalid = 0, input bready
+);
+  localparam QUEUE = 1 << QUEUE_LOG2, TOP = QUEUE_LOG2;
+  localparam BEATS = 1 << BEATS_LOG2;
+  reg [255:0] cells [0:BEATS-1];
+  assign rlast = 1;
+
+  // Rings: a request enters at `in`, has its turn at `turn`, is answered at `out`.
+  reg [ID_BITS-1:0] read_id [0:QUEUE-1], write_id [0:QUEUE-1];
+  reg [31:0] read_address [0:QUEUE-1], write_address [0:QUEUE-1];
+  reg [31:0] read_due [0:QUEUE-1], write_due [0:QUEUE-1];
+  reg [255:0] read_data [0:QUEUE-1], write_data [0:QUEUE-1];
+  reg [31:0] write_strobe [0:QUEUE-1];
+  reg [TOP:0] read_in = 0, read_turn = 0, read_out = 0;
+  reg [TOP:0] write_in = 0, data_in = 0, write_turn = 0, write_out = 0;
+  reg [TOP:0] reads_held, writes_held, data_held;
+  reg [31:0] now = 0, credit = 0;
+  reg [63:0] dice = 64'h9e3779b97f4a7c15;
+  reg write_first, wants_read, wants_write;
+
+  function [255:0] mask(input [31:0] strobe);
+    integer i;
+    for (i = 0; i < 32; i = i + 1) mask[8 * i +: 8] = {8{strobe[i]}};
+  endfunction
+  function outside(input [31:0] address); outside = (address >> 5) >= BEATS; endfunction
+  function failing(input [31:0] address);
+    failing = outside(address) | (address >= error_first & address < error_end);
+  endfunction
+  function misshapen(input [31:0] address, input [7:0] len, input [2:0] size);
+    misshapen = address[4:0] != 0 | len != 0 | size != 5;
+  endfunction
+
+  // What a master has offered stays until it is taken.
+  reg ar_waits = 0, aw_waits = 0, w_waits = 0;
+  reg [ID_BITS+31:0] ar_held, aw_held;
+  reg [287:0] w_held;
+
+  always @(posedge clk) begin
+    dice = dice ^ (dice << 13);
+    dice = dice ^ (dice >> 7);
+    dice = dice ^ (dice << 17);
+    idle <= (arvalid & arready) | (awvalid & awready) | (wvalid & wready) | (rvalid & rready) | (bvalid & bready) ? 0 : idle + 1;
+    if (rst) begin
+      read_in = 0; read_turn = 0; read_out = 0;
+      write_in = 0; data_in = 0; write_turn = 0; write_out = 0;
+      now = 0; credit = 0;
+      arready <= 0; awready <= 0; wready <= 0; rvalid <= 0; bvalid <= 0;
+      reads <= 0; writes <= 0; busy <= 0; watched <= 0; errors <= 0; idle <= 0;
+      ar_waits <= 0; aw_waits <= 0; w_waits <= 0;
+    end else begin
+      errors <= errors
+        | (ar_waits & (~arvalid | {arid, araddr} != ar_held) ? 1 : 0)
+        | (aw_waits & (~awvalid | {awid, awaddr} != aw_held) ? 1 : 0)
+        | (w_waits & (~wvalid | {wdata, wstrb} != w_held) ? 1 : 0)
+        | (arvalid & misshapen(araddr, arlen, arsize) ? 2 : 0) | (awvalid & misshapen(awaddr, awlen, awsize) ? 2 : 0)
+        | (wvalid & ~wlast ? 2 : 0)
+        | ((arvalid & outside(araddr)) | (awvalid & outside(awaddr)) ? 4 : 0)
+        | (awvalid & awaddr < first_writable ? 8 : 0);
+      ar_waits <= arvalid & ~arready; ar_held <= {arid, araddr};
+      aw_waits <= awvalid & ~awready; aw_held <= {awid, awaddr};
+      w_waits <= wvalid & ~wready; w_held <= {wdata, wstrb};
+
+      now = now + 1;
+      if (arvalid & arready) begin
+        read_id[read_in[TOP-1:0]] = arid;
+        read_address[read_in[TOP-1:0]] = araddr;
+        read_due[read_in[TOP-1:0]] = now + latency - 1;
+        read_in = read_in + 1;
+      end
+      if (awvalid & awready) begin
+        write_id[write_in[TOP-1:0]] = awid;
+        write_address[write_in[TOP-1:0]] = awaddr;
+        write_due[write_in[TOP-1:0]] = now + latency - 1;
+        write_in = write_in + 1;
+      end
+      if (wvalid & wready) begin
+        write_data[data_in[TOP-1:0]] = wdata;
+        write_strobe[data_in[TOP-1:0]] = wstrb;
+        data_in = data_in + 1;
+      end
+
+      // Turns: the older request first, the other one if there is credit left.
+      credit = credit + gain > cost + cost ? cost + cost : credit + gain;
+      wants_read = read_turn != read_in;
+      wants_write = write_turn != write_in & write_turn != data_in;
+      if (wants_read | wants_write) busy <= busy + 1;
+      write_first = wants_write & wants_read & $signed(write_due[write_turn[TOP-1:0]] - read_due[read_turn[TOP-1:0]]) < 0;
+      if (wants_write & write_first & credit >= cost) begin
+        write_turn = write_turn + 1;
+        credit = credit - cost;
+        wants_write = 0;
+      end
+      if (wants_read & credit >= cost) begin
+        read_data[read_turn[TOP-1:0]] = cells[read_address[read_turn[TOP-1:0]][5 +: BEATS_LOG2]];
+        read_turn = read_turn + 1;
+        credit = credit - cost;
+        reads <= reads + 1;
+      end
+      if (wants_write & credit >= cost) begin
+        write_turn = write_turn + 1;
+        credit = credit - cost;
+      end
+
+      // Answers.
+      if (~rvalid | rready) begin
+        rvalid <= 0;
+        if (read_out != read_turn & $signed(now - read_due[read_out[TOP-1:0]]) >= 0 & (pauses <= dice[7:0])) begin
+          rvalid <= 1;
+          rid <= read_id[read_out[TOP-1:0]];
+          rdata <= failing(read_address[read_out[TOP-1:0]]) ? {4{dice}} : read_data[read_out[TOP-1:0]];
+          rresp <= failing(read_address[read_out[TOP-1:0]]) ? 2 : 0;
+          read_out = read_out + 1;
+        end
+      end
+      if (~bvalid | bready) begin
+        bvalid <= 0;
+        if (write_out != write_turn & $signed(now - write_due[write_out[TOP-1:0]]) >= 0 & (pauses <= dice[15:8])) begin
+          bvalid <= 1;
+          bid <= write_id[write_out[TOP-1:0]];
+          bresp <= failing(write_address[write_out[TOP-1:0]]) ? 2 : 0;
+          writes <= writes + 1;
+          if (!failing(write_address[write_out[TOP-1:0]]))
+            cells[write_address[write_out[TOP-1:0]][5 +: BEATS_LOG2]] =
+              (cells[write_address[write_out[TOP-1:0]][5 +: BEATS_LOG2]] & ~mask(write_strobe[write_out[TOP-1:0]]))
+              | (write_data[write_out[TOP-1:0]] & mask(write_strobe[write_out[TOP-1:0]]));
+          if (write_address[write_out[TOP-1:0]] >= watch_first & write_address[write_out[TOP-1:0]] < watch_end)
+            watched <= watched + $countones(write_strobe[write_out[TOP-1:0]]);
+          write_out = write_out + 1;
+        end
+      end
+      reads_held = read_in - read_out;
+      writes_held = write_in - write_out;
+      data_held = data_in - write_out;
+      arready <= ~reads_held[TOP] & pauses <= dice[23:16];
+      awready <= ~writes_held[TOP] & pauses <= dice[31:24];
+      wready <= ~data_held[TOP] & pauses <= dice[39:32];
+    end
+  end
+
+  string folder, path;
+  reg load_before = 0, dump_before = 0;
+  integer file, i, count;
+  initial if (!$value$plusargs("folder=%s", folder)) folder = ".";
+  always @(posedge clk) begin
+    load_before <= load;
+    dump_before <= dump;
+    if (load & ~load_before) begin
+      if (poison) for (i = 0; i < BEATS; i = i + 1) cells[i] = {8{32'hdeadbeef ^ i}};
+      $sformat(path, "%0s/%0d.bin", folder, file_number);
+      file = $fopen(path, "rb");
+      if (file == 0) $fatal(1, "cannot read %0s", path);
+      count = $fread(cells, file, file_first, file_beats);
+      if (count != 32 * file_beats) $fatal(1, "%0s holds %0d bytes instead of %0d", path, count, 32 * file_beats);
+      $fclose(file);
+    end
+    if (dump & ~dump_before) begin
+      $sformat(path, "%0s/%0d.dump", folder, file_number);
+      file = $fopen(path, "wb");
+      if (file == 0) $fatal(1, "cannot write %0s", path);
+      for (i = file_first; i < file_first + file_beats; i = i + 1) $fwrite(file, "%u", cells[i]);
+      $fclose(file);
+    end
+  end
+endmodule

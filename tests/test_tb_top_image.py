@@ -1,0 +1,150 @@
+"""Memory images: every record where spec says, every setting a legal pattern, the frame read back."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from golden_samples import map_for, random_model, view
+
+from golden.msv2_ref import pipeline
+from spec.config import CONFIGS, PAPER, TINY
+from spec.formats import Fixed
+from spec.memory import (
+    BEAT_BYTES,
+    BEAT_ENTRIES,
+    DIRECTORY_SLOTS,
+    FIRST_PAGE_ENTRIES,
+    MEMORY_RECORDS,
+    PIXEL_BYTES,
+    colour_beats,
+    frame_pixel,
+    frame_settings,
+    tile_setting,
+)
+from spec.records import RECORDS, gaussian_colour, gaussian_geometry
+from spec.registers import first_illegal
+from tb.top.image import REGIONS, gaussian_bytes, memory_image, page_beats, read_frame
+from tb.top.packing import pack, unpack
+from tb.top.player import setting_writes
+
+
+def random_rows(record, count, seed=0):
+    rng, rows = np.random.default_rng(seed), np.zeros(count, record.dtype)
+    for f in record.fields:
+        rows[f.name] = rng.integers(*f.raw_range, rows[f.name].shape, endpoint=True)
+        rows[f.name][:2] = np.array(f.raw_range).reshape(2, *(1,) * (rows[f.name].ndim - 1))
+    return rows
+
+
+@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS], ids=lambda make: make.__name__)
+def test_packing_is_that_of_the_record(make):
+    record = make(TINY)
+    rows, size = random_rows(record, 40), 8 * (-(-record.width // 64) + 1)
+    patterns = pack(record, rows, size)
+    assert [int.from_bytes(row.tobytes(), "little") for row in patterns] == [record.pack(row) for row in rows]
+    assert (unpack(record, patterns) == rows).all()
+
+
+def test_packing_refuses_what_does_not_fit():
+    record = tile_setting(TINY)
+    rows = np.zeros(3, record.dtype)
+    rows["level"][1] = 4
+    with pytest.raises(ValueError, match=r"TileSetting\.level must be in 0\.\.3, not 4"):
+        pack(record, rows, 8)
+    for size in (4, 12, 0):
+        with pytest.raises(ValueError, match=f"not {size}"):
+            pack(record, rows[:1], size)
+
+
+def frame_of(gaze=None, levels=1, sh=0, size=(50, 37), config=TINY, points=300):
+    camera = view(*size)
+    model = random_model(np.random.default_rng(7), points, levels, sh)
+    return pipeline.render(model, camera, config=config, foveation=map_for(camera, gaze, levels), background=(0.1, 0.5, 1.0))
+
+
+def image_of(frame, **options):
+    return memory_image(frame.config, frame.words, frame.registers, entries_beats=40, spill_beats=9, **options)
+
+
+@pytest.mark.parametrize("sh", range(4))
+def test_gaussians_lie_by_index(sh):
+    frame = frame_of(sh=sh)
+    contents, beats = gaussian_bytes(TINY, frame.words), colour_beats(TINY, sh)
+    assert beats == (1, 2, 2, 3)[sh] and len(contents["colour"]) == beats * len(contents["geometry"]) == beats * 300
+    geometry, colour = gaussian_geometry(TINY), gaussian_colour(TINY, sh)
+    for i in (0, 17, 299):
+        assert int.from_bytes(contents["geometry"][i].tobytes(), "little") == geometry.pack(frame.words.geometry[i])
+        bits = int.from_bytes(contents["colour"][i * beats : (i + 1) * beats].tobytes(), "little")
+        assert bits == colour.pack(frame.words.colour[i])
+
+
+def test_tiles_lie_row_by_row():
+    frame = frame_of(gaze=(0.1, 0.2), levels=4, size=(200, 90))
+    tiles, record = image_of(frame).contents["tiles"], tile_setting(TINY)
+    assert tiles.shape == (-(-len(frame.headers) // 4), BEAT_BYTES)
+    for tile, header in enumerate(frame.headers):
+        row = record.unpack(int.from_bytes(tiles.reshape(-1)[8 * tile : 8 * tile + 8].tobytes(), "little"))
+        assert row["plane"] == header["plane"].tolist() and row["blend"] == header["blend"]
+        assert row["level"] == frame.registers.header[tile, 0]
+    assert len({int(level) for level in frame.registers.header[:, 0]}) > 2
+
+
+@pytest.mark.parametrize(("gaze", "levels", "size", "shift"), [
+    (None, 1, (50, 37), 0), ((0.5, 0.5), 3, (40, 24), 2), ((0.0, 0.0), 4, (500, 300), 2), ((0.4, 0.4), 2, (500, 300), 1)])
+def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift):
+    frame = frame_of(gaze, levels, 2, size)
+    image = image_of(frame)
+    places = [image.regions[name] for name in REGIONS]
+    assert all(a.end < b.base for a, b in pairwise(places)) and places[0].base > 0
+    assert image.beats == places[-1].end
+    for name, rows in image.contents.items():
+        assert len(rows) == image.regions[name].beats
+    assert image.settings["view_shift"] == shift
+    assert frame.registers.header[:, 0].max() < 1 << shift
+    assert image.regions["views"].beats == 300 << shift
+    assert image.regions["frame"].beats * 2 >= size[0] * size[1]
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+@pytest.mark.parametrize("beta", [None, 0, 700])
+def test_settings_are_the_registers(config, beta):
+    frame = frame_of(config=config)
+    image = image_of(frame, beta=beta, obb=True)
+    fields = {f.name: f for f in frame_settings(config).fields}
+    assert fields.keys() == image.settings.keys()
+    assert frame_settings(config).unpack(frame_settings(config).pack(image.settings)) == image.settings
+    for name, field in fields.items():
+        if hasattr(frame.registers, name):
+            wanted, raw = np.reshape(getattr(frame.registers, name), -1), np.reshape(image.settings[name], -1)
+            assert (raw == wanted).all() if isinstance(field.format, Fixed) else (field.format.to_float(raw) == wanted).all()
+    assert (image.settings["beta"], image.settings["auto_beta"], image.settings["obb"]) == (beta or 0, beta is None, 1)
+    assert image.settings["frame_base"] == image.regions["frame"].base and image.settings["spill_beats"] == 9
+    assert first_illegal(config, setting_writes(config, image, {})) is None
+
+
+def test_pages_follow_the_text_of_spec():
+    first = FIRST_PAGE_ENTRIES
+
+    def by_the_text(count):
+        pages = {((n + first) // first).bit_length() - 1 for n in range(count)} | {0}
+        return sum(first << k for k in pages) // BEAT_ENTRIES
+
+    counts = np.array([0, 1, 31, 32, 33, 95, 96, 97, 1000, 4096])
+    assert [page_beats([count]) for count in counts] == [by_the_text(count) for count in counts]
+    assert page_beats(counts) == sum(map(by_the_text, counts))
+    most = (first << DIRECTORY_SLOTS + 1) - first
+    assert page_beats([most]) * BEAT_ENTRIES == most
+    with pytest.raises(ValueError, match=f"at most {most} entries a tile, not {most + 1}"):
+        page_beats([3, most + 1])
+
+
+@pytest.mark.parametrize("size", [(3, 5), (16, 16), (7, 1)])
+def test_the_frame_is_read_row_by_row(size):
+    width, height = size
+    record = frame_pixel(PAPER)
+    rows = random_rows(record, width * height)
+    data = np.concatenate([pack(record, rows, PIXEL_BYTES).reshape(-1), np.full(PIXEL_BYTES, 255, np.uint8)])
+    pixels = read_frame(PAPER, data, width, height)
+    for name in ("colour", "depth", "transmittance"):
+        assert (getattr(pixels, name).reshape(rows[name].shape) == rows[name]).all()
+        assert getattr(pixels, name).shape[:2] == (height, width)
