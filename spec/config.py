@@ -32,10 +32,17 @@ class NumberFormats:
     """Base colour, SH_C0 * dc + 0.5, in memory; may be negative."""
     sh_rest: Fixed = SQ(1, 10)
     """Higher SH coefficients in memory."""
+    sh_basis: Fixed = SQ(0, 13)
+    """SH basis functions, below 0.75 in magnitude, and every number on the way from a direction to them.
+
+    The rounding of `colour` alone leaves 0.2887 of its ulps (rms); so few bits make that 0.291, 12 make it 0.300.
+    """
     view: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
     """View transform and perspective division."""
     work: SmallFloat = SmallFloat(sig_bits=18, exp_bits=8, bias=127)
     """Covariance, conic, support and colour arithmetic of the culling unit."""
+    extent: SmallFloat = SmallFloat(sig_bits=9, exp_bits=5, bias=8, signed=False)
+    """Reach of a footprint's bounding box in pixels, before it is widened."""
     mean2d: Fixed = SQ(14, 10)
     """Projected means in pixels."""
     conic: SmallFloat = SmallFloat(sig_bits=16, exp_bits=6, bias=63)

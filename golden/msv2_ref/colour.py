@@ -1,4 +1,9 @@
-"""Colour conversion of the survivors: spherical harmonics of degree 0-3 in the work format, one colour a level."""
+"""Colour conversion of the survivors: spherical harmonics of degree 0-3, one colour a level.
+
+Fixed point throughout: the offset from the camera is aligned to its largest component, scaled to a length by a table and one
+step of Newton, its harmonics are rounded products (`spec.harmonics`), and the sum over the coefficients is exact. Numbers
+are raw integers held in float64, which they never exceed; their fraction is that of `sh_basis` unless said otherwise.
+"""
 
 from __future__ import annotations
 
@@ -11,104 +16,132 @@ import numpy as np
 from golden.msv2_ref.parallel import for_slices
 from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
-from golden.msv2_ref.rounding import RoundTo, dot3, rnd, round_to
+from golden.msv2_ref.rounding import RoundTo, operation, rnd, round_to
 from spec.config import AcceleratorConfig
-from spec.constants import SH_C1, SH_C2, SH_C3
+from spec.harmonics import SEED_FRAC_BITS, SEED_INDEX_BITS, Factors, factors, root_seeds
 
 
 class _Constants(NamedTuple):
     to_view: RoundTo
-    to_work: RoundTo
-    degree_1: float
-    degree_2: tuple[float, ...]
-    degree_3: tuple[float, ...]
+    frac_bits: int
+    one: float
+    ulp: float
+    factor: Factors
+    root: np.ndarray
+    inverse: np.ndarray
     dc_one: float
-    rest_one: float
-    colour_one: float
+    sum_ulp: float
     colour_max: float
 
 
 @cache
 def _constants(config: AcceleratorConfig) -> _Constants:
     n = config.formats
+    frac_bits, sum_bits = n.sh_basis.frac_bits, n.sh_basis.frac_bits + n.sh_rest.frac_bits
+    root, inverse = root_seeds(n)
     return _Constants(
-        round_to(n.view), round_to(n.work), float(n.work.round(SH_C1)), tuple(n.work.round(SH_C2).tolist()),
-        tuple(n.work.round(SH_C3).tolist()), 2.0**n.sh_dc.frac_bits, 2.0**n.sh_rest.frac_bits, 2.0**n.colour.frac_bits,
-        float(n.colour.raw_max))
+        round_to(n.view), frac_bits, 2.0**frac_bits, 2.0**-frac_bits, Factors(*map(float, factors(n))),
+        root * 2.0 ** (frac_bits - SEED_FRAC_BITS), inverse.astype(np.float64), 2.0 ** (sum_bits - n.sh_dc.frac_bits),
+        2.0 ** (n.colour.frac_bits - sum_bits), float(n.colour.raw_max))
 
 
 _BLOCK = 64
 _X, _Y, _Z, _BASIS = (_BLOCK * row for row in range(4))
 _BLOCK_ROWS = 3 + 15
+_EXPONENT = 0x7FF << 52
+
+
+@operation
+def _product(a, b, k):
+    """a * b, rounded HALF_UP."""
+    return np.floor(a * b * k.ulp + 0.5)
+
+
+@operation
+def _scaled_root(n, k):
+    """DIRECTION_SCALE / sqrt(n) for a squared length n in [1, 16); anything finite for 0."""
+    large = n >= 4.0 * k.one
+    m = np.floor(n * 0.25) if large else n
+    whole = np.int64(m)
+    upper = whole >> (k.frac_bits + 1)
+    below = whole >> (k.frac_bits - SEED_INDEX_BITS + upper) & ((1 << SEED_INDEX_BITS) - 1)
+    index = upper << SEED_INDEX_BITS | below
+    root = k.root[index]
+    step = _product(root, k.one - _product(m, k.inverse[index], k), k)
+    return np.floor((2.0 * root + step) * (0.25 if large else 0.5))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _normalise(block, position, k):
-    """World positions in rows X, Y and Z of the block to unit vectors from the camera."""
-    V, W = k.to_view, k.to_work
-    px, py, pz = position[0], position[1], position[2]
+def _directions(block, k):
+    """Offsets in rows X, Y and Z of the block to scaled directions; zero stays zero."""
     for j in range(_BLOCK):
-        dx, dy, dz = rnd(block[_X + j] - px, V), rnd(block[_Y + j] - py, V), rnd(block[_Z + j] - pz, V)
-        inverse = rnd(1.0 / np.sqrt(dot3(W, dx, dy, dz, dx, dy, dz)), W)
-        block[_X + j], block[_Y + j], block[_Z + j] = rnd(dx * inverse, W), rnd(dy * inverse, W), rnd(dz * inverse, W)
+        x, y, z = block[_X + j], block[_Y + j], block[_Z + j]
+        exponent = np.float64(max(abs(x), abs(y), abs(z))).view(np.int64) & _EXPONENT
+        shift = np.int64((2046 << 52) - exponent).view(np.float64) * k.one
+        x, y, z = np.trunc(-x * shift), np.trunc(-y * shift), np.trunc(z * shift)
+        root = _scaled_root(_product(x, x, k) + _product(y, y, k) + _product(z, z, k), k)
+        block[_X + j], block[_Y + j], block[_Z + j] = _product(x, root, k), _product(y, root, k), _product(z, root, k)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _basis(block, degree, k):
-    """The basis functions beyond the first, in 3DGS order and sign, from row BASIS of the block on."""
-    W, c1 = k.to_work, k.degree_1
-    (c20, c21, c22, c23, c24), (c30, c31, c32, c33, c34, c35, c36) = k.degree_2, k.degree_3
+    """The basis functions beyond the first, in 3DGS order, from row BASIS of the block on."""
+    f = k.factor
     for j in range(_BLOCK):
         x, y, z, at = block[_X + j], block[_Y + j], block[_Z + j], _BASIS + j
-        block[at], block[at + _BLOCK], block[at + 2 * _BLOCK] = rnd(-c1 * y, W), rnd(c1 * z, W), rnd(-c1 * x, W)
+        block[at], block[at + _BLOCK] = _product(y, f.linear, k), _product(z, f.linear, k)
+        block[at + 2 * _BLOCK] = _product(x, f.linear, k)
     if degree < 2:
         return
     for j in range(_BLOCK):
         x, y, z, at = block[_X + j], block[_Y + j], block[_Z + j], _BASIS + 3 * _BLOCK + j
-        xx, yy, zz = rnd(x * x, W), rnd(y * y, W), rnd(z * z, W)
-        block[at], block[at + _BLOCK] = rnd(c20 * rnd(x * y, W), W), rnd(c21 * rnd(y * z, W), W)
-        block[at + 2 * _BLOCK] = rnd(c22 * rnd(rnd(2.0 * zz, W) - rnd(xx + yy, W), W), W)
-        block[at + 3 * _BLOCK], block[at + 4 * _BLOCK] = rnd(c23 * rnd(x * z, W), W), rnd(c24 * rnd(xx - yy, W), W)
+        xx, yy, zz = _product(x, x, k), _product(y, y, k), _product(z, z, k)
+        block[at], block[at + _BLOCK] = _product(x, y, k), _product(y, z, k)
+        block[at + 2 * _BLOCK] = _product(2.0 * zz - xx - yy, f.axial, k)
+        block[at + 3 * _BLOCK], block[at + 4 * _BLOCK] = _product(x, z, k), np.floor((xx - yy) * 0.5)
     if degree < 3:
         return
     for j in range(_BLOCK):
         x, y, z, at = block[_X + j], block[_Y + j], block[_Z + j], _BASIS + 8 * _BLOCK + j
-        xx, yy, zz, xy = rnd(x * x, W), rnd(y * y, W), rnd(z * z, W), rnd(x * y, W)
-        four_zz, xx_yy = rnd(rnd(4.0 * zz, W) - rnd(xx + yy, W), W), rnd(xx - yy, W)
-        block[at] = rnd(rnd(c30 * y, W) * rnd(rnd(3.0 * xx, W) - yy, W), W)
-        block[at + _BLOCK] = rnd(rnd(c31 * xy, W) * z, W)
-        block[at + 2 * _BLOCK] = rnd(rnd(c32 * y, W) * four_zz, W)
-        block[at + 3 * _BLOCK] = rnd(rnd(c33 * z, W) * rnd(rnd(2.0 * zz, W) - rnd(3.0 * rnd(xx + yy, W), W), W), W)
-        block[at + 4 * _BLOCK] = rnd(rnd(c34 * x, W) * four_zz, W)
-        block[at + 5 * _BLOCK] = rnd(rnd(c35 * z, W) * xx_yy, W)
-        block[at + 6 * _BLOCK] = rnd(rnd(c36 * x, W) * rnd(xx - rnd(3.0 * yy, W), W), W)
+        xx, yy, zz = _product(x, x, k), _product(y, y, k), _product(z, z, k)
+        w = _product(2.0 * z, f.mixed, k)
+        u = _product(4.0 * zz - xx - yy, f.ring, k)
+        v = _product(2.0 * zz - 3.0 * (xx + yy), f.polar, k)
+        block[at] = _product(_product(3.0 * xx - yy, y, k), f.cubic, k)
+        block[at + _BLOCK] = _product(w, _product(x, y, k), k)
+        block[at + 2 * _BLOCK], block[at + 4 * _BLOCK] = _product(u, y, k), _product(u, x, k)
+        block[at + 3 * _BLOCK] = _product(v, z, k)
+        block[at + 5 * _BLOCK] = _product(w, np.floor((xx - yy) * 0.5), k)
+        block[at + 6 * _BLOCK] = _product(_product(xx - 3.0 * yy, x, k), f.cubic, k)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _colours(_slice, begin, end, rows, mean, dc, rest, position, degree, k, colour):
     """Blocks of splats: every loop over j is over the splats of a block, for LLVM to make vectors of."""
-    W = k.to_work
+    V = k.to_view
     block, coefficient, total = np.ones(_BLOCK_ROWS * _BLOCK), np.zeros(_BLOCK), np.zeros((3, _BLOCK))
+    px, py, pz = position[0], position[1], position[2]
     for start in range(begin, end, _BLOCK):
         count = min(end - start, _BLOCK)
         total[:] = 0.0
         if degree > 0:
             for j in range(count):
                 i = rows[start + j]
-                block[_X + j], block[_Y + j], block[_Z + j] = mean[i, 0], mean[i, 1], mean[i, 2]
-            _normalise(block, position, k)
+                block[_X + j], block[_Y + j] = rnd(mean[i, 0] - px, V), rnd(mean[i, 1] - py, V)
+                block[_Z + j] = rnd(mean[i, 2] - pz, V)
+            _directions(block, k)
             _basis(block, degree, k)
             for n in range(3 * (degree + 1) ** 2 - 3):
                 term, c = n // 3, n % 3
                 for j in range(count):
-                    coefficient[j] = rest[rows[start + j], n] / k.rest_one
+                    coefficient[j] = rest[rows[start + j], n]
                 for j in range(_BLOCK):
-                    total[c, j] = rnd(total[c, j] + rnd(block[_BASIS + _BLOCK * term + j] * coefficient[j], W), W)
+                    total[c, j] += block[_BASIS + _BLOCK * term + j] * coefficient[j]
         for n in range(3 * colour.shape[1]):
             level, c = n // 3, n % 3
             for j in range(count):
-                value = rnd(total[c, j] + dc[rows[start + j], n] / k.dc_one, W)
-                colour[start + j, level, c] = int(min(max(np.floor(value * k.colour_one + 0.5), 0.0), k.colour_max))
+                value = total[c, j] + dc[rows[start + j], n] * k.dc_one
+                colour[start + j, level, c] = int(min(max(np.floor(value * k.sum_ulp + 0.5), 0.0), k.colour_max))
 
 
 def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, rows: np.ndarray) -> np.ndarray:

@@ -1,0 +1,86 @@
+"""Spherical harmonics as the colour unit evaluates them: few products, all of one kind, in fixed point.
+
+Directions are scaled by DIRECTION_SCALE, and their x and y negated, which makes every factor positive and spares the
+functions of degree 2 theirs. With X, Y, Z such a direction, in 3DGS order:
+
+    degree 1    linear Y, linear Z, linear X
+    degree 2    XY, YZ, axial (2 ZZ - XX - YY), XZ, (XX - YY) / 2
+    degree 3    cubic Y(3 XX - YY), W XY, U Y, Z V, U X, W (XX - YY) / 2, cubic X(XX - 3 YY)
+                with W = mixed 2 Z, U = ring (4 ZZ - XX - YY), V = polar (2 ZZ - 3 XX - 3 YY)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spec.config import NumberFormats
+from spec.constants import SH_C1, SH_C2, SH_C3
+from spec.formats import SQ, Fixed
+
+DIRECTION_SCALE = SH_C2[0] ** 0.5
+"""Length of a scaled direction: the square root of degree 2's common factor."""
+
+SEED_INDEX_BITS = 6
+"""Bits of a squared length, below its leading one, that address the table of reciprocal roots."""
+
+SEED_FRAC_BITS = SEED_INDEX_BITS + 4
+"""Fraction bits of that table: their rounding is a quarter of what the segment's width leaves."""
+
+
+class Factors(NamedTuple):
+    """Raw numbers with the fraction of `sh_basis`, below 2; the module's docstring says of what."""
+
+    linear: int
+    axial: int
+    cubic: int
+    mixed: int
+    ring: int
+    polar: int
+
+
+def factors(formats: NumberFormats) -> Factors:
+    """The factors of the scaled direction's polynomials."""
+    s, one = DIRECTION_SCALE, 1 << formats.sh_basis.frac_bits
+    exact = (SH_C1 / s, SH_C2[2] / s**2, -SH_C3[0] / s**3, SH_C3[1] / s**3 / 2, -SH_C3[2] / s**3, SH_C3[3] / s**3)
+    return Factors(*(round(one * x) for x in exact))
+
+
+def terms(sh_degree: int) -> int:
+    """Basis functions beyond the first."""
+    return (sh_degree + 1) ** 2 - 1
+
+
+def direction_format(formats: NumberFormats) -> Fixed:
+    """Scaled directions, aligned offsets, factors and the reciprocal root: the second operand of every product."""
+    return SQ(1, formats.sh_basis.frac_bits)
+
+
+def product_format(formats: NumberFormats) -> Fixed:
+    """Rounded products."""
+    return SQ(2, formats.sh_basis.frac_bits)
+
+
+def polynomial_format(formats: NumberFormats) -> Fixed:
+    """Sums of products: the first operand of every product."""
+    return SQ(3, formats.sh_basis.frac_bits)
+
+
+def length_format(formats: NumberFormats) -> Fixed:
+    """The squared length of an offset whose largest component lies in [1, 2)."""
+    return SQ(4, formats.sh_basis.frac_bits)
+
+
+def root_seeds(formats: NumberFormats) -> tuple[np.ndarray, np.ndarray]:
+    """(root, inverse), int64 (2^(SEED_INDEX_BITS + 1),): first approximations for a squared length m in [1, 4).
+
+    The index is m's bits below its leading one, and above them whether m >= 2. root, with SEED_FRAC_BITS, is
+    DIRECTION_SCALE / sqrt(m) in the segment's middle; inverse, with the fraction of `sh_basis`, is 1 / m as the rounded root
+    has it: m * inverse = 1 - e leads to the step of Newton root * (1 + e / 2), whose error is 3/8 e^2.
+    """
+    count = 1 << SEED_INDEX_BITS
+    middle = 1 + (np.arange(count) + 0.5) / count
+    root = np.rint(DIRECTION_SCALE / np.sqrt(np.concatenate([middle, 2 * middle])) * (1 << SEED_FRAC_BITS)).astype(np.int64)
+    exact = (root / (1 << SEED_FRAC_BITS) / DIRECTION_SCALE) ** 2
+    return root, np.rint(exact * (1 << formats.sh_basis.frac_bits)).astype(np.int64)
