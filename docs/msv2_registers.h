@@ -126,76 +126,76 @@
    exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_POSITION_2 0x108u
 
-/* world to camera, row-major, number 0 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 0 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_0 0x10Cu
 
-/* world to camera, row-major, number 1 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 1 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_1 0x110u
 
-/* world to camera, row-major, number 2 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 2 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_2 0x114u
 
-/* world to camera, row-major, number 3 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 3 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_3 0x118u
 
-/* world to camera, row-major, number 4 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 4 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_4 0x11Cu
 
-/* world to camera, row-major, number 5 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 5 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_5 0x120u
 
-/* world to camera, row-major, number 6 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 6 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_6 0x124u
 
-/* world to camera, row-major, number 7 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 7 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_7 0x128u
 
-/* world to camera, row-major, number 8 of 9 (read, write): 28-bit float: sign, 8 exponent bits of
-   bias 127, 19 fraction bits; exponent 0 is zero */
+/* world to camera, row-major, its first two rows times the focal lengths, number 8 of 9 (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_8 0x12Cu
 
-/* the same in the work format, for the Jacobian, number 0 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 0 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_0 0x130u
 
-/* the same in the work format, for the Jacobian, number 1 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 1 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_1 0x134u
 
-/* the same in the work format, for the Jacobian, number 2 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 2 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_2 0x138u
 
-/* the same in the work format, for the Jacobian, number 3 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 3 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_3 0x13Cu
 
-/* the same in the work format, for the Jacobian, number 4 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 4 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_4 0x140u
 
-/* the same in the work format, for the Jacobian, number 5 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 5 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_5 0x144u
 
-/* the same in the work format, for the Jacobian, number 6 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 6 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_6 0x148u
 
-/* the same in the work format, for the Jacobian, number 7 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 7 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_7 0x14Cu
 
-/* the same in the work format, for the Jacobian, number 8 of 9 (read, write): 26-bit float: sign, 8
-   exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 8 of 9 (read, write):
+   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_8 0x150u
 
 /* fx, fy in pixels, number 0 of 2; must be positive (read, write): 28-bit float: sign, 8 exponent
@@ -212,20 +212,20 @@
 /* cx, cy in pixels, number 1 of 2 (read, write): 25-bit signed, value * 2^-10 */
 #define MSV2_CENTRE_1 0x160u
 
-/* clamp of x/z (low, high) and of y/z (low, high), number 0 of 4 (read, write): 28-bit float: sign,
-   8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 0 of 4 (read, write):
+   28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_LIMITS_0 0x164u
 
-/* clamp of x/z (low, high) and of y/z (low, high), number 1 of 4 (read, write): 28-bit float: sign,
-   8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 1 of 4 (read, write):
+   28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_LIMITS_1 0x168u
 
-/* clamp of x/z (low, high) and of y/z (low, high), number 2 of 4 (read, write): 28-bit float: sign,
-   8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 2 of 4 (read, write):
+   28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_LIMITS_2 0x16Cu
 
-/* clamp of x/z (low, high) and of y/z (low, high), number 3 of 4 (read, write): 28-bit float: sign,
-   8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 3 of 4 (read, write):
+   28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_LIMITS_3 0x170u
 
 /* near plane; must be positive (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19

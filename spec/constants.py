@@ -43,6 +43,9 @@ TILE_REACH_MARGIN = 2.0**-5
 TILE_EDGE_MARGIN = 2.0**-5
 """Pixels by which the tile test widens every interval: covers the rounding of the work format at 2,048 pixels."""
 
+EXTENT_SHARE = 8
+"""A footprint's bounding box is widened by 2^-8 of its reach, which covers the rounding of the `extent` format, 2^-9."""
+
 ALPHA_MIN = 1 / 255
 """Alphas below this are skipped (3DGS)."""
 

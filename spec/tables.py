@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from spec.config import AcceleratorConfig, NumberFormats
-from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, LOG2E_HALF, T_STOP
+from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, EXPONENT_SCALE, LOG2E_HALF, LOW_PASS, T_STOP
 
 EXP2_SLOPE_FRAC = 6
 """Fraction bits of the slopes of the exponential's segments."""
@@ -46,6 +46,11 @@ def smoothstep_table(formats: NumberFormats) -> np.ndarray:
 def log2_alpha_min(formats: NumberFormats) -> int:
     """Raw `cut` of alpha = 1/255."""
     return int(formats.cut.quantise(math.log2(ALPHA_MIN)))
+
+
+def scaled_low_pass(formats: NumberFormats) -> float:
+    """LOW_PASS among covariances that are divided by EXPONENT_SCALE^2, in the `work` format."""
+    return float(formats.work.round(LOW_PASS / EXPONENT_SCALE**2))
 
 
 def support_exponent(config: AcceleratorConfig) -> int | None:

@@ -70,10 +70,12 @@ def test_registers_are_the_camera_rounded():
     words, foveation = quantise_model(DEFAULT, model), map_for(turned_view(200, 100), (0.4, 0.4), 4)
     r = frame_registers(DEFAULT, camera, words, foveation, (0.1, 0.5, 1.0))
     half = 2.0**-N.view.sig_bits
-    assert r.rotation == pytest.approx(camera.rotation, rel=half, abs=0) and r.focal == pytest.approx((160, 180), rel=half)
+    in_pixels = camera.rotation * np.array([[160], [180], [1]])
+    assert r.rotation == pytest.approx(in_pixels, rel=half, abs=0) and r.focal == pytest.approx((160, 180), rel=half)
+    assert r.turn == pytest.approx(in_pixels / EXPONENT_SCALE, rel=2.0**-N.work.sig_bits, abs=0)
     assert r.position + words.origin == pytest.approx(camera.position, abs=1e-6)
     assert N.mean2d.to_float(r.centre) == pytest.approx((110, 40), abs=2.0**-11)
-    edges = -110 / 160, (200 - 110) / 160, -40 / 180, (100 - 40) / 180
+    edges = -110, 200 - 110, -40, 100 - 40
     assert r.limits == pytest.approx(np.multiply(FRUSTUM_MARGIN, edges), rel=half)
     assert (r.tiles_x, r.tiles_y) == (13, 7) and len(r.header) == 91
     assert np.array_equal(r.header[:, 0].reshape(7, 13), foveation.tile_level)

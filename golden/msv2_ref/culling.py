@@ -1,8 +1,10 @@
 """Culling and conversion: Gaussian words to projected splats, in the machine's small floats.
 
-Every `rnd` is one operation rounded to V, the `view` format, or W, the `work` format: the dataflow the unit implements.
-The conic leaves as its upper Cholesky factor, scaled to the log2 domain, so that the falloff is u^2 + v^2 >= 0 whatever
-the rounding, and needles lose no precision to cancellation.
+Every `rnd` is one operation rounded to V, the `view` format, or W, the `work` format, or a value of one brought to another:
+the dataflow the unit implements. The conic leaves as its upper Cholesky factor, in the log2 domain, so that the falloff is
+u^2 + v^2 >= 0 whatever the rounding, and needles lose no precision to cancellation. Focal lengths and EXPONENT_SCALE cost the
+unit nothing: the host has multiplied its rotation by the one and divided it by the other, so that slopes come out in pixels
+and covariances in units in which the inverse root of a variance is a factor of the conic.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import RoundTo, dot3, operation, pattern, rnd, round_to
 from spec import tables
 from spec.config import AcceleratorConfig
-from spec.constants import EXPONENT_SCALE, LOW_PASS, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.constants import EXTENT_SHARE, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.records import projected_splat
 
 VISIBLE, NEAR, FAINT, OUTSIDE = 0, 1, 2, 3
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
@@ -50,9 +53,9 @@ class CullingConstants(NamedTuple):
     to_view: RoundTo
     to_work: RoundTo
     to_conic: RoundTo
+    to_extent: RoundTo
     low_pass: float
-    scale: float
-    quat_one: int
+    quat_ulp: float
     mean_one: float
     mean_min: float
     mean_max: float
@@ -70,8 +73,8 @@ def culling_constants(config: AcceleratorConfig) -> CullingConstants:
     n = config.formats
     support = tables.support_exponent(config)
     return CullingConstants(
-        to_view=round_to(n.view), to_work=round_to(n.work), to_conic=round_to(n.conic), low_pass=float(n.work.round(LOW_PASS)),
-        scale=float(n.work.round(EXPONENT_SCALE)), quat_one=1 << (2 * n.quaternion.frac_bits), mean_one=2.0**n.mean2d.frac_bits,
+        to_view=round_to(n.view), to_work=round_to(n.work), to_conic=round_to(n.conic), to_extent=round_to(n.extent),
+        low_pass=tables.scaled_low_pass(n), quat_ulp=2.0**-n.quaternion.frac_bits, mean_one=2.0**n.mean2d.frac_bits,
         mean_min=float(n.mean2d.raw_min), mean_max=float(n.mean2d.raw_max), depth_one=2.0**n.depth.frac_bits,
         depth_max=float(n.depth.raw_max), key_max=n.depth_key.raw_max, cut_ulp=2.0**-n.cut.frac_bits,
         faintest=tables.log2_alpha_min(n), widest=1 << 30 if support is None else support)
@@ -83,7 +86,6 @@ class _Camera(NamedTuple):
     position: np.ndarray
     rotation: np.ndarray
     turn: np.ndarray
-    focal: np.ndarray
     centre: np.ndarray
     limits: np.ndarray
     near: float
@@ -100,27 +102,29 @@ def falloff_limit(opacity, k):
 
 
 @operation
-def _rotation_columns(w, x, y, z, k):
-    """The columns of the rotation matrix of a raw quaternion (integers in float64): exact products, rounded once to W."""
-    one, W = k.quat_one, k.to_work
-    return (
-        (rnd((one - 2 * (y * y + z * z)) / one, W), rnd(2 * (x * y + w * z) / one, W), rnd(2 * (x * z - w * y) / one, W)),
-        (rnd(2 * (x * y - w * z) / one, W), rnd((one - 2 * (x * x + z * z)) / one, W), rnd(2 * (y * z + w * x) / one, W)),
-        (rnd(2 * (x * z + w * y) / one, W), rnd(2 * (y * z - w * x) / one, W), rnd((one - 2 * (x * x + y * y)) / one, W)))
+def _rotation_columns(w, x, y, z, W):
+    """The columns of the rotation matrix of a quaternion."""
+    x2, y2, z2 = 2 * x, 2 * y, 2 * z
+    xx, xy, xz, wx = rnd(x2 * x, W), rnd(x2 * y, W), rnd(x2 * z, W), rnd(x2 * w, W)
+    yy, yz, wy = rnd(y2 * y, W), rnd(y2 * z, W), rnd(y2 * w, W)
+    zz, wz = rnd(z2 * z, W), rnd(z2 * w, W)
+    return ((rnd(1.0 - rnd(yy + zz, W), W), rnd(xy + wz, W), rnd(xz - wy, W)),
+            (rnd(xy - wz, W), rnd(1.0 - rnd(xx + zz, W), W), rnd(yz + wx, W)),
+            (rnd(xz + wy, W), rnd(yz - wx, W), rnd(1.0 - rnd(xx + yy, W), W)))
 
 
 @operation
-def _jacobian_row(focal, rz, slope, along, forward, W):
-    """One row of J R: focal / z * (R_axis - clamped slope * R_z)."""
-    gain = rnd(focal * rz, W)
-    return (rnd(gain * rnd(along[0] - rnd(slope * forward[0], W), W), W),
-            rnd(gain * rnd(along[1] - rnd(slope * forward[1], W), W), W),
-            rnd(gain * rnd(along[2] - rnd(slope * forward[2], W), W), W))
+def _jacobian_row(slope, along, forward, W):
+    """One row of J R times z: focal * R_axis - clamped slope * R_z, the slope in pixels."""
+    s = rnd(slope, W)
+    return (rnd(along[0] - rnd(s * forward[0], W), W), rnd(along[1] - rnd(s * forward[1], W), W),
+            rnd(along[2] - rnd(s * forward[2], W), W))
 
 
 @operation
-def _splatted_axis(a, b, column, length, W):
+def _splatted_axis(a, b, column, scale, rz, W):
     """One scaled axis of the ellipsoid on the image plane, along x and along y."""
+    length = rnd(scale * rz, W)
     return (rnd(dot3(W, a[0], a[1], a[2], column[0], column[1], column[2]) * length, W),
             rnd(dot3(W, b[0], b[1], b[2], column[0], column[1], column[2]) * length, W))
 
@@ -139,28 +143,39 @@ def _conic(first, second, third, k):
     # Cauchy-Binet: the determinant as a sum of squares neither cancels nor underflows.
     det = rnd(dot3(W, m01, m02, m12, m01, m02, m12) + rnd(k.low_pass * rnd(bare_xx + cov_yy, W), W), W)
     root_yy = rnd(1.0 / np.sqrt(cov_yy), W)
-    factor = rnd(rnd(root_yy * rnd(1.0 / np.sqrt(det), W), W) * k.scale, W)
+    factor = rnd(root_yy * rnd(1.0 / np.sqrt(det), W), W)
     # A footprint too wide for the format is as good as flat: its factors stay at the smallest number, never zero.
-    l1 = max(rnd(cov_yy * factor, C), C.smallest)
-    l2 = rnd(-(cov_xy * factor), C)
-    l3 = max(rnd(root_yy * k.scale, C), C.smallest)
+    l1 = max(rnd(rnd(cov_yy * factor, W), C), C.smallest)
+    l2 = rnd(-rnd(cov_xy * factor, W), C)
+    l3 = max(rnd(root_yy, C), C.smallest)
     return l1, l2, l3, cov_xx, cov_yy
 
 
 @operation
-def _tile_range(mean, extent, size):
+def _extent(variance, limit, k):
+    """Reach of the footprint along an axis in ulps of `mean2d`, an integer, rounded so that it is never too small.
+
+    The root's error of 2^-9 is outweighed by the share of 2^-8 that is added; what fixed point drops, by the margin.
+    """
+    root = rnd(np.sqrt(rnd(variance * limit, k.to_work)), k.to_extent)
+    raw = min(np.floor(root * k.mean_one + 0.5), k.mean_max * 2 + 1)
+    return raw + np.floor(raw * 2.0**-EXTENT_SHARE) + TILE_EDGE_MARGIN * k.mean_one
+
+
+@operation
+def _tile_range(mean, extent, size, k):
     """First and last tile along one axis whose pixel centres lie within `extent` of the mean; first > last: none."""
-    first = np.ceil(mean - extent - 0.5)
-    last = np.floor(mean + extent - 0.5)
+    first, last = np.ceil((mean - extent) / k.mean_one - 0.5), np.floor((mean + extent) / k.mean_one - 0.5)
     if first > last or first > size - 1 or last < 0:
         return 1, 0
     return int(max(first, 0.0)) // TILE, int(min(last, size - 1.0)) // TILE
 
 
 @operation
-def _to_pixels(slope, focal, centre, k):
-    """Raw `mean2d` of a perspective slope: focal * slope rounded HALF_UP onto the grid, plus the principal point."""
-    return min(max(np.floor(rnd(focal * slope, k.to_view) * k.mean_one + 0.5) + centre, k.mean_min), k.mean_max)
+def _to_pixels(slope, centre, k):
+    """Raw `mean2d` of a perspective slope in pixels, rounded HALF_UP with a bit more, plus the principal point."""
+    raw = min(max(np.floor(slope * k.mean_one + 0.5), 2 * k.mean_min), 2 * k.mean_max + 1)
+    return min(max(raw + centre, k.mean_min), k.mean_max)
 
 
 @operation
@@ -194,7 +209,7 @@ def _project_block(block, cam, k):
     c0, c1, c2 = rot[2, 0], rot[2, 1], rot[2, 2]
     wa0, wa1, wa2, wb0, wb1, wb2 = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
     wc0, wc1, wc2 = turn[2, 0], turn[2, 1], turn[2, 2]
-    fx, fy, centre_x, centre_y = cam.focal[0], cam.focal[1], cam.centre[0], cam.centre[1]
+    centre_x, centre_y = cam.centre[0], cam.centre[1]
     low_x, high_x, low_y, high_y = limits[0], limits[1], limits[2], limits[3]
     px, py, pz = position[0], position[1], position[2]
     for j in range(_BLOCK):
@@ -203,19 +218,20 @@ def _project_block(block, cam, k):
         rz = rnd(1.0 / z, V)
         x = rnd(dot3(V, a0, a1, a2, dx, dy, dz) * rz, V)
         y = rnd(dot3(V, b0, b1, b2, dx, dy, dz) * rz, V)
-        a = _jacobian_row(fx, rz, min(max(x, low_x), high_x), (wa0, wa1, wa2), (wc0, wc1, wc2), W)
-        b = _jacobian_row(fy, rz, min(max(y, low_y), high_y), (wb0, wb1, wb2), (wc0, wc1, wc2), W)
+        a = _jacobian_row(min(max(x, low_x), high_x), (wa0, wa1, wa2), (wc0, wc1, wc2), W)
+        b = _jacobian_row(min(max(y, low_y), high_y), (wb0, wb1, wb2), (wc0, wc1, wc2), W)
         first, second, third = _rotation_columns(
-            block[_QUAT + j], block[_QUAT + _BLOCK + j], block[_QUAT + 2 * _BLOCK + j], block[_QUAT + 3 * _BLOCK + j], k)
+            block[_QUAT + j] * k.quat_ulp, block[_QUAT + _BLOCK + j] * k.quat_ulp, block[_QUAT + 2 * _BLOCK + j] * k.quat_ulp,
+            block[_QUAT + 3 * _BLOCK + j] * k.quat_ulp, W)
+        near = rnd(rz, W)
         l1, l2, l3, cov_xx, cov_yy = _conic(
-            _splatted_axis(a, b, first, block[_SCALE + j], W), _splatted_axis(a, b, second, block[_SCALE + _BLOCK + j], W),
-            _splatted_axis(a, b, third, block[_SCALE + 2 * _BLOCK + j], W), k)
-        reach = rnd(rnd(np.sqrt(rnd(block[_LIMIT + j] + TILE_REACH_MARGIN, W)), W) / k.scale, W)
+            _splatted_axis(a, b, first, block[_SCALE + j], near, W),
+            _splatted_axis(a, b, second, block[_SCALE + _BLOCK + j], near, W),
+            _splatted_axis(a, b, third, block[_SCALE + 2 * _BLOCK + j], near, W), k)
+        limit = block[_LIMIT + j] + TILE_REACH_MARGIN
         block[_CONIC + j], block[_CONIC + _BLOCK + j], block[_CONIC + 2 * _BLOCK + j] = l1, l2, l3
-        block[_MEAN2D + j] = _to_pixels(x, fx, centre_x, k)
-        block[_MEAN2D + _BLOCK + j] = _to_pixels(y, fy, centre_y, k)
-        block[_EXTENT + j] = rnd(rnd(np.sqrt(cov_xx), W) * reach, W) + TILE_EDGE_MARGIN
-        block[_EXTENT + _BLOCK + j] = rnd(rnd(np.sqrt(cov_yy), W) * reach, W) + TILE_EDGE_MARGIN
+        block[_MEAN2D + j], block[_MEAN2D + _BLOCK + j] = _to_pixels(x, centre_x, k), _to_pixels(y, centre_y, k)
+        block[_EXTENT + j], block[_EXTENT + _BLOCK + j] = _extent(cov_xx, limit, k), _extent(cov_yy, limit, k)
         block[_DEPTH + j] = min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max)
 
 
@@ -241,8 +257,8 @@ def _project(
                 conic[i, c] = block[_CONIC + c * _BLOCK + j]
             mx, my = block[_MEAN2D + j], block[_MEAN2D + _BLOCK + j]
             mean2d[i, 0], mean2d[i, 1] = int(mx), int(my)
-            x0, x1 = _tile_range(mx / k.mean_one, block[_EXTENT + j], cam.width)
-            y0, y1 = _tile_range(my / k.mean_one, block[_EXTENT + _BLOCK + j], cam.height)
+            x0, x1 = _tile_range(mx, block[_EXTENT + j], cam.width, k)
+            y0, y1 = _tile_range(my, block[_EXTENT + _BLOCK + j], cam.height, k)
             box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1, y0, y1
             reason[i] = OUTSIDE if x0 > x1 or y0 > y1 else VISIBLE
             depth[i] = int(block[_DEPTH + j])
@@ -255,7 +271,7 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
     out = Projected(
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
         np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros((count, 4), np.int16))
-    camera = _Camera(r.position, r.rotation, r.turn, r.focal, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
+    camera = _Camera(r.position, r.rotation, r.turn, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
                      r.key_near, r.depth_scale)
     d = words.decoded
     view_depth = np.empty(count)
@@ -264,4 +280,21 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
     out.reason[faint], out.reason[near] = FAINT, NEAR
     rows = np.flatnonzero(out.reason == VISIBLE)
     for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)
+    return out
+
+
+def projected_splats(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> np.ndarray:
+    """(visible + 1,) ProjectedSplat records in index order, as they leave the projection; the last one is the frame's `end`."""
+    n, g, projected = config.formats, words.geometry, project(config, words, registers)
+    rows = np.flatnonzero(projected.reason == VISIBLE)
+    out = np.zeros(len(rows) + 1, projected_splat(config).dtype)
+    splats = out[:-1]
+    splats["index"], splats["bound"], splats["log2_opacity"] = rows, g["bound"][rows], g["log2_opacity"][rows]
+    for name in ("mean2d", "depth", "depth_key"):
+        splats[name] = getattr(projected, name)[rows]
+    splats["conic"] = n.conic.quantise(projected.conic[rows])
+    splats["offset"] = n.view.quantise(words.decoded.mean[rows] - registers.position)
+    for side, name in enumerate(("first_x", "last_x", "first_y", "last_y")):
+        splats[name] = projected.box[rows, side]
+    out["end"][-1] = 1
     return out

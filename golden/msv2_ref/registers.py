@@ -12,7 +12,7 @@ from golden.msv2_ref.rounding import pattern, round_to
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
-from spec.constants import DEPTH_FRAME_MARGIN, DEPTH_PERCENTILE, DEPTH_REACH, FRUSTUM_MARGIN, TILE
+from spec.constants import DEPTH_FRAME_MARGIN, DEPTH_PERCENTILE, DEPTH_REACH, EXPONENT_SCALE, FRUSTUM_MARGIN, TILE
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,12 @@ class FrameRegisters:
 
     Attributes:
         position: (3,) camera centre relative to the words' origin.
-        rotation: (3, 3) world to camera.
-        turn: (3, 3) the same in the `work` format, for the Jacobian: no operand of a sum may be longer than its result, or one
-            rounding of a float64 sum would not be the correct one.
+        rotation: (3, 3) world to camera, its first two rows times the focal lengths.
+        turn: (3, 3) the same over EXPONENT_SCALE in the `work` format, for the Jacobian: no operand of a sum may be longer than
+            its result, or one rounding of a float64 sum would not be the correct one.
         focal: (2,) fx, fy in pixels.
         centre: (2,) int64, cx, cy, raw `mean2d`.
-        limits: (4,) clamp of x/z (low, high) and y/z (low, high).
+        limits: (4,) clamp of fx x/z (low, high) and fy y/z (low, high), pixels.
         near: near plane.
         width, height: frame in pixels.
         key_near: integer pattern (exponent and fraction) of the near plane; depth key = pattern of z minus this.
@@ -115,12 +115,14 @@ def frame_registers(
     n = config.formats
     far = depth_far(words.decoded.mean, words.origin, camera)
     margin = FRUSTUM_MARGIN
-    limits = [-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx,
-              -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy]
+    right, below = camera.width - camera.cx, camera.height - camera.cy
+    limits = [-margin * camera.cx, margin * right, -margin * camera.cy, margin * below]
+    in_pixels = camera.rotation * [[camera.fx], [camera.fy], [1.0]]
     level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
     return FrameRegisters(
         position=n.view.round(camera.position - words.origin),
-        rotation=n.view.round(camera.rotation), turn=n.work.round(camera.rotation), focal=n.view.round([camera.fx, camera.fy]),
+        rotation=n.view.round(in_pixels), turn=n.work.round(in_pixels / EXPONENT_SCALE),
+        focal=n.view.round([camera.fx, camera.fy]),
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
         key_near=pattern(float(n.view.round(camera.near)), round_to(n.view)),
