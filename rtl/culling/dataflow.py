@@ -203,6 +203,13 @@ class Dataflow:
         """`fn` of the operand's Value wherever it is wanted: wiring, without a register and without a cycle."""
         return self._new(name, "view", to, (operand,), fn=fn)
 
+    def operation(self, name: str, operator: Operator, *operands: Node) -> Node:
+        """An operator of one's own: a FloatUnit with ports a, b of the operands' formats."""
+        formats = tuple(_number(port, node, (SmallFloat, Fixed)) for port, node in zip("ab", operands, strict=False))
+        if formats != operator.operands:
+            raise ValueError(f"operands must be of {operator.operands}, not {formats!r}")
+        return self._new(name, "operation", operator.result, operands, operator)
+
     def negative(self, a: Node) -> Node:
         """-a of a small float: its sign flipped, which zero does not mind."""
         _number("a", a)
