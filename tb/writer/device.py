@@ -1,0 +1,74 @@
+"""The pixel writer between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.vrc_array.pixel_writer import COUNTER_BITS, PixelWriter
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, write_request
+from spec.records import frame_tiles, pixel_row
+from tb.common.playback import Playback, Stream
+
+IDLE_AFTER = 9
+"""Cycles after a write until the memory says that it is idle."""
+
+_OBSERVED = (("pixels", COUNTER_BITS), ("finished", 1), ("busy", 1), ("early", 1))
+
+
+def _settings(config: AcceleratorConfig) -> tuple[tuple[str, int], ...]:
+    return ("width", 14), ("height", 14), ("frame_base", BEAT_BITS), ("tile_count", frame_tiles(config).bit_length())
+
+
+class WriterBench(wiring.Component):
+    """The unit; `begin` is high for a cycle where the setting `frame` changes.
+
+    `early` stays high once `finished` was high within IDLE_AFTER cycles after a write: it then came too soon, as the memory was
+    not idle, or a row too soon.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "rows": In(stream.Signature(layout(pixel_row(config)))),
+            "writes": Out(stream.Signature(layout(write_request(config)))),
+            **{name: In(bits) for name, bits in _settings(config)},
+            **{name: Out(bits) for name, bits in _OBSERVED},
+            "frame": In(8),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.unit = unit = PixelWriter(self.config)
+        wiring.connect(m, wiring.flipped(self.rows), unit.rows)
+        wiring.connect(m, unit.writes, wiring.flipped(self.writes))
+        before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
+        written = self.writes.valid & self.writes.ready
+        m.d.comb += [
+            *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _settings(self.config)),
+            *(getattr(self, name).eq(getattr(unit, name)) for name in ("pixels", "finished", "busy")),
+            unit.begin.eq(before != self.frame),
+            unit.writes_idle.eq(wait == 0),
+        ]
+        m.d.sync += [before.eq(self.frame), finished.eq((finished | unit.finished) & ~unit.begin)]
+        with m.If(written):
+            m.d.sync += wait.eq(IDLE_AFTER)
+        with m.Elif(wait.any()):
+            m.d.sync += wait.eq(wait - 1)
+        m.d.sync += self.early.eq((self.early | finished & (written | wait.any())) & ~unit.begin)
+        return m
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The bench of a configuration, emitted, with files at its streams."""
+    return Playback(
+        name=f"writer-{config.cores_x}", module="writer_bench", verilog=to_verilog(WriterBench(config), "writer_bench"),
+        inputs=(Stream("rows", pixel_row(config)),), outputs=(Stream("writes", write_request(config)),),
+        settings=(*_settings(config), ("frame", 8)), observed=_OBSERVED)
