@@ -98,6 +98,22 @@ def test_one_wrong_bit_shows(results):
     assert np.argwhere(wrong).tolist() == [[0, 6, 0]] and results["wrong pixel"].errors == ()
 
 
+def test_small_frames_with_independent_models_of_axi():
+    pytest.importorskip("cocotbext.axi")
+    from tb.top.axi_small import play_small
+
+    runs = [RUNS[name] for name in ("first", "second", "pauses", "aborted", "cut", "after the cut", "wrong pixel", "stops")]
+    played = play_small(stand_in(TINY), runs, ROOT / "build" / "test-top" / "small", watchdog=500)
+    for run, result in zip(runs, played, strict=True):
+        same = all((got == wanted).all() for got, wanted in zip(result.pixels, expected(run), strict=True))
+        good = run.name in ("first", "second", "pauses", "after the cut")
+        assert same == good and result.done == (good or run.name == "wrong pixel"), run.name
+        assert bool(result.errors) == (run.name == "stops")
+    assert played[3].error is ErrorCode.ABORTED
+    with pytest.raises(ValueError, match="failing addresses"):
+        play_small(stand_in(TINY), [RUNS["read error"]], ROOT / "build" / "test-top" / "small")
+
+
 def test_bad_orders_are_refused(tmp_path):
     machine = stand_in(TINY)
     with pytest.raises(ValueError, match="'bta'"):

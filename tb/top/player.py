@@ -131,7 +131,17 @@ def play_frames(
         SimulationError: the build or the simulation itself fails, a register access is refused among that; broken rules are in
             the results.
     """
-    folder = folder.resolve()  # the simulator runs in it
+    registers, folder = prepare(runs, folder, progress, watchdog)
+    size = beats_log2(max(run.image.beats for run in runs))
+    simulate(
+        machine.design(size), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
+        plusargs=[f"+folder={folder}"])
+    return collect(registers, runs, folder)
+
+
+def prepare(runs: Sequence[FrameRun], folder: Path, progress: bool, watchdog: int) -> tuple[Map, Path]:
+    """Images and orders.json into the folder; the registers, and the folder's full name: the simulator runs in it."""
+    folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     config = runs[0].image.config
     if any(run.image.config != config for run in runs):
@@ -141,17 +151,19 @@ def play_frames(
         "watchdog": watchdog, "progress": progress, "reads": registers.observed,
         "frames": [_orders(registers, run, number, files, folder) for number, run in enumerate(runs)]}
     (folder / "orders.json").write_text(json.dumps(orders))
-    report = folder / "report.json"
-    report.unlink(missing_ok=True)
-    size = beats_log2(max(run.image.beats for run in runs))
-    simulate(
-        machine.design(size), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
-        plusargs=[f"+folder={folder}"])
-    for number in files.values():
-        (folder / f"{number}.bin").unlink()
-    return [
+    (folder / "report.json").unlink(missing_ok=True)
+    return registers, folder
+
+
+def collect(registers: Map, runs: Sequence[FrameRun], folder: Path) -> list[FrameResult]:
+    """Results from report.json and the frames' dumps; the large files go."""
+    items = json.loads((folder / "report.json").read_text())
+    results = [
         _result(registers, run, item, folder / f"{number}.dump")
-        for number, (run, item) in enumerate(zip(runs, json.loads(report.read_text()), strict=True))]
+        for number, (run, item) in enumerate(zip(runs, items, strict=True))]
+    for path in (*folder.glob("*.bin"), *folder.glob("*.dump")):
+        path.unlink()
+    return results
 
 
 def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], folder: Path) -> dict[str, object]:
@@ -188,9 +200,7 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
     for low in [name for name in values if name.endswith("_low")]:
         name = low.removesuffix("_low")
         values[name] = values.pop(low) | values.pop(f"{name}_high") << 32
-    pixels = run.image.frame(dump)
-    dump.unlink()
     return FrameResult(
-        pixels, ErrorCode(registers.part("error", "code", values.get("error", 0))),
+        run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
         item["busy"], item["seconds"], tuple(errors))

@@ -1,0 +1,23 @@
+"""The Verilog memory on its own, against independent AXI models."""
+
+import pytest
+
+pytest.importorskip("cocotbext.axi")
+
+from tb.common.runner import ROOT, simulate
+from tb.top.memory import ERRORS, MemorySpeed, beats_log2, broken_rules
+from tb.top.memory_check import memory_design
+
+
+def test_memory_keeps_its_word():
+    simulate(memory_design(), "tb.top.memory_check", ROOT / "build" / "test-top" / "memory")
+
+
+def test_bandwidth_becomes_credits():
+    assert [MemorySpeed(bytes_per_cycle=rate).signals["gain"] for rate in (25.6, 3.2, 32, None)] == [128, 16, 32, 0]
+    assert [MemorySpeed(bytes_per_cycle=rate).signals["cost"] for rate in (25.6, 3.2, 32, None)] == [160, 160, 32, 0]
+
+
+def test_sizes_and_errors():
+    assert [beats_log2(beats) for beats in (1, 1 << 14, (1 << 14) + 1, 1 << 20)] == [14, 14, 15, 20]
+    assert broken_rules(5) == (ERRORS[1], ERRORS[4]) and broken_rules(0) == ()
