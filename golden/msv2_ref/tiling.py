@@ -69,7 +69,7 @@ def _shape(l1, l2, l3, k):
     W = k.to_work
     hypotenuse = rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)
     turn = rnd(l2 * rnd(1.0 / np.sqrt(hypotenuse), W), W)
-    rise = rnd(1.0 / l3, W)
+    rise = rnd(1.0 / l3, k.to_view)
     return rnd(1.0 / l1, k.to_view), rise, rnd(turn * rise, W)
 
 

@@ -1,0 +1,86 @@
+"""The levels of a frame's tiles on the chip, read sixteen tiles of a row at a time."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, unsigned
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.records import TILE_BITS, tile_level
+
+GROUP = 16
+"""Tiles of a word of the table: neighbours in a row, the first in a column that is a multiple."""
+
+GROUP_PLACES = GROUP.bit_length() - 1
+
+CODE = data.StructLayout({"level": unsigned(2), "blend": unsigned(1)})
+"""What is kept of a tile."""
+
+
+class LevelTable(wiring.Component):
+    """Filled in tile order, once a frame; then read.
+
+    Parameters:
+        config: the machine; `row_width` matters here.
+
+    Ports:
+        table: TileLevel items, one per tile, row-major; `tile` is not looked at. Taken until all tiles of the frame have come.
+        filled: they have.
+        clear: strobe, the frame is over: the next one's items may come.
+        tiles_x, tiles_y: the frame's.
+        enable, row, group: read the tiles 16 group, 16 group + 1, ... of a tile row.
+        codes: what they are, a cycle after `enable`; it stays until the next. Tiles beyond the row's end are undefined.
+
+    Storage: a memory of 48 bits for 16 tiles: for PAPER 960 words in use.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        widest = -(-config.row_width // TILE)
+        self._rows, self._groups = widest, 1 << ((widest - 1) >> GROUP_PLACES).bit_length()
+        super().__init__({
+            "table": In(stream.Signature(layout(tile_level(config)))),
+            "filled": Out(1),
+            "clear": In(1),
+            "tiles_x": In(TILE_BITS + 1),
+            "tiles_y": In(TILE_BITS + 1),
+            "enable": In(1),
+            "row": In(TILE_BITS),
+            "group": In(TILE_BITS - GROUP_PLACES),
+            "codes": Out(data.ArrayLayout(CODE, GROUP)),
+        })
+
+    def _address(self, row: Signal, group: Signal):
+        return Cat(group[: (self._groups - 1).bit_length()], row)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.words = words = memory.Memory(
+            shape=data.ArrayLayout(CODE, GROUP), depth=self._rows * self._groups, init=[])
+        write, read = words.write_port(granularity=1), words.read_port()
+        row, column, item = Signal(TILE_BITS), Signal(TILE_BITS), self.table.payload
+        last_column, last_row = column + 1 == self.tiles_x, row + 1 == self.tiles_y
+        taken = self.table.valid & self.table.ready
+        m.d.comb += [
+            self.table.ready.eq(~self.filled),
+            write.addr.eq(self._address(row, column[GROUP_PLACES:])),
+            write.en.eq(taken << column[:GROUP_PLACES]),
+            read.en.eq(self.enable),
+            read.addr.eq(self._address(self.row, self.group)),
+            self.codes.eq(read.data),
+        ]
+        for code in write.data:
+            m.d.comb += [code.level.eq(item.level), code.blend.eq(item.blend)]
+        with m.If(taken):
+            m.d.sync += column.eq(column + 1)
+            with m.If(last_column):
+                m.d.sync += [column.eq(0), row.eq(row + 1)]
+                with m.If(last_row):
+                    m.d.sync += [row.eq(0), self.filled.eq(1)]
+        with m.If(self.clear):
+            m.d.sync += self.filled.eq(0)
+        return m

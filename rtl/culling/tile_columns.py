@@ -1,0 +1,169 @@
+"""The ellipse test of a tile row: which tile columns hold pixels that a splat can change."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Mux, Value
+
+from rtl.culling.dataflow import Dataflow, Node
+from spec import tables
+from spec.config import AcceleratorConfig
+from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.formats import Fixed, SmallFloat
+from spec.memory import frame_settings
+from spec.records import TILE_BITS, uint
+
+_TILE_PLACES = TILE.bit_length() - 1
+
+
+def _ordered(x: Value) -> Value:
+    """The pattern of a small float as a signed integer of the same order; a negative zero comes below zero."""
+    return (x ^ Cat(x[-1].replicate(len(x) - 1), Const(0, 1))).as_signed()
+
+
+def _larger(a: Value, b: Value) -> Value:
+    return Mux(_ordered(a) < _ordered(b), b, a)
+
+
+def _smaller(a: Value, b: Value) -> Value:
+    return Mux(_ordered(a) > _ordered(b), b, a)
+
+
+def falloff_format(config: AcceleratorConfig) -> Fixed:
+    """Of the tile test's falloff limit, margin included, which is positive."""
+    n, support = config.formats, tables.support_exponent(config)
+    strongest = n.log2_opacity.raw_max - tables.log2_alpha_min(n)
+    most = (strongest if support is None else min(strongest, support)) + _raw(TILE_REACH_MARGIN, n.cut)
+    return Fixed(most.bit_length() - n.cut.frac_bits, n.cut.frac_bits, False)
+
+
+def _raw(x: float, number: Fixed) -> int:
+    raw = int(number.quantise(x))
+    if raw * 2.0**-number.frac_bits != x:
+        raise ValueError(f"{number} must hold {x}, not {raw * 2.0**-number.frac_bits!r}")
+    return raw
+
+
+def _as(x: Value, number: SmallFloat, to: SmallFloat) -> Value:
+    """The same number in a format that holds all of the other's."""
+    if number.sig_bits > to.sig_bits or number.exp_min < to.exp_min or number.exp_max > to.exp_max:
+        raise ValueError(f"{to} must hold every number of the format, not {number!r}")
+    fraction, exponent = x[: number.sig_bits - 1], x[number.sig_bits - 1 : -1]
+    biased = (exponent + (to.bias - number.bias))[: to.exp_bits] & exponent.any().replicate(to.exp_bits)
+    return Cat(Const(0, to.sig_bits - number.sig_bits), fraction, biased, x[-1])
+
+
+class _Ellipse:
+    """The graph under construction, and what its steps have in common."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self.config, self.formats, self.g = config, config.formats, Dataflow()
+        self.work, self.view = config.formats.work, config.formats.view
+        self._wide: dict[Node, Node] = {}
+
+    def wide(self, x: Node) -> Node:
+        """x in the view format where operators are shared, so that all of them can be: the result is the same."""
+        if x.to == self.view or self.config.point_interval == 1:
+            return x
+        if x not in self._wide:
+            self._wide[x] = self.g.view(f"wide_{x.name}", self.view, lambda bits: _as(bits, x.to, self.view), x)
+        return self._wide[x]
+
+    def mul(self, a: Node, b: Node, to: SmallFloat) -> Node:
+        """a * b."""
+        return self.g.mul(self.wide(a), self.wide(b), to)
+
+    def inverse(self, a: Node) -> Node:
+        """1 / a."""
+        return self.g.reciprocal(self.wide(a), self.view)
+
+    def limit(self, opacity: Node, other: Node) -> tuple[Node, Node]:
+        """The falloff limit of the stronger opacity in the work format, and whether that is too faint to be seen."""
+        g, n, number = self.g, self.formats, falloff_format(self.config)
+        faintest, support = tables.log2_alpha_min(n), tables.support_exponent(self.config)
+        margin = _raw(TILE_REACH_MARGIN, n.cut)
+
+        def bounded(x: Value) -> Value:
+            above = Mux(x < faintest, 0, x - faintest)
+            return (above if support is None else Mux(above > support, support, above)) + margin
+
+        strongest = g.logic("strongest", n.log2_opacity, lambda a, b: Mux(a > b, a, b), opacity, other)
+        return g.to_float(g.logic("limit", number, bounded, strongest), self.work), g.logic(
+            "faint", 1, lambda x: x < faintest, strongest)
+
+    def rows(self, row: Node, mean_y: Node, height: Node) -> tuple[Node, Node]:
+        """The heights of the row's first and last pixel centres over the mean, margins added, in the view format."""
+        g, n = self.g, self.formats
+        frac, margin = n.mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, n.mean2d)
+        inset = (1 << frac - 1) - margin
+
+        def low(row: Value, mean: Value) -> Value:
+            return Cat(Const(0, frac + _TILE_PLACES), row, Const(0, 1)).as_signed() - mean + inset
+
+        def high(row: Value, mean: Value, height: Value) -> Value:
+            last = (row + 1) << _TILE_PLACES
+            return (Mux(last < height, last, height) << frac) - mean - inset
+
+        return (g.to_float(g.logic("low", n.reach, low, row, mean_y), self.view),
+                g.to_float(g.logic("high", n.reach, high, row, mean_y, height), self.view))
+
+    def reach(self, y: Node, narrow: Node, l2: Node, l3: Node, limit: Node) -> Node:
+        """How far the ellipse reaches to the left at height y, and to the right at -y."""
+        g, work, view = self.g, self.work, self.view
+        v = self.mul(l3, y, work)
+        u = g.sqrt(g.sub(limit, self.mul(v, v, work), work), work)
+        return g.to_fixed(self.mul(g.add(u, self.mul(l2, y, view), view), narrow, view), self.formats.reach)
+
+    def clamped(self, name: str, steep: Node, low: Node, high: Node) -> Node:
+        """The height, within the row and the ellipse, at which it reaches farthest to the left."""
+        return self.g.logic(name, self.view, lambda x, low, high: Mux(
+            _ordered(x) > _ordered(high), high, _larger(x, low)), steep, low, high)
+
+
+def tile_columns(config: AcceleratorConfig) -> Dataflow:
+    """The graph of the test, one slot a run of tiles.
+
+    Inputs: l1, l2, l3; mean_x, mean_y; row, the tile row; opacity, other_opacity, the stronger of which counts.
+    Settings: width, height of the frame.
+    Outputs: first and last tile column, inside the frame; none, high where the ellipse meets no pixel centre.
+
+    The ellipse is u^2 + v^2 <= limit with u = l1 x + l2 y, v = l3 y. It reaches sqrt(limit) / l3 along y. Its leftmost point
+    lies at y = sqrt(limit) l2 / (l3 sqrt(l2^2 + l3^2)), its rightmost opposite. It reaches (u + l2 y) / l1 to the left.
+    """
+    e = _Ellipse(config)
+    g, n, work, view = e.g, e.formats, e.work, e.view
+    l1, l2, l3 = (g.input(name, n.conic) for name in ("l1", "l2", "l3"))
+    mean_x, mean_y = g.input("mean_x", n.mean2d), g.input("mean_y", n.mean2d)
+    row = g.input("row", uint(TILE_BITS))
+    opacity, other = g.input("opacity", n.log2_opacity), g.input("other_opacity", n.log2_opacity)
+    size = {field.name: field.format for field in frame_settings(config).fields}
+    width, height = g.setting("width", size["width"]), g.setting("height", size["height"])
+
+    limit, faint = e.limit(opacity, other)
+    root, rise, narrow = g.sqrt(limit, work), e.inverse(l3), e.inverse(l1)
+    squares = g.add(e.mul(l2, l2, work), e.mul(l3, l3, work), work)
+    slant = e.mul(e.mul(l2, g.rsqrt(squares, work), work), rise, work)
+    rim, steep = e.mul(root, rise, view), e.mul(root, slant, view)
+
+    bottom, top = e.rows(row, mean_y, height)
+    missed = g.logic("missed", 1, lambda low, high, rim, below: (_ordered(low) > _ordered(rim)) | (
+        _ordered(high) < _ordered(below)), bottom, top, rim, g.negative(rim))
+    low = g.logic("lowest", view, _larger, bottom, g.negative(rim))
+    high = g.logic("highest", view, _smaller, top, rim)
+    left = e.reach(e.clamped("leftmost", steep, low, high), narrow, l2, l3, limit)
+    right = e.reach(e.clamped("rightmost", steep, g.negative(high), g.negative(low)), narrow, l2, l3, limit)
+    _columns(g, n.mean2d, width, mean_x, left, right, g.logic("hidden", 1, lambda a, b: a | b, faint, missed))
+    return g
+
+
+def _columns(g: Dataflow, mean2d: Fixed, width: Node, mean: Node, left: Node, right: Node, hidden: Node) -> None:
+    """The outputs, from the ellipse's reaches."""
+    frac, margin, pixel = mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, mean2d), uint(width.to.width)
+    half, whole = 1 << frac - 1, mean2d.int_bits + 3  # a sum of three such numbers, with a sign
+    first = g.logic("first_pixel", Fixed(whole, 0, True), lambda mean, x: (mean - x + (half - 1 - margin)) >> frac, mean, left)
+    last = g.logic("last_pixel", Fixed(whole, 0, True), lambda mean, x: (mean + x - (half - margin)) >> frac, mean, right)
+    edge = g.logic("edge", pixel, lambda last, width: Mux(last < width, last, width - 1)[: pixel.width], last, width)
+    g.output("none", g.logic("none", 1, lambda first, last, hidden, width: (
+        hidden | (first > last) | (first >= width) | last[-1]), first, last, hidden, width))
+    g.output("first", g.logic("first", uint(TILE_BITS), lambda x: Mux(
+        x[-1], 0, x[_TILE_PLACES:][:TILE_BITS]), first))
+    g.output("last", g.view("last", uint(TILE_BITS), lambda x: x[_TILE_PLACES:][:TILE_BITS], edge))

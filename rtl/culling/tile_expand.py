@@ -1,0 +1,153 @@
+"""Runs of tiles to tile entries, through the foveation filter; and which splats have any."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.level_table import GROUP_PLACES
+from rtl.culling.tile_runs import PLACE
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from spec.config import AcceleratorConfig
+from spec.records import TILE_BITS, Record, entry_item, projected_splat, surviving_splat, tile_index
+
+COUNTER_BITS = 32
+"""Of a frame's counters."""
+
+PLAN = data.StructLayout({
+    "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES), "begin": PLACE, "stop": PLACE,
+    "level": unsigned(2), "passes": 1, "last": 1, "end": 1})
+"""A run as it passes the ellipse test: where it is, whether the foveation filter lets it pass, and the marks of TileRuns."""
+
+
+def kept_record(config: AcceleratorConfig) -> Record:
+    """What entries and survivors want of a splat."""
+    wanted = {f.name for f in surviving_splat(config).fields} - {"end"} | {"depth_key"}
+    return Record("KeptSplat", kept_record.__doc__, tuple(f for f in projected_splat(config).fields if f.name in wanted))
+
+
+def tested_run() -> data.StructLayout:
+    """A run and what the ellipse test found: first and last tile column, whether any."""
+    return data.StructLayout({
+        "first": unsigned(TILE_BITS), "last": unsigned(TILE_BITS), "none": 1, "carried": PLAN})
+
+
+class TileExpand(wiring.Component):
+    """One entry a cycle of each run that passes; a run that is rejected, or of which nothing is left, takes a cycle.
+
+    Parameters:
+        config: the machine.
+
+    Ports:
+        runs: `tested_run` items.
+        splats: `kept_record` items, one per splat; taken with its last run.
+        entries: EntryItem items; survivors: SurvivingSplat items. Both end with a frame's `end`.
+        tiles_x: tiles of a row.
+        obb: all tiles of a run, whatever the ellipse test found.
+        touched, filtered: tiles of the runs that touch, and of those among them that are rejected, since `clear`; a cycle late.
+        clear: strobe, counts begin at 0.
+        done: strobe, a frame's `end` has left for both streams.
+
+    Throughput: as above. Latency: 2 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            "runs": In(stream.Signature(tested_run())),
+            "splats": In(stream.Signature(layout(kept_record(config)))),
+            "entries": Out(stream.Signature(layout(entry_item(config)))),
+            "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
+            "tiles_x": In(TILE_BITS + 1),
+            "obb": In(1),
+            "touched": Out(COUNTER_BITS),
+            "filtered": Out(COUNTER_BITS),
+            "clear": In(1),
+            "done": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        tile = tile_index(self.config).width
+        clipped = Signal(data.StructLayout({
+            "row_start": unsigned(tile), "first": unsigned(TILE_BITS), "rest": PLACE, "nothing": 1,
+            "level": unsigned(2), "passes": 1, "last": 1, "end": 1}), reset_less=True)
+        clipped_valid, load = Signal(), Signal()
+        m.d.comb += self.runs.ready.eq(load | ~clipped_valid)
+        with m.If(self.runs.ready):
+            m.d.sync += clipped_valid.eq(self.runs.valid)
+            with m.If(self.runs.valid):
+                self._clip(m, clipped)
+        self._expand(m, clipped, clipped_valid, load)
+        return m
+
+    def _clip(self, m: Module, clipped: data.View) -> None:
+        """The tiles that the run and the ellipse have in common, counted from the tile row's start."""
+        run, plan = self.runs.payload, self.runs.payload.carried
+        group_first, group_last = run.first[GROUP_PLACES:], run.last[GROUP_PLACES:]
+        places = slice(0, GROUP_PLACES)
+        begin, stop, outside = Signal(PLACE), Signal(PLACE), Signal()
+        cut_left = ~self.obb & (group_first == plan.group) & (run.first[places] > plan.begin)
+        cut_right = ~self.obb & (group_last == plan.group) & (run.last[places] < plan.stop)
+        m.d.comb += [
+            begin.eq(Mux(cut_left, run.first[places], plan.begin)),
+            stop.eq(Mux(cut_right, run.last[places], plan.stop)),
+            outside.eq((group_first > plan.group) | (group_last < plan.group) | (begin > stop)),
+        ]
+        m.d.sync += [
+            clipped.row_start.eq(plan.row * self.tiles_x),
+            clipped.first.eq((plan.group << GROUP_PLACES) | begin),
+            clipped.rest.eq(stop - begin),
+            clipped.nothing.eq(~self.obb & (run.none | outside)),
+            *(clipped[name].eq(plan[name]) for name in ("level", "passes", "last", "end")),
+        ]
+
+    def _expand(self, m: Module, clipped: data.View, clipped_valid: Signal, load: Signal) -> None:
+        """The run whose entries leave, and the levels of its splat's entries so far."""
+        run, valid = Signal.like(clipped, name="run", reset_less=True), Signal()
+        tile, levels = Signal(tile_index(self.config).width, reset_less=True), Signal(4)
+        m.submodules.surviving = surviving = Buffer(self.survivors.payload.shape())
+        wiring.connect(m, surviving.source, wiring.flipped(self.survivors))
+        emits, final, closes, lives, can, go = (
+            Signal(name=name) for name in ("emits", "final", "closes", "lives", "can", "go"))
+        all_levels = Signal.like(levels)
+        m.d.comb += [
+            emits.eq(run.end | (run.passes & ~run.nothing)),
+            final.eq(run.end | ~emits | (run.rest == 0)),
+            closes.eq(final & (run.last | run.end)),
+            all_levels.eq(levels | ((emits & ~run.end) << run.level)),
+            lives.eq(closes & (run.end | all_levels.any())),
+            can.eq(valid & (run.end | self.splats.valid) & (surviving.sink.ready | ~lives)),
+            self.entries.valid.eq(can & emits),
+            go.eq(can & (self.entries.ready | ~emits)),
+            surviving.sink.valid.eq(go & lives),
+            self.splats.ready.eq(go & closes & ~run.end),
+            self.done.eq(go & run.end),
+            load.eq(~valid | (go & final)),
+        ]
+        kept, entry, survivor = Signal.like(self.splats.payload, name="kept"), self.entries.payload, surviving.sink.payload
+        with m.If(~run.end):  # an item with `end` is all zero beside it
+            m.d.comb += [kept.eq(self.splats.payload), entry.tile.eq(tile), survivor.levels.eq(all_levels)]
+        m.d.comb += [
+            entry.index.eq(kept.index), entry.depth_key.eq(kept.depth_key), entry.end.eq(run.end), survivor.end.eq(run.end),
+            *(survivor[name].eq(kept[name]) for name in kept.shape().members if name in survivor.shape().members)]
+        with m.If(go):
+            m.d.sync += [levels.eq(Mux(closes, 0, all_levels)), tile.eq(tile + 1), run.rest.eq(run.rest - 1)]
+        with m.If(load):
+            m.d.sync += valid.eq(clipped_valid)
+            with m.If(clipped_valid):
+                m.d.sync += [run.eq(clipped), tile.eq(clipped.row_start + clipped.first)]
+        self._count(m, go & ~run.end & ~run.nothing, emits, run.rest)
+
+    def _count(self, m: Module, touches: Signal, emits: Signal, rest: Signal) -> None:
+        """Adds up tiles: an entry at a time, a rejected run at once."""
+        more, rejected = Signal(GROUP_PLACES + 1), Signal()
+        m.d.sync += [more.eq(Mux(touches, Mux(emits, 1, rest + 1), 0)), rejected.eq(~emits)]
+        with m.If(self.clear):
+            m.d.sync += [self.touched.eq(0), self.filtered.eq(0)]
+        with m.Else():
+            m.d.sync += [self.touched.eq(self.touched + more), self.filtered.eq(self.filtered + Mux(rejected, more, 0))]
