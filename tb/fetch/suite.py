@@ -111,8 +111,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(random_case(config, "", seed + 1), f"whole frame after a reset at {cycles}")
     for k in range(4):
         plan.add(random_case(config, "", seed + 2 + k % 2), f"back to back, cleared {k}", reset=False, quiet=0)
+    few = case_of(config, "", [Tile(np.arange(lines // 2).repeat(k)) for k in (1, 2, 3)], seed)
     for k in range(4):
-        plan.add(random_case(config, "", seed + 4), f"back to back, kept {k}", reset=False, clear=k == 0, quiet=0)
+        plan.add(few, f"back to back, kept {k}", reset=False, clear=k == 0, quiet=0)
     case = random_case(config, "", seed + 5)
     plan.add(case, "no error", reset=False)
     plan.add(case_of(config, "", [Tile(INDICES // 2 + np.arange(20))], seed), "error", wrong=(3, 17), clear=False, reset=False)
