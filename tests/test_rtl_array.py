@@ -5,12 +5,14 @@ from __future__ import annotations
 import random
 import re
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import pytest
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected
 
 from rtl.vrc_array.array import VrcArray, emit_vrc_array
+from rtl.vrc_array.blend import BLEND_LATENCY
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.expand import latency
 from rtl.vrc_array.row import PIPELINE, SUMS_LATER
@@ -19,12 +21,14 @@ from spec.constants import TILE
 from spec.records import array_entry, pixel_row, tile_header
 
 PLAIN = TINY.with_(levels=1)
+BASELINE = TINY.with_(incremental=False)
 
 
 @pytest.mark.parametrize("config", [
-    TINY, PLAIN.with_(depth=False, support_sigma=None), DEFAULT.with_(cores_x=8, cores_y=2), TINY.with_(cores_x=2, cores_y=16),
+    TINY, BASELINE, PLAIN.with_(depth=False, support_sigma=None), DEFAULT.with_(cores_x=8, cores_y=2),
+    TINY.with_(cores_x=2, cores_y=16),
     pytest.param(DEFAULT, marks=pytest.mark.long),
-], ids=lambda c: f"{c.cores_x}x{c.cores_y}-{c.level_banks}")
+], ids=lambda c: f"{c.cores_x}x{c.cores_y}-{c.level_banks}{'' if c.incremental else '-baseline'}")
 def test_verilog(config):
     text = emit_vrc_array(config)
     modules = re.findall(r"^module (\S+?)\s?\(", text, re.MULTILINE)
@@ -42,6 +46,7 @@ def test_bad_parameters_are_rejected():
     assert_rejected(lambda: Collect(None), TypeError, None)
     assert_rejected(lambda: Collect(TINY, lines=3), ValueError, 3)
     assert_rejected(lambda: Collect(TINY, lines=4.0), TypeError, 4.0)
+    assert_rejected(lambda: Collect(BASELINE, lines=128), ValueError, 128)
 
 
 def some_pixels(config, rng: random.Random) -> list[dict]:
@@ -54,9 +59,19 @@ def some_pixels(config, rng: random.Random) -> list[dict]:
     } for _ in range(config.cores_x)]
 
 
-def drains(config, *, tiles: int, lines: int | None, takes: float) -> tuple[list[dict], list[dict], list[int]]:
-    """Drains as fast as they are allowed, of made-up pixels: (expected pixel rows, those collected, cycles of the drains)."""
-    dut, rng, record, issued, rows = Collect(config, lines=lines), random.Random(3), pixel_row(config), [], []
+class Drained(NamedTuple):
+    """Expected pixel rows, those collected, cycles of the drains and of the rows' leaving."""
+
+    expected: list[dict]
+    rows: list[dict]
+    issued: list[int]
+    left: list[int]
+
+
+def drains(config, *, tiles: int, lines: int | None, takes: float) -> Drained:
+    """Drains as fast as they are allowed, of made-up pixels."""
+    dut, rng, record, issued = Collect(config, lines=lines), random.Random(3), pixel_row(config), []
+    rows, left = [], []
     delay = 1 + latency(config) + PIPELINE
     order = list(product(range(tiles), range(0, TILE, config.cores_y), range(0, TILE, config.cores_x)))
     pixels = [[some_pixels(config, rng) for _ in range(config.cores_y)] for _ in order]
@@ -83,7 +98,7 @@ def drains(config, *, tiles: int, lines: int | None, takes: float) -> tuple[list
 
     async def bench(ctx):
         tile = 0
-        for cycle in range(3000):
+        for cycle in range(6000):
             if ctx.get(dut.may_drain) and len(issued) < len(order):
                 issued.append(cycle)
             ctx.set(dut.draining, issued[-1:] == [cycle])
@@ -94,6 +109,7 @@ def drains(config, *, tiles: int, lines: int | None, takes: float) -> tuple[list
                 show(ctx, y, cycle)
             if ctx.get(dut.pixels.valid) and ctx.get(dut.pixels.ready):
                 rows.append(record.unpack(ctx.get(dut.pixels.payload).as_bits()))
+                left.append(cycle)
             tile += ctx.get(dut.places.ready)
             await ctx.tick()
             if len(rows) == len(expected):
@@ -104,19 +120,47 @@ def drains(config, *, tiles: int, lines: int | None, takes: float) -> tuple[list
     simulator.add_clock(1e-9)
     simulator.add_testbench(bench)
     simulator.run()
-    return expected, rows, issued
+    return Drained(expected, rows, issued, left)
 
 
 @pytest.mark.parametrize(("config", "lines", "takes"), [
-    (TINY, None, 0.4), (TINY, 4, 0.8), (PLAIN, None, 1.0), (PLAIN.with_(cores_y=16), 17, 0.7),
-    (TINY.with_(cores_x=8, cores_y=2), 2, 1.0),
+    (TINY, 16, 0.4), (TINY, None, 0.8), (PLAIN, 16, 1.0),
+    (PLAIN.with_(cores_y=16), 17, 0.7), (PLAIN.with_(cores_y=16), None, 0.7),
+    (TINY.with_(cores_x=8, cores_y=2), 2, 1.0), (BASELINE, None, 0.4), (BASELINE, None, 1.0),
+    (BASELINE.with_(levels=1, cores_y=16), None, 0.7), (BASELINE.with_(cores_x=16, cores_y=2, depth=False), None, 0.8),
 ])
 def test_rows_are_collected_in_order_and_none_is_lost(config, lines, takes):
-    expected, rows, _ = drains(config, tiles=2, lines=lines, takes=takes)
-    assert rows == expected
+    made = drains(config, tiles=4, lines=lines, takes=takes)
+    if not config.depth:
+        for row in made.expected:
+            row["depth"] = [0] * config.cores_x
+    assert made.rows == made.expected
 
 
 @pytest.mark.parametrize("config", [PLAIN.with_(cores_y=16), DEFAULT.with_(cores_x=2, levels=1)], ids=["4x16", "2x16"])
-def test_drains_follow_without_a_pause(config):
-    _, _, issued = drains(config, tiles=2, lines=None, takes=1.0)
+def test_drains_follow_without_a_pause_where_the_buffer_holds_two(config):
+    issued = drains(config, tiles=2, lines=2 * config.cores_y, takes=1.0).issued
     assert [b - a for a, b in pairwise(issued)] == [config.cores_y] * (len(issued) - 1)
+
+
+@pytest.mark.parametrize("config", [TINY, PLAIN.with_(cores_y=16)], ids=["4x4", "4x16"])
+def test_the_least_buffer_holds_a_drain(config):
+    """A drain waits until the rows of the one before have left, at once where they are taken at once."""
+    made = drains(config, tiles=2, lines=None, takes=1.0)
+    for drain in range(1, len(made.issued)):
+        assert made.issued[drain] == made.left[drain * config.cores_y - 1] + 1
+
+
+@pytest.mark.parametrize("takes", [0.3, 1.0])
+@pytest.mark.parametrize("config", [BASELINE, BASELINE.with_(levels=1, cores_x=8, cores_y=16)], ids=["4x4", "8x16"])
+def test_the_baseline_hands_over_whole_tiles(config, takes):
+    """A tile's first row leaves once its last one is in, and the next but one tile begins when it has gone."""
+    made, each = drains(config, tiles=5, lines=None, takes=takes), TILE * TILE // config.cores_x
+    blocks = config.blocks
+    in_after = latency(config) + PIPELINE + SUMS_LATER + 3 + (BLEND_LATENCY if config.levels > 1 else 0) + config.cores_y
+    for tile in range(5):
+        first, last, all_in = made.left[tile * each], made.left[tile * each + each - 1], made.issued[tile * blocks + blocks - 1]
+        assert first >= all_in + in_after
+        assert takes < 1 or tile or first == all_in + in_after
+        if tile + 2 < 5:
+            assert made.issued[(tile + 2) * blocks] > last

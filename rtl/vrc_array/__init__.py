@@ -7,6 +7,6 @@
     expand      one polynomial to a row of exponents
     row         a row of pixel cores; rows work one cycle behind each other
     pixel_core  alpha, transmittance and sums of one pixel
-    collect     finished rows into the line buffer
+    collect     finished rows into the output buffer
     blend       two levels to one
 """

@@ -5,11 +5,11 @@
                           |              +--------- may_drain ------|-----------------+
                           +----------------- stopped ---------------+
 
-Only what is before the sequencer's output can wait; from there to the line buffer every latency is fixed. With E the latency of
-`expand`, P and L the row's PIPELINE and SUMS_LATER, an op is issued `setup.LATENCY` cycles after its entry's transfer (2 more
-with several blocks), enters row r 1 + E + r later, and has changed that row's transmittance after P, its sums after P + L more.
-A tile's first pixel row comes `setup.LATENCY` + E + P + L + 8 cycles after the slot of its last background op: 32 for 16 x 16
-cores, 3 fewer without levels.
+Only what is before the sequencer's output can wait; from there to the output buffer every latency is fixed. With E the latency
+of `expand`, P and L the row's PIPELINE and SUMS_LATER, an op is issued `setup.LATENCY` cycles after its entry's transfer (2
+more with several blocks), enters row r 1 + E + r later, and has changed that row's transmittance after P, its sums after P + L
+more. A tile's first pixel row comes `setup.LATENCY` + E + P + L + 8 cycles after the slot of its last background op: 32 for 16
+by 16 cores, 3 fewer without levels; from a double buffer when its last one is in.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ COUNTER_BITS = 32
 
 
 class VrcArray(wiring.Component):
-    """The array with its setup unit and line buffer.
+    """The array with its setup unit and output buffer.
 
     Parameters:
         config: the machine.
+        lines: rows of the line buffer; None is the least (`rtl.vrc_array.collect`).
 
     Ports:
         tiles: one header per tile, in the order in which pixels are wanted.
@@ -48,16 +49,17 @@ class VrcArray(wiring.Component):
         pixels: all pixel rows of every tile, in order of tile, block (row-major), row.
         ops: ops issued to the cores since reset, one for each block.
         skipped: entries skipped since reset because their tile's pixels had all stopped.
+        waits: cycles since reset in which an op that ends a block waited for room for its rows, the array behind it.
         busy: a tile or its pixels are on their way.
 
     Throughput: one entry a cycle; two cycles where both levels of a blend tile use it, `config.blocks` times as many where the
     array is smaller than a tile. A tile ends with one more op for each level, and not sooner than `cores_y` cycles a block.
     """
 
-    def __init__(self, config: AcceleratorConfig):
+    def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        self.config = config
+        self.config, self._collect = config, Collect(config, lines=lines)
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_header(config)))),
             "entries": In(stream.Signature(layout(array_entry(config)))),
@@ -65,6 +67,7 @@ class VrcArray(wiring.Component):
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "ops": Out(COUNTER_BITS),
             "skipped": Out(COUNTER_BITS),
+            "waits": Out(COUNTER_BITS),
             "busy": Out(1),
         })
 
@@ -73,7 +76,7 @@ class VrcArray(wiring.Component):
         m.submodules.setup = setup = SetupUnit(self.config)
         m.submodules.sequencer = sequencer = BlockSequencer(self.config)
         m.submodules.expand = expand = Expand(self.config)
-        m.submodules.collect = collect = Collect(self.config)
+        m.submodules.collect = collect = self._collect
         rows = [add_shared(m, platform, f"row{y}", "vrc_row", VrcRow, self.config) for y in range(self.config.cores_y)]
         wiring.connect(m, wiring.flipped(self.entries), setup.entries)
         wiring.connect(m, setup.ops, sequencer.ops)
@@ -87,7 +90,9 @@ class VrcArray(wiring.Component):
         self._chain(m, expand, rows, collect)
         in_flight = self._take_tiles(m, setup, collect, rows)
         m.d.comb += self.busy.eq(in_flight.any() | collect.busy)
-        m.d.sync += [self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped)]
+        m.d.sync += [
+            self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped),
+            self.waits.eq(self.waits + sequencer.waits)]
         return m
 
     def _chain(self, m: Module, expand: Expand, rows: list[VrcRow], collect: Collect) -> None:

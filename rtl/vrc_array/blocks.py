@@ -38,6 +38,7 @@ class BlockSequencer(wiring.Component):
         issue: registered; `issue.op.valid` low is a bubble. Nothing holds it.
         issued: strobe, an op is issued; `issue` has it in the next cycle.
         draining: strobe, the same for an op with `drain`.
+        waits: an op with `drain` is held back in this cycle because of `may_drain`.
 
     Throughput: one block of an op a cycle, of one op after the other without a gap. Latency: 1 cycle; with several blocks 3.
     """
@@ -52,13 +53,15 @@ class BlockSequencer(wiring.Component):
             "issue": Out(issue_layout(config)),
             "issued": Out(1),
             "draining": Out(1),
+            "waits": Out(1),
         })
 
     def elaborate(self, platform) -> Module:
         m = Module()
         if self.config.blocks == 1:
             op = self.ops.payload
-            m.d.comb += self.ops.ready.eq(~op.drain | self.may_drain)
+            m.d.comb += [
+                self.ops.ready.eq(~op.drain | self.may_drain), self.waits.eq(self.ops.valid & op.drain & ~self.may_drain)]
             polynomial = {name: op[name] for name in ("exponent", "slope_x", "slope_y")}
             self._issue(m, self.ops.valid & self.ops.ready, op, polynomial, None)
         else:
@@ -88,7 +91,8 @@ class BlockSequencer(wiring.Component):
         op, step_x, step_y = self._steps(p, wide, high)
         valid = p.control("valid", self.ops.valid).at(2)
         strobe = valid & (~op.drain | self.may_drain)
-        m.d.comb += [advance.eq(~valid | strobe & last_column & last_row), self.ops.ready.eq(advance)]
+        m.d.comb += [
+            advance.eq(~valid | strobe & last_column & last_row), self.ops.ready.eq(advance), self.waits.eq(valid & ~strobe)]
 
         first = {"exponent": op.exponent, "slope_x": op.slope_x, "slope_y": op.slope_y, "step_x": step_x}
         along_row = {name: Signal.like(value, name=f"{name}_here") for name, value in first.items()}

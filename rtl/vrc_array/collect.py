@@ -1,8 +1,16 @@
-"""Collection of finished rows: a drain's rows, one a cycle, levels blended, into the line buffer.
+"""Collection of finished rows: a drain's rows, one a cycle, levels blended, into the buffer at the array's end.
 
 The rows work one cycle behind each other, so that at most one finishes in a cycle; nothing in the array can wait. A drain is
-therefore issued only `cores_y` cycles or more after the one before, and only when the line buffer is sure to have room for all
-of its rows. What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
+therefore issued only `cores_y` cycles or more after the one before, and only when the buffer is sure to have room for all of
+its rows.
+
+That makes a drain's rows the least that the buffer must hold: with 16 rows of cores a tile's. Less would do only if finished
+pixels could stay in their cores, which have no second set of sums: the next tile's first op would have to wait for each row's
+leaving, cycles in which the whole array stands still, while behind a buffer the next tile is already at work. The machine with
+line buffers has that least and its rows leave as they come; the baseline has a double buffer, whose halves change hands as
+whole tiles.
+
+What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
 
     cycle from a drain's strobe    0   1     E + P + 1     E + P + L + 1 E + P + L + 3
     draining                       ~~~~
@@ -11,7 +19,7 @@ of its rows. What a row is (tile, place, blend weights) travels beside the array
     sums of row 0                                          <      >
     both, row multiplexer passed                                         <      >     place and weights arrive beside them
 
-with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the line buffer
+with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the buffer
 follow.
 """
 
@@ -69,9 +77,10 @@ class Collect(wiring.Component):
     """Rows of the array to a stream of pixel rows.
 
     Parameters:
-        config: the machine.
-        lines: rows of the line buffer, at least cores_y; None gives what lets drains follow each other without a pause while
-            pixels are taken at once: two drains, and no less than a tile's height.
+        config: the machine; `incremental` says which buffer.
+        lines: rows of the line buffer, at least cores_y, which None stands for. With cores_y more, and a tile's height where
+            that is more, drains follow each other without a pause while pixels are taken at once. The double buffer's size is
+            fixed: two tiles.
 
     Ports:
         draining: strobe, a drain is issued; `may_drain` must be high.
@@ -79,10 +88,11 @@ class Collect(wiring.Component):
         places: one word for each tile, there before its first drain, taken with its last row.
         rows: the rows of cores.
         pixels: pixel rows, in order of drains and rows.
-        busy: rows are on their way or in the line buffer.
+        busy: rows are on their way or in the buffer.
 
-    Storage: `lines` rows of pixels, 32 x 1,292 bits for 16 x 16 cores with depth. Throughput: one row a cycle. Latency from
-    `draining` to the first pixel row: place_latency + 1, BLEND_LATENCY more with levels, and 2 of the line buffer.
+    Storage: for 16 x 16 cores with depth `lines` = 16 rows of 1,292 bits; 32 in the double buffer. Throughput: one row a cycle.
+    Latency from `draining` to the first pixel row: place_latency + 1, BLEND_LATENCY more with levels, and 2 of the buffer; the
+    double buffer's first row comes when the tile's last one is in.
     """
 
     def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
@@ -90,9 +100,12 @@ class Collect(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         if lines is not None and (not isinstance(lines, int) or isinstance(lines, bool)):
             raise TypeError(f"lines must be an integer or None, not {lines!r}")
+        if lines is not None and not config.incremental:
+            raise ValueError(f"lines must be None where the buffer holds two tiles, not {lines!r}")
         if lines is not None and lines < config.cores_y:
             raise ValueError(f"lines must be at least {config.cores_y}, not {lines!r}")
-        self.config, self.lines = config, max(2 * config.cores_y, TILE) if lines is None else lines
+        self.config, self.tile_rows = config, TILE * TILE // config.cores_x
+        self.lines = (config.cores_y if lines is None else lines) if config.incremental else 2 * self.tile_rows
         super().__init__({
             "draining": In(1),
             "may_drain": Out(1),
@@ -104,7 +117,6 @@ class Collect(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        self._credits(m)
         place = self._places(m)
         end = place_latency(self.config)
         valid = place["valid"].at(end)
@@ -114,18 +126,40 @@ class Collect(wiring.Component):
             end += BLEND_LATENCY
         else:
             mixed = [lane[0] for lane in pixels]
-        self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed)
+        room, shown = Signal(), Signal()
+        comes, leaves = place["valid"].at(end), self.pixels.valid & self.pixels.ready
+        if self.config.incremental:
+            self._claim_rows(m, room, shown, leaves)
+        else:
+            self._claim_tiles(m, room, shown, comes, leaves)
+        wait = Signal(range(self.config.cores_y))
+        m.d.comb += self.may_drain.eq(room & (wait == 0))
+        m.d.sync += wait.eq(Mux(self.draining, self.config.cores_y - 1, wait - wait.any()))
+        self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed, shown)
         return m
 
-    def _credits(self, m: Module) -> None:
-        """Free rows of the line buffer that no drain has claimed, and the distance between drains."""
-        rows = self.config.cores_y
-        free, wait = Signal(range(self.lines + 1), init=self.lines), Signal(range(rows))
-        m.d.comb += [self.may_drain.eq((free >= rows) & (wait == 0)), self.busy.eq(free != self.lines)]
-        m.d.sync += [
-            free.eq(free - Mux(self.draining, rows, 0) + (self.pixels.valid & self.pixels.ready)),
-            wait.eq(Mux(self.draining, rows - 1, wait - wait.any())),
+    def _claim_rows(self, m: Module, room: Signal, shown: Signal, leaves: Value) -> None:
+        """A drain claims its rows, each is free again when it leaves."""
+        rows, free = self.config.cores_y, Signal(range(self.lines + 1), init=self.lines)
+        m.d.comb += [room.eq(free >= rows), shown.eq(1), self.busy.eq(free != self.lines)]
+        m.d.sync += free.eq(free - Mux(self.draining, rows, 0) + leaves)
+
+    def _claim_tiles(self, m: Module, room: Signal, shown: Signal, comes: Value, leaves: Value) -> None:
+        """A tile's first drain claims a half, which is shown when the last row is in and free when that has left."""
+        free, whole, block = Signal(range(3), init=2), Signal(range(3)), Signal(range(self.config.blocks))
+        came, left = Signal(range(self.tile_rows)), Signal(range(self.tile_rows))
+        claims, fills, frees = Signal(), Signal(), Signal()
+        m.d.comb += [
+            room.eq(free.any() | block.any()),
+            shown.eq(whole.any()),
+            self.busy.eq(free != 2),
+            claims.eq(self.draining & ~block.any()),
+            fills.eq(comes & (came == self.tile_rows - 1)),
+            frees.eq(leaves & (left == self.tile_rows - 1)),
         ]
+        m.d.sync += [
+            free.eq(free - claims + frees), whole.eq(whole + fills - frees),  # numbers of rows are powers of two
+            came.eq(came + comes), left.eq(left + leaves), block.eq(block + self.draining)]
 
     def _places(self, m: Module) -> dict[str, Staged]:
         """The place of each row of a drain, from the cycle after its strobe on."""
@@ -189,8 +223,8 @@ class Collect(wiring.Component):
         m.d.comb += [blend.valid.eq(valid), blend.weights.eq(weights.weights), blend.pixels.eq(pixels)]
         return list(blend.mixed)
 
-    def _buffer(self, m: Module, place: dict, mixed: list[data.View]) -> None:
-        """The line buffer; what `config` lacks is not stored."""
+    def _buffer(self, m: Module, place: dict, mixed: list[data.View], shown: Signal) -> None:
+        """The buffer, whose first row is offered while it is `shown`; what `config` lacks is not stored."""
         members = dict(self.pixels.payload.shape())
         if not self.config.depth:
             del members["depth"]
@@ -205,5 +239,5 @@ class Collect(wiring.Component):
                 m.d.comb += word.depth[x].eq(pixel.depth)
         out = data.View(stored, lines.r_data)
         m.d.comb += [lines.w_data.eq(word), lines.w_en.eq(place["valid"])]
-        m.d.comb += [self.pixels.valid.eq(lines.r_rdy), lines.r_en.eq(self.pixels.ready)]
+        m.d.comb += [self.pixels.valid.eq(lines.r_rdy & shown), lines.r_en.eq(self.pixels.ready & shown)]
         m.d.comb += [self.pixels.payload[name].eq(out[name]) for name in members]

@@ -22,7 +22,7 @@ def vrc_playback(config: AcceleratorConfig) -> Playback:
         name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config, emit_vrc_array),
         inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
         outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
-        observed=(("ops", COUNTER_BITS), ("skipped", COUNTER_BITS), ("busy", 1)), apart=("pixel_core",))
+        observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1)), apart=("pixel_core",))
 
 
 def background_bits(config: AcceleratorConfig, background: np.ndarray) -> int:

@@ -22,6 +22,7 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny-1-level": TINY.with_(levels=1),
     "tiny-no-depth": TINY.with_(depth=False),
     "tiny-no-support": TINY.with_(support_sigma=None),
+    "tiny-baseline": TINY.with_(incremental=False),
     "default": DEFAULT,
     "paper": PAPER,
 }
