@@ -60,6 +60,11 @@ class Datapath(wiring.Component):
             "sink": In(stream.Signature(graph.input_layout(carried))),
             "source": Out(stream.Signature(graph.output_layout(carried))), **ports})
 
+    @property
+    def setting_names(self) -> tuple[str, ...]:
+        """The ports that are settings."""
+        return tuple(self._graph.ports)
+
     def elaborate(self, platform) -> Module:
         m = Module()
         work = _Elaboration(m, platform, self, self.schedule)

@@ -170,6 +170,23 @@ class _Scheduler:
             self.put(node, next(c for c in range(self.earliest(node), 1 << 30) if self.free(node, c)))
             waiting.remove(node)
 
+    def delay_all(self) -> None:
+        """Every node as late as its readers allow: what waits is then what is least worked on."""
+        length = self.length()
+        for node in sorted(self.timed, key=lambda n: -self.start[n]):
+            old = self.take(node)
+            latest = self.latest(node, length)
+            self.put(node, next((c for c in range(latest, old, -1) if self.free(node, c)), old))
+
+    def length(self) -> int:
+        """When the last output is born."""
+        return max(_birth(node.stored, self.start) for node in self.graph.outputs.values())
+
+    def latest(self, node: Node, length: int) -> int:
+        """The last start at which all its readers have its value in time."""
+        limits = [self.start[reader] - (node.operator is None) for reader in self.readers[node]]
+        return min(limits, default=length) - _duration(node)
+
     def bits(self, values: set[Node]) -> int:
         """Register bits of these values."""
         total = 0
@@ -180,13 +197,11 @@ class _Scheduler:
 
     def improve(self) -> None:
         """Moves single nodes within their slack to where fewest registers are needed."""
-        length = max(_birth(node.stored, self.start) for node in self.graph.outputs.values())
+        length = self.length()
         for _ in range(_PASSES):
             for node in (*reversed(self.timed), *self.timed):
                 old, touched = self.take(node), {node, *_sources(node)}
-                limits = [self.start[reader] - (node.operator is None) for reader in self.readers[node]]
-                latest = min(limits, default=length) - _duration(node)
-                best = None
+                latest, best = self.latest(node, length), None
                 for cycle in range(self.earliest(node), max(latest, old) + 1):
                     if cycle == old or (cycle <= latest and self.free(node, cycle)):
                         self.start[node] = cycle
@@ -237,8 +252,11 @@ def schedule(graph: Dataflow, interval: int) -> Schedule:
         raise ValueError(f"interval must be at least 1, not {interval!r}")
     if not graph.outputs:
         raise ValueError(f"graph must have an output, not {graph.outputs!r}")
-    work = _Scheduler(graph, interval)
-    work.place_all()
-    work.improve()
-    length = max(_birth(node.stored, work.start) for node in graph.outputs.values())
-    return Schedule(graph, interval, dict(work.start), work.assign(), length)
+    early, late = _Scheduler(graph, interval), _Scheduler(graph, interval)
+    for work in (early, late):
+        work.place_all()
+    late.delay_all()
+    for work in (early, late):
+        work.improve()
+    work = min((early, late), key=lambda work: work.bits(set(work.readers)))
+    return Schedule(graph, interval, dict(work.start), work.assign(), work.length())

@@ -1,0 +1,123 @@
+"""The near test: every point's offset from the camera and its depth; what is behind the near plane, or too faint, ends here."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+from amaranth.hdl import Module, Mux, Value, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.dataflow import Dataflow
+from rtl.culling.datapath import Datapath
+from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
+from rtl.culling.values import order
+from rtl.fixed import as_integer
+from rtl.shapes import layout, shape
+from spec import tables
+from spec.config import AcceleratorConfig, NumberFormats
+from spec.constants import MAX_LEVELS, TILE_REACH_MARGIN
+from spec.formats import UQ, Fixed
+from spec.records import gaussian_point
+
+SETTINGS = ("position", "rotation", "near", "depth_scale")
+
+
+def limit_format(formats: NumberFormats) -> Fixed:
+    """Of the falloff limit: the largest opacity over the faintest that shows, and the margin."""
+    return UQ(formats.log2_opacity.int_bits + 1, formats.log2_opacity.frac_bits)
+
+
+def near_graph(config: AcceleratorConfig) -> Dataflow:
+    """A point's offset, depth and falloff limit, and whether it is behind the near plane or too faint."""
+    n, g = config.formats, Dataflow()
+    view = n.view
+    position, rotation = g.settings("position", view, 3), g.settings("rotation", view, 9)
+    near, depth_scale = g.setting("near", view), g.setting("depth_scale", view)
+    mean = [g.input(f"mean_{i}", n.position) for i in range(3)]
+    opacity = [g.input(f"log2_opacity_{i}", n.log2_opacity) for i in range(MAX_LEVELS)]
+    bound = g.input("bound", unsigned(2))
+
+    offset = tuple(g.sub(a, b, view) for a, b in zip(mean, position, strict=True))
+    z = g.dot3(view, rotation[6:], offset)
+    strongest = g.logic("strongest", n.log2_opacity, _strongest, bound, *opacity)
+    faintest, widest = tables.log2_alpha_min(n), tables.support_exponent(config)
+    room = g.logic("room", n.log2_opacity.width + 1, lambda x: as_integer(x) - faintest, strongest)
+
+    def limit(room: Value) -> Value:
+        reach = room[:-1] if widest is None else Mux(room > widest, widest, room)
+        return reach + int(n.log2_opacity.quantise(TILE_REACH_MARGIN))
+
+    for i, number in enumerate(offset):
+        g.output(f"offset_{i}", number)
+    g.output("z", z)
+    g.output("depth", g.to_fixed(g.mul(z, depth_scale, view), n.depth))
+    g.output("limit", g.logic("limit", limit_format(n), limit, room))
+    g.output("behind", g.logic("behind", 1, lambda z, near: order(z) <= order(near), z, near))
+    g.output("faint", g.logic("faint", 1, lambda x: as_integer(x) < faintest, strongest))
+    return g
+
+
+def _strongest(bound: Value, *opacity: Value) -> Value:
+    """The largest of the levels that use the point."""
+    used = [opacity[0], *(Mux(bound >= level, x, opacity[0]) for level, x in enumerate(opacity) if level)]
+    pairs = [Mux(a > b, a, b) for a, b in zip(used[::2], used[1::2], strict=True)]
+    return reduce(lambda a, b: Mux(a > b, a, b), pairs)
+
+
+def survivor_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A point that goes on to projection: what is left of its record, and what the near test found."""
+    n, point = config.formats, layout(gaussian_point(config))
+    kept = {name: field.shape for name, field in point if name != "mean"}
+    return data.StructLayout({
+        **kept, "offset": data.ArrayLayout(shape(n.view), 3), "z": shape(n.view), "depth": shape(n.depth),
+        "limit": shape(limit_format(n))})
+
+
+class NearTest(wiring.Component):
+    """Points to those that may be seen.
+
+    Parameters:
+        config: the machine; a point enters every `point_interval` cycles.
+
+    Ports:
+        sink: GaussianPoint; a frame ends with an item with `end`.
+        source: survivors of the test, in order, and every `end`.
+        position, rotation, near, depth_scale: settings; near is positive.
+        culled_near, culled_faint: points of the frame that ended here, up to the last one that left the test; they stay until
+            the next frame's first point does. A point for both reasons counts as near.
+
+    Throughput: a point every `point_interval` cycles, culled or not. Latency, storage: those of the datapath of `near_graph`.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        super().__init__({
+            **setting_ports(config, SETTINGS),
+            "sink": In(stream.Signature(layout(gaussian_point(config)))),
+            "source": Out(stream.Signature(survivor_layout(config))),
+            "culled_near": Out(COUNTER_BITS), "culled_faint": Out(COUNTER_BITS)})
+        point = layout(gaussian_point(config))
+        self._carried = data.StructLayout({name: field.shape for name, field in point if name != "mean"})
+        self.datapath = Datapath(near_graph(config), interval=config.point_interval, carried=self._carried)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.datapath = path = self.datapath
+        connect_settings(m, self, path)
+        point, entry = self.sink.payload, path.sink.payload
+        found, left = path.source.payload, self.source.payload
+        for name, value in flatten({"mean": point.mean, "log2_opacity": point.log2_opacity, "bound": point.bound}).items():
+            m.d.comb += entry[name].eq(value)
+        for name, _ in self._carried:
+            m.d.comb += [entry.carried[name].eq(point[name]), left[name].eq(found.carried[name])]
+        for name, value in flatten({name: left[name] for name in ("offset", "z", "depth", "limit")}).items():
+            m.d.comb += value.eq(found[name])
+        end = found.carried.end
+        passes = end | ~(found.behind | found.faint)
+        m.d.comb += [
+            path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),
+            self.source.valid.eq(path.source.valid & passes), path.source.ready.eq(self.source.ready | ~passes)]
+        count_items(
+            m, path.source.valid & path.source.ready, end, (self.culled_near, found.behind),
+            (self.culled_faint, found.faint & ~found.behind))
+        return m

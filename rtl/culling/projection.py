@@ -1,0 +1,207 @@
+"""Projection: a point in front of the camera to a splat, its conic and the box of tiles it may touch."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.dataflow import Dataflow, Node
+from rtl.culling.datapath import Datapath
+from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
+from rtl.culling.near import limit_format, survivor_layout
+from rtl.culling.values import at_least_smallest, clamp, doubled, rescale, widen
+from rtl.fixed import as_integer, saturate
+from rtl.shapes import layout
+from spec import tables
+from spec.config import AcceleratorConfig
+from spec.constants import EXTENT_SHARE, TILE, TILE_EDGE_MARGIN
+from spec.formats import SQ, UQ
+from spec.memory import frame_settings
+from spec.records import TILE_BITS, projected_splat
+
+SETTINGS = ("rotation", "turn", "centre", "limits", "near", "width", "height")
+Triple = tuple[Node, Node, Node]
+"""A vector's components."""
+
+
+class _Projection:
+    """The graph under construction: each method is a step of the arithmetic."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self.config, self.n, self.g = config, config.formats, Dataflow()
+        fields = {f.name: f for f in frame_settings(config).fields}
+        self.settings = {
+            name: self.g.settings(name, fields[name].format, fields[name].count) if fields[name].count > 1 else
+            self.g.setting(name, fields[name].format) for name in SETTINGS}
+
+    def build(self) -> Dataflow:
+        g, n = self.g, self.n
+        offset = tuple(g.input(f"offset_{i}", n.view) for i in range(3))
+        z, scale = g.input("z", n.view), [g.input(f"scale_{i}", n.scale) for i in range(3)]
+        quat = [g.input(f"quat_{i}", n.quaternion) for i in range(4)]
+        limit = g.to_float(g.input("limit", limit_format(n)), n.work)
+
+        inverse = g.reciprocal(z, n.view)
+        slopes = [g.mul(g.dot3(n.view, self.row("rotation", i), offset), inverse, n.view) for i in range(2)]
+        rows = [self.jacobian_row(i, slope) for i, slope in enumerate(slopes)]
+        near = self.narrow("near_inverse", inverse)
+        axes = [self.splatted_axis(rows, column, length, near) for column, length in zip(
+            self.rotation_columns(quat), scale, strict=True)]
+        variances = self.conic(axes)
+        for i, (slope, variance) in enumerate(zip(slopes, variances, strict=True)):
+            self.box(i, self.pixels(i, slope), g.mul(variance, limit, n.work))
+        g.output("depth_key", g.logic("depth_key", n.depth_key, self.depth_key, z, self.settings["near"]))
+        return g
+
+    def row(self, name: str, i: int) -> Triple:
+        """Of a setting that is a matrix."""
+        return self.settings[name][3 * i : 3 * i + 3]
+
+    def narrow(self, name: str, x: Node) -> Node:
+        """x in the `work` format."""
+        return self.g.logic(name, self.n.work, lambda v: rescale(v, x.to, self.n.work), x)
+
+    def jacobian_row(self, i: int, slope: Node) -> Triple:
+        """Row i of J R times z."""
+        g, work = self.g, self.n.work
+        low, high = self.settings["limits"][2 * i : 2 * i + 2]
+        held = self.narrow(f"slope_{i}", g.logic(f"clamped_{i}", self.n.view, clamp, slope, low, high))
+        return tuple(g.sub(along, g.mul(held, forward, work), work) for along, forward in zip(
+            self.row("turn", i), self.row("turn", 2), strict=True))
+
+    def rotation_columns(self, quat: list[Node]) -> tuple[Triple, Triple, Triple]:
+        """Of the rotation matrix of a quaternion."""
+        g, work = self.g, self.n.work
+        one = g.constant(1.0, work)
+        w, x, y, z = (g.to_float(q, work) for q in quat)
+        x2, y2, z2 = (g.logic("twice", work, lambda v: doubled(v, work), q) for q in (x, y, z))
+        xx, xy, xz, wx = (g.mul(x2, q, work) for q in (x, y, z, w))
+        yy, yz, wy = (g.mul(y2, q, work) for q in (y, z, w))
+        zz, wz = (g.mul(z2, q, work) for q in (z, w))
+
+        def rest(a: Node, b: Node) -> Node:
+            return g.sub(one, g.add(a, b, work), work)
+
+        return ((rest(yy, zz), g.add(xy, wz, work), g.sub(xz, wy, work)),
+                (g.sub(xy, wz, work), rest(xx, zz), g.add(yz, wx, work)),
+                (g.add(xz, wy, work), g.sub(yz, wx, work), rest(xx, yy)))
+
+    def splatted_axis(self, rows: list[Triple], column: Triple, scale: Node, near: Node) -> tuple[Node, Node]:
+        """One scaled axis of the ellipsoid on the image plane, along x and along y."""
+        g, work = self.g, self.n.work
+        length = g.mul(g.view("length", work, lambda v: widen(v, self.n.scale, work), scale), near, work)
+        return tuple(g.mul(g.dot3(work, row, column), length, work) for row in rows)
+
+    def conic(self, axes: list[tuple[Node, Node]]) -> tuple[Node, Node]:
+        """Outputs the Cholesky factors; the variances, low-pass included."""
+        g, work, to = self.g, self.n.work, self.n.conic
+        p, t = zip(*axes, strict=True)
+        low_pass = g.constant(tables.scaled_low_pass(self.n), work)
+        bare_xx, bare_yy, cov_xy = g.dot3(work, p, p), g.dot3(work, t, t), g.dot3(work, p, t)
+        cov_xx, cov_yy = g.add(bare_xx, low_pass, work), g.add(bare_yy, low_pass, work)
+        minors = tuple(g.sub(g.mul(p[i], t[j], work), g.mul(p[j], t[i], work), work) for i, j in ((0, 1), (0, 2), (1, 2)))
+        det = g.add(g.dot3(work, minors, minors), g.mul(low_pass, g.add(bare_xx, cov_yy, work), work), work)
+        root_yy = g.rsqrt(cov_yy, work)
+        factor = g.mul(root_yy, g.rsqrt(det, work), work)
+
+        def positive(v: Value) -> Value:
+            return at_least_smallest(rescale(v, work, to), to)
+
+        g.output("conic_0", g.logic("l1", to, positive, g.mul(cov_yy, factor, work)))
+        g.output("conic_1", g.logic("l2", to, lambda v: rescale(v, work, to, negate=True), g.mul(cov_xy, factor, work)))
+        g.output("conic_2", g.logic("l3", to, positive, root_yy))
+        return cov_xx, cov_yy
+
+    def pixels(self, i: int, slope: Node) -> Node:
+        """Outputs the projected mean: the slope with a bit more, and the principal point."""
+        g, to = self.g, self.n.mean2d
+        raw = g.to_fixed(slope, SQ(to.int_bits + 1, to.frac_bits))
+        mean = g.logic(f"mean2d_{i}", to, lambda x, c: saturate(x + c, to), raw, self.settings["centre"][i])
+        g.output(f"mean2d_{i}", mean)
+        return mean
+
+    def box(self, i: int, mean: Node, square: Node) -> None:
+        """Outputs first and last tile along an axis, and whether there is none."""
+        g, to = self.g, self.n.mean2d
+        size, frac = self.settings[("width", "height")[i]], to.frac_bits
+        margin, half, axis = int(to.quantise(TILE_EDGE_MARGIN)), 1 << (frac - 1), "xy"[i]
+        raw = g.to_fixed(g.sqrt(square, self.n.extent), UQ(to.int_bits + 1, frac))
+        extent = g.logic(f"extent_{axis}", raw.width + 1, lambda x: x + (x >> EXTENT_SHARE) + margin, raw)
+        first = g.logic(f"first_pixel_{axis}", SQ(to.int_bits + 3, 0), lambda m, e: (
+            m - as_integer(e) + (half - 1)) >> frac, mean, extent)
+        last = g.logic(f"last_pixel_{axis}", SQ(to.int_bits + 3, 0), lambda m, e: (
+            m + as_integer(e) - half) >> frac, mean, extent)
+        # An end of the interval that is off the frame is not a number of pixels any more, but the frame's edge.
+        edge = g.logic(f"edge_{axis}", size.to, lambda size: size - 1, size)
+        shift = TILE.bit_length() - 1
+        ends = g.logic(f"tiles_{axis}", 2 * TILE_BITS + 1, lambda first, last, edge: Cat(
+            (Mux(first < 0, 0, first) >> shift)[:TILE_BITS], (Mux(last > edge, edge, last) >> shift)[:TILE_BITS],
+            (first > last) | (first > edge) | (last < 0)), first, last, edge)
+        for name, low in (("first", 0), ("last", TILE_BITS)):
+            g.output(f"{name}_{axis}", g.view(name, TILE_BITS, lambda x, low=low: x[low : low + TILE_BITS], ends))
+        g.output(f"outside_{axis}", g.view("outside", 1, lambda x: x[-1], ends))
+
+    def depth_key(self, z: Value, near: Value) -> Value:
+        """Ulps of z above the near plane."""
+        ulps, largest = z[:-1] - near[:-1], self.n.depth_key.raw_max
+        return Mux(ulps > largest, largest, ulps)
+
+
+def projection_graph(config: AcceleratorConfig) -> Dataflow:
+    """A survivor's mean, conic, sort key and box."""
+    return _Projection(config).build()
+
+
+class Projection(wiring.Component):
+    """Survivors of the near test to splats whose box meets the frame.
+
+    Parameters:
+        config: the machine; a point enters every `point_interval` cycles.
+
+    Ports:
+        sink: survivors; a frame ends with an item with `end`.
+        source: ProjectedSplat, in order, and every `end`, all zero beside it.
+        rotation, turn, centre, limits, near, width, height: settings; near and the sizes are positive, limits in order.
+        culled_outside: points of the frame that ended here, up to the last one that left; it stays until the next frame's first
+            item does.
+
+    Throughput: a point every `point_interval` cycles, culled or not. Latency, storage: those of the datapath.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._splat = layout(projected_splat(config))
+        super().__init__({
+            **setting_ports(config, SETTINGS),
+            "sink": In(stream.Signature(survivor_layout(config))), "source": Out(stream.Signature(self._splat)),
+            "culled_outside": Out(COUNTER_BITS)})
+        graph, survivor = projection_graph(config), survivor_layout(config)
+        self._carried = data.StructLayout({
+            name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end")})
+        self.datapath = Datapath(graph, interval=config.point_interval, carried=self._carried)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.datapath = path = self.datapath
+        connect_settings(m, self, path)
+        point, entry = self.sink.payload, path.sink.payload
+        found, splat = path.source.payload, self.source.payload
+        computed = {name: point[name] for name in ("offset", "z", "scale", "quat", "limit")}
+        for name, value in flatten(computed).items():
+            m.d.comb += entry[name].eq(value)
+        end, outside = found.carried.end, found.outside_x | found.outside_y
+        passes = end | ~outside
+        for name, _ in self._carried:
+            m.d.comb += entry.carried[name].eq(point[name])
+        with m.If(~end):  # an item with `end` is all zero beside it
+            for name, _ in self._carried:
+                m.d.comb += splat[name].eq(found.carried[name])
+            others = {name: splat[name] for name, _ in self._splat if name not in self._carried.members}
+            for name, value in flatten(others).items():
+                m.d.comb += value.eq(found[name])
+        m.d.comb += [
+            splat.end.eq(end),
+            path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),
+            self.source.valid.eq(path.source.valid & passes), path.source.ready.eq(self.source.ready | ~passes)]
+        count_items(m, path.source.valid & path.source.ready, end, (self.culled_outside, outside))
+        return m

@@ -1,0 +1,47 @@
+"""Combinational logic of numbers between operations: small floats compared, brought to other formats, doubled."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Mux, Value
+
+from rtl.float.number import fields, round_and_pack
+from spec.formats import SmallFloat
+
+
+def order(x: Value) -> Value:
+    """An unsigned number that orders signed patterns of one format like their values; zero must be the pattern 0."""
+    negative = x[-1]
+    return Cat(x[:-1] ^ negative.replicate(len(x) - 1), ~negative)
+
+
+def clamp(x: Value, low: Value, high: Value) -> Value:
+    """x within low..high, which are in order."""
+    return Mux(order(x) < order(low), low, Mux(order(x) > order(high), high, x))
+
+
+def rescale(x: Value, number: SmallFloat, to: SmallFloat, *, negate: bool = False) -> Value:
+    """x, or -x, in another format: rounded HALF_EVEN, flushed, saturating."""
+    f = fields(x, number)
+    exponent = f.exponent - number.bias + to.bias
+    rounded = round_and_pack(
+        lambda _, value: value, to, f.significand, exponent, negative=f.negative ^ negate, nonzero=f.nonzero)
+    return rounded[: to.width]
+
+
+def widen(x: Value, number: SmallFloat, to: SmallFloat) -> Value:
+    """x, unsigned, in a format that has all numbers of its own: wiring but for the exponent's bias."""
+    f = fields(x, number)
+    exponent = Mux(f.nonzero, f.exponent + (to.bias - number.bias), 0)[: to.exp_bits]
+    return Cat(Const(0, to.sig_bits - number.sig_bits), f.significand[:-1], exponent, Const(0, to.signed))
+
+
+def doubled(x: Value, number: SmallFloat) -> Value:
+    """2 x of a number far from the format's largest."""
+    low = number.sig_bits - 1
+    exponent = x[low : low + number.exp_bits]
+    return Cat(x[:low], (exponent + exponent.any())[: number.exp_bits], x[low + number.exp_bits :])
+
+
+def at_least_smallest(x: Value, number: SmallFloat) -> Value:
+    """x, which is not negative, or the format's smallest positive number for zero."""
+    return Mux(x.any(), x, 1 << (number.sig_bits - 1))
