@@ -84,3 +84,12 @@ def root_seeds(formats: NumberFormats) -> tuple[np.ndarray, np.ndarray]:
     root = np.rint(DIRECTION_SCALE / np.sqrt(np.concatenate([middle, 2 * middle])) * (1 << SEED_FRAC_BITS)).astype(np.int64)
     exact = (root / (1 << SEED_FRAC_BITS) / DIRECTION_SCALE) ** 2
     return root, np.rint(exact * (1 << formats.sh_basis.frac_bits)).astype(np.int64)
+
+
+def sum_format(formats: NumberFormats) -> Fixed:
+    """Exact sums of basis functions times coefficients, and of those with the base colour.
+
+    The squares of 15 functions sum to 15 / 4 pi (Unsoeld), so their magnitudes to 4.3 at most; coefficients lie below 2, base
+    colours below 4.
+    """
+    return SQ(4, formats.sh_basis.frac_bits + formats.sh_rest.frac_bits)

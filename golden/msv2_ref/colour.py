@@ -18,7 +18,9 @@ from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
 from golden.msv2_ref.rounding import RoundTo, operation, rnd, round_to
 from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
 from spec.harmonics import SEED_FRAC_BITS, SEED_INDEX_BITS, Factors, factors, root_seeds
+from spec.memory import splat_view
 
 
 class _Constants(NamedTuple):
@@ -77,8 +79,8 @@ def _directions(block, k):
     for j in range(_BLOCK):
         x, y, z = block[_X + j], block[_Y + j], block[_Z + j]
         exponent = np.float64(max(abs(x), abs(y), abs(z))).view(np.int64) & _EXPONENT
-        shift = np.int64((2046 << 52) - exponent).view(np.float64) * k.one
-        x, y, z = np.trunc(-x * shift), np.trunc(-y * shift), np.trunc(z * shift)
+        unit = np.int64((2046 << 52) - exponent).view(np.float64)
+        x, y, z = np.trunc(-x * unit * k.one), np.trunc(-y * unit * k.one), np.trunc(z * unit * k.one)
         root = _scaled_root(_product(x, x, k) + _product(y, y, k) + _product(z, z, k), k)
         block[_X + j], block[_Y + j], block[_Z + j] = _product(x, root, k), _product(y, root, k), _product(z, root, k)
 
@@ -151,3 +153,32 @@ def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: Fr
     for_slices(_colours, len(rows), rows, words.decoded.mean, words.colour["dc"], rest, registers.position, words.sh_degree,
                _constants(config), colour)
     return colour
+
+
+def survivor_views(
+    config: AcceleratorConfig, survivors: np.ndarray, records: np.ndarray, sh_degree: int, view_shift: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the unit writes for a frame, in order: a view for every level of every splat.
+
+    Args:
+        config: the machine.
+        survivors: (N,) SurvivingSplat records without the `end`.
+        records: (N,) their GaussianColour records, of at least that degree.
+        sh_degree: degree in use.
+        view_shift: views of a Gaussian are 1 << view_shift.
+
+    Returns:
+        (M,) SplatView records and (M,) int64 their beats, from the base of the views.
+    """
+    colour, offset = np.empty((len(survivors), MAX_LEVELS, 3), np.int32), config.formats.view.to_float(survivors["offset"])
+    rest = records["rest"] if sh_degree else np.zeros((len(records), 1), np.int16)
+    for_slices(_colours, len(survivors), np.arange(len(survivors)), offset, np.ascontiguousarray(records["dc"]),
+               np.ascontiguousarray(rest), np.zeros(3), sh_degree, _constants(config), colour)
+    row, level = np.nonzero(survivors["levels"][:, None] >> np.arange(MAX_LEVELS) & 1)
+    both = np.minimum(np.stack([level, level + 1], 1), MAX_LEVELS - 1)
+    views = np.zeros(len(row), splat_view(config).dtype)
+    for name in ("mean2d", "conic", "depth", "bound"):
+        views[name] = survivors[name][row]
+    views["log2_opacity"] = survivors["log2_opacity"][row[:, None], both]
+    views["colour"] = colour[row[:, None], both].reshape(len(row), 6)
+    return views, (survivors["index"][row].astype(np.int64) << view_shift) + level

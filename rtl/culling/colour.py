@@ -1,0 +1,163 @@
+"""The colour unit: survivors of culling in, their views for the array into memory."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.colour_sum import ColourSum, by_degree
+from rtl.culling.datapath import Datapath
+from rtl.culling.harmonics import OFFSETS, harmonics_graph
+from rtl.culling.views import ViewWriter
+from rtl.emit import to_verilog
+from rtl.shapes import layout, shape
+from spec.config import AcceleratorConfig
+from spec.harmonics import terms
+from spec.memory import BEAT_BITS, colour_beats, read_data, read_request, write_request
+from spec.records import surviving_splat
+
+LOOKAHEAD = 128
+"""Cycles of the memory's latency that cost nothing."""
+
+LEAST_INTERVAL = 4
+"""Cycles a splat takes at least: three beats come one a cycle, and a step reads two of them."""
+
+
+def splat_interval(config: AcceleratorConfig) -> int:
+    """Cycles a splat takes in the unit."""
+    return max(LEAST_INTERVAL, config.colour_interval)
+
+
+def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What passes the unit as it came: SurvivingSplat without `offset` and `end`."""
+    return data.StructLayout({name: field.shape for name, field in layout(surviving_splat(config)) if name not in (
+        "offset", "end")})
+
+
+class ColourUnit(wiring.Component):
+    """Reads a survivor's colour record, evaluates its harmonics, writes one view for each of its levels.
+
+        survivors -+-> waiting --> Datapath(harmonics) --> ColourSum --> ViewWriter --> writes
+                   |                                          ^
+                   +-> reads ......... memory ......... data -+
+
+    Parameters:
+        config: the machine.
+        sh_degree: of the largest records, 0..3; what lower degrees do not need is left out.
+
+    Ports:
+        survivors: SurvivingSplat items; after a frame's last one follows an item with `end`.
+        reads, data: the memory's; colour_beats(sh_degree) beats at colour_base + index * beats, for every splat in order.
+        writes: a SplatView beat for every level of every splat, in order.
+        sh_degree: setting of the frame, at most the parameter.
+        colour_base, views_base, view_shift: settings of the frame.
+        finished: `end` has come and every write has been taken; until the next frame's first item is. Settings may change where
+            it is high, and after a reset.
+        error: the memory answered with an error; until the next frame's first item. The frame goes on.
+
+    Throughput: a splat every `splat_interval` cycles, whatever its degree, while memory answers within LOOKAHEAD cycles; one of
+    3 or 4 levels may take 1 or 2 cycles more where the interval is 4. Latency, from transfer to first write: that of the
+    datapath or that of memory, whichever is longer, and the degree's steps and 5 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, sh_degree: int = 3) -> None:
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        if not isinstance(sh_degree, int) or isinstance(sh_degree, bool):
+            raise TypeError(f"sh_degree must be an integer, not {sh_degree!r}")
+        if not 0 <= sh_degree <= 3:
+            raise ValueError(f"sh_degree must be in 0..3, not {sh_degree!r}")
+        self.config, self._degree, interval = config, sh_degree, splat_interval(config)
+        carried = carried_layout(config)
+        self._path = Datapath(harmonics_graph(config, sh_degree), interval=interval, carried=carried) if sh_degree else None
+        self._sum = ColourSum(config, sh_degree=sh_degree, lanes=-(-terms(sh_degree) // interval), carried=carried)
+        self._views = ViewWriter(config, carried=carried)
+        inside = self._path.schedule.depth if self._path else 0
+        self._waiting = max(2, -(-LOOKAHEAD // interval) - inside)
+        self._most = self._waiting + inside + 8  # with those in registers on the way
+        super().__init__({
+            "survivors": In(stream.Signature(layout(surviving_splat(config)))),
+            "reads": Out(stream.Signature(layout(read_request(config)))),
+            "data": In(stream.Signature(layout(read_data(config)))),
+            "writes": Out(stream.Signature(layout(write_request(config)))),
+            "sh_degree": In(2),
+            "colour_base": In(BEAT_BITS),
+            "views_base": In(BEAT_BITS),
+            "view_shift": In(2),
+            "finished": Out(1),
+            "error": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.sum, m.submodules.views = total, views = self._sum, self._views
+        of = data.StructLayout({
+            **({name: shape(self.config.formats.view) for name in OFFSETS} if self._path else {}),
+            "carried": carried_layout(self.config)})
+        m.submodules.waiting = waiting = SyncFIFOBuffered(width=of.size, depth=self._waiting)
+        first = self._path.sink if self._path else total.basis
+        if self._path:
+            m.submodules.path = self._path
+            wiring.connect(m, self._path.source, total.basis)
+        wiring.connect(m, wiring.flipped(self.data), total.data)
+        wiring.connect(m, total.sums, views.sums)
+        wiring.connect(m, views.writes, wiring.flipped(self.writes))
+        m.d.comb += [
+            waiting.w_data.eq(self._item(of)),
+            Value.cast(first.payload).eq(waiting.r_data),
+            first.valid.eq(waiting.r_rdy),
+            waiting.r_en.eq(first.ready),
+            total.sh_degree.eq(self.sh_degree),
+            views.views_base.eq(self.views_base),
+            views.view_shift.eq(self.view_shift),
+        ]
+        self._accept(m, waiting, views.sums.valid & views.sums.ready)
+        return m
+
+    def _item(self, of: data.StructLayout) -> Value:
+        """What of a survivor waits."""
+        splat = self.survivors.payload
+        parts = {**dict(zip(OFFSETS, splat.offset, strict=True)), "carried": Cat(
+            Value.cast(splat[name]) for name, _ in carried_layout(self.config))}
+        return Cat(parts[name] for name, _ in of)
+
+    def _accept(self, m: Module, waiting: SyncFIFOBuffered, leaves: Value) -> None:
+        """Survivors in, with a read for every beat of their records, and the frame's end."""
+        splat, left, inside, ending = self.survivors.payload, Signal(2), Signal(range(self._most + 1)), Signal()
+        taken, enters = Signal(), Signal()
+        beats = by_degree(self.sh_degree, [colour_beats(self.config, d) for d in range(self._degree + 1)])
+        asked = self.reads.valid & self.reads.ready
+        m.d.comb += [
+            self.reads.valid.eq(left != 0),
+            self.survivors.ready.eq(~ending & waiting.w_rdy & ((left == 0) | (left == 1) & self.reads.ready)),
+            taken.eq(self.survivors.valid & self.survivors.ready),
+            enters.eq(taken & ~splat.end),
+            waiting.w_en.eq(enters),
+        ]
+        with m.If(asked):
+            m.d.sync += [left.eq(left - 1), self.reads.payload.beat.eq(self.reads.payload.beat + 1)]
+        with m.If(enters):
+            offset = sum(Mux(beats[i], splat.index << i, 0) for i in range(len(beats)))
+            m.d.sync += [left.eq(beats), self.reads.payload.beat.eq(self.colour_base + offset)]
+        m.d.sync += inside.eq(inside + enters - leaves)
+        with m.If(taken):
+            m.d.sync += [self.finished.eq(0), ending.eq(splat.end)]
+        with m.If(self.data.valid & self.data.ready & self.data.payload.error):
+            m.d.sync += self.error.eq(1)
+        with m.If(taken & self.finished):
+            m.d.sync += self.error.eq(0)
+        with m.If(ending & (inside == 0) & self._sum.idle & ~self.writes.valid):
+            m.d.sync += [self.finished.eq(1), ending.eq(0)]
+
+
+def emit_colour_unit(config: AcceleratorConfig, *, sh_degree: int = 3) -> str:
+    """Verilog of the unit."""
+    return to_verilog(ColourUnit(config, sh_degree=sh_degree), "colour_unit")
+
+
+emitters = {degree: partial(emit_colour_unit, sh_degree=degree) for degree in range(4)}
+"""Verilog of the unit for records of a degree at most."""
