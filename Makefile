@@ -28,8 +28,9 @@ demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame
 render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=
 	@$(RUN) golden/render.py $(request) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
-frame: base ## a whole frame through the RTL, compared bit for bit; SCENE= SIZE=WxH CONFIG= CAMERA= GAZE=X,Y LEVELS=N
-	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config)
+frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH=
+	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config) $(call option,PART,part) $(call option,MERGE,merge) \
+		$(call option,PIPELINE,pipeline) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
 sim: base ## unit simulation; TEST=vrc|tmu|sort|float|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \

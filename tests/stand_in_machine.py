@@ -68,7 +68,7 @@ module {module} (
         {error}: s_axil_rdata <= aborts ? {aborted} : error ? {read_error} : 0;
         {cycles_low}: s_axil_rdata <= cycles;
         {cycles_high}: s_axil_rdata <= 7;
-        default: s_axil_rdata <= file[s_axil_araddr[11:2]];
+{counters}        default: s_axil_rdata <= file[s_axil_araddr[11:2]];
       endcase
     end
     if (s_axil_awready & s_axil_awaddr == {interrupt} * 4) file[{interrupt}] <= 0;
@@ -110,8 +110,8 @@ endmodule
 """
 
 
-def stand_in(config: AcceleratorConfig) -> Machine:
-    """The stand-in with the registers of a configuration."""
+def stand_in(config: AcceleratorConfig, counters: dict[str, int] | None = None) -> Machine:
+    """The stand-in with the registers of a configuration; counters that are always so high."""
     words = {register.name: register.offset // 4 for register in register_map(config)}
     names = ("geometry_base", "frame_base", "beta", "width", "height", "interrupt", "control", "status", "error")
     faults = {
@@ -119,4 +119,5 @@ def stand_in(config: AcceleratorConfig) -> Machine:
         "wrong_pixel": WRONG_PIXEL}
     return Machine("stand-in", _TEXT.format(
         module=MODULE, **{name: words[name] for name in names}, **faults, cycles_low=words["cycles_total_low"],
+        counters="".join(f"        {words[name]}: s_axil_rdata <= {value};\n" for name, value in (counters or {}).items()),
         cycles_high=words["cycles_total_high"], aborted=int(ErrorCode.ABORTED), read_error=int(ErrorCode.READ_ERROR)))

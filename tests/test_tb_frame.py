@@ -1,4 +1,4 @@
-"""Whole frames through the RTL: the command, its files, its exit status."""
+"""Frames through the rendering array: the command, its files, its exit status."""
 
 import json
 
@@ -12,7 +12,7 @@ from tb.frame import __main__ as command
 
 
 def frame(text, out):
-    return command.main([*text.split(), "--config", "tiny", "--out", str(out)])
+    return command.main([*text.split(), "--part", "array", "--config", "tiny", "--out", str(out)])
 
 
 def test_a_frame_is_bit_exact_and_reported(tmp_path, capfd):
@@ -49,7 +49,8 @@ def test_a_single_pixel_that_differs_fails(tmp_path, monkeypatch, capfd):
 @pytest.mark.parametrize("gaze", [(), ("--gaze", "100,60", "--levels", "4")])
 def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
     scene = str(data_dir / "trained" / "truck.splat")
-    assert command.main([scene, "--size", "256x144", *gaze, "--config", "default", "--out", str(tmp_path)]) == 0
+    options = ["--size", "256x144", *gaze, "--part", "array", "--config", "default", "--out", str(tmp_path)]
+    assert command.main([scene, *options]) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["cycles"] < 1.5 * report["entries"] and report["cycles_per_s"] > 1000
 
@@ -59,6 +60,13 @@ def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
     (["embedded", "--config", "tiny", "--size", "0x10"], "'0x10'"),
     (["embedded", "--config", "tiny", "--size", "600x10"], "600x10"),
     (["embedded", "--config", "tiny", "--wave-cycles", "a:b", "--waves"], "'a:b'"),
+    (["embedded", "--part", "half"], "'half' is not accepted: choose one of machine, array"),
+    (["embedded", "--merge", "2"], "merge '2' is not accepted: 0 or 1 is"),
+    (["embedded", "--pipeline", "yes"], "pipeline 'yes'"),
+    (["embedded", "--beta", "-1"], r"beta '-1' is not accepted: 0..16777215 or 'auto' are"),
+    (["embedded", "--bandwidth", "fast"], "bandwidth 'fast'"),
+    (["embedded", "--bandwidth", "0"], "bandwidth '0'"),
+    (["embedded", "--latency", "0"], "latency 0"),
     (["no/such/scene.ply", "--config", "tiny"], "no/such/scene.ply"),
 ])
 def test_bad_requests_name_what_is_accepted(argv, says, tmp_path):

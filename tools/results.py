@@ -62,7 +62,7 @@ def measure_frames() -> None:
             print(f"skipped: {scene} (no such scene in MSV2_DATA)")
             continue
         foveated = ["--gaze", gaze, "--levels", "4"] if gaze else []
-        run("-m", "tb.frame", path, "--size", size, "--config", config, "--out", str(out), *foveated)
+        run("-m", "tb.frame", path, "--part", "array", "--size", size, "--config", config, "--out", str(out), *foveated)
         row = json.loads((out / "frame.json").read_text())
         kept = {key: row[key] for key in FRAME_KEYS}
         rows.append({**kept, "scene": Path(scene).stem})

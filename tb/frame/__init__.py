@@ -1,1 +1,6 @@
-"""Whole frames through the RTL of the rendering array, compared with the golden renderer bit for bit."""
+"""Whole frames through the RTL, compared with the golden renderer bit for bit.
+
+    whole       through the machine, Gaussians in memory to pixels in memory
+    bound       how fast it could be
+    simulate    through the rendering array alone
+"""

@@ -1,4 +1,4 @@
-"""`python -m tb.frame`: one frame of a scene through the RTL array, compared with the golden renderer bit for bit."""
+"""`python -m tb.frame`: one frame of a scene through the RTL, compared with the golden renderer bit for bit."""
 
 from __future__ import annotations
 
@@ -10,16 +10,51 @@ from golden.scenes.pictures import save_png
 from golden.scenes.request import add_request_arguments, make_folder, resolve, write_json
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
+from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.records import COUNT_BITS
 from tb.common.runner import ROOT, SimulationError, Waves
 from tb.frame.simulate import simulate_frame
+from tb.frame.whole import simulate_machine
 from tb.sim import parse_window
+from tb.top import device
+from tb.top.memory import MemorySpeed
+
+PARTS = ("machine", "array")
+
+EPILOG = """\
+Writes OUT/frame.png and OUT/frame.json; exit status 1 where a bit or a counter differs. Of frame.json:
+
+  bit_exact, mismatches, first_mismatches   every pixel against the golden renderer
+  counter_errors        counters of the machine that differ from what the golden frame says
+  frame_cycles          of these table_cycles, geometry_cycles and render_cycles; cycles: as the host sees them
+  bound_cycles          the largest of `bounds`: least cycles of the rendering phase by sorting (an entry a cycle), array (an op
+                        a cycle), pixel rows (one a cycle), memory (beats of the rendering phase at its bandwidth)
+  utilisation           bound_cycles / render_cycles
+  stage_cycles          by stage: busy, starved (nothing to take), blocked (could not take it); stalls are the blocked ones
+  dram_bytes            read and write in all, reads and writes by client
+
+examples:
+  python -m tb.frame                                        the embedded scene
+  python -m tb.frame truck.splat --size 256x144 --gaze 128,72 --levels 4
+  python -m tb.frame --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
+  python -m tb.frame --part array                           the golden renderer's entries through the array alone
+"""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tb.frame", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tb.frame", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser, size="256x144")
     parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    parser.add_argument("--part", default="machine", help=f"{' or '.join(PARTS)} (default: machine)")
+    parser.add_argument("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
+    parser.add_argument("--pipeline", default="1", metavar="0|1",
+                        help="stages hand over incrementally (default: 1); 0 is another machine, with double buffers")
+    parser.add_argument("--beta", default="auto", metavar="N|auto", help="merge threshold in entries (default: auto)")
+    parser.add_argument("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
+                        help=f"of memory, bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
+    parser.add_argument("--latency", type=int, default=100, metavar="N", help="of memory, cycles (default: 100)")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/frame)")
     parser.add_argument("--waves", action="store_true", help="record waves (FST)")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
@@ -28,29 +63,75 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return args
 
 
+def parse_beta(text: str, merge: bool) -> int | None:
+    """The threshold; None for automatic, 0 where nothing is merged."""
+    most = (1 << COUNT_BITS) - 1
+    if text != "auto" and not (text.isdigit() and int(text) <= most):
+        raise InputError(f"beta {text!r} is not accepted: 0..{most} or 'auto' are")
+    if not merge:
+        return 0
+    return None if text == "auto" else int(text)
+
+
+def parse_speed(bandwidth: str, latency: int) -> MemorySpeed:
+    """The memory's speed."""
+    try:
+        return MemorySpeed(latency, None if bandwidth == "unlimited" else float(bandwidth))
+    except ValueError as error:
+        raise InputError(f"bandwidth {bandwidth!r}, latency {latency}: {error}") from error
+
+
+def parse_switch(name: str, text: str) -> bool:
+    """Of "0" or "1"."""
+    if text not in ("0", "1"):
+        raise InputError(f"{name} {text!r} is not accepted: 0 or 1 is")
+    return text == "1"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a bit differs."""
+    """The command line's work; 1 when a bit or a counter differs."""
     args = _arguments(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    for name, value, accepted in (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS)):
+        if value not in accepted:
+            raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    merge, incremental = parse_switch("merge", args.merge), parse_switch("pipeline", args.pipeline)
+    beta, speed = parse_beta(args.beta, merge), parse_speed(args.bandwidth, args.latency)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
-    config, request, out = CONFIGS[args.config], resolve(args), make_folder(args.out or ROOT / "build" / "frame")
+    config = CONFIGS[args.config].with_(incremental=incremental)
+    request, out = resolve(args), make_folder(args.out or ROOT / "build" / "frame")
     golden = pipeline.render(
-        request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background, beta=beta)
     (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
     try:
-        numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
+        if args.part == "array":
+            numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
+        else:
+            numbers, rtl = simulate_machine(golden, device.machine(config), out / "sim", beta=beta, speed=speed, waves=waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
     save_png(out / "frame.png", rtl.image)
-    write_json(out / "frame.json", {**request.record, "config": config.name, **numbers})
+    settings = {"config": config.name, "part": args.part, "merge": merge, "pipeline": incremental, "beta": beta}
+    write_json(out / "frame.json", {**request.record, **settings, **numbers})
+    return _verdict(numbers, str(out))
+
+
+def _verdict(numbers: dict, out: str) -> int:
+    """Prints what came of the frame; 1 when a bit or a counter differs."""
     for mismatch in numbers["first_mismatches"]:
-        print("pixel ({x}, {y}): {field} is {rtl}, golden {golden}".format(**mismatch))
+        place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
+        print("pixel ({x}, {y}){place}: {field} is {rtl}, golden {golden}".format(**mismatch, place=place))
+    wrong_counters = numbers.get("counter_errors", [])
+    for problem in (*numbers["stream_errors"], *wrong_counters):
+        print(problem)
     verdict = "bit-exact" if numbers["bit_exact"] else f"NOT bit-exact: {numbers['mismatches']} values differ"
     print(f"{out}: {verdict}, {numbers['pixels_checked']:,} pixels, {numbers['entries']:,} entries, "
           f"{numbers['cycles']:,} cycles at {numbers['cycles_per_s']:,} cycles/s")
-    return 0 if numbers["bit_exact"] else 1
+    if numbers.get("utilisation"):
+        print(f"{out}: table {numbers['table_cycles']:,}, geometry {numbers['geometry_cycles']:,}, rendering "
+              f"{numbers['render_cycles']:,} cycles; {100 * numbers['utilisation']:.1f} % of the bound, "
+              f"{max(numbers['bounds'], key=numbers['bounds'].get)}")
+    return 0 if numbers["bit_exact"] and not wrong_counters else 1
 
 
 if __name__ == "__main__":

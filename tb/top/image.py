@@ -30,7 +30,7 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
-from spec.records import gaussian_colour, gaussian_geometry
+from spec.records import ENTRY_BYTES, gaussian_colour, gaussian_geometry
 from tb.top.packing import pack
 
 REGIONS = ("geometry", "colour", "tiles", "views", "directory", "entries", "spill", "frame")
@@ -177,3 +177,14 @@ def read_frame(config: AcceleratorConfig, data: np.ndarray, width: int, height: 
     kinds = [(f.name, f"<u{f.format.width // 8}", (f.count,) if f.count > 1 else ()) for f in record.fields]
     pixels = data[: width * height * PIXEL_BYTES].view(np.dtype(kinds)).reshape(height, width)
     return FramePixels(*(pixels[name].astype(np.int64) for name in FramePixels._fields))
+
+
+def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:
+    """Room for the sorted runs of a frame's groups: twice what the largest one that is spilled needs.
+
+    Half of the region holds runs as they are sorted, the other half those of one group that are merged.
+    """
+    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    largest = int(np.max(group_counts, initial=0))
+    runs = -(-largest // chunk) if largest > chunk else 1
+    return 4 * runs * chunk // BEAT_ENTRIES

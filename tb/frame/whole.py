@@ -1,0 +1,141 @@
+"""A golden frame through the whole machine: from Gaussians and registers in memory to pixels in memory."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref import culling
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.vrc_array import Pixels
+from spec.constants import TILE
+from spec.memory import BEAT_BYTES
+from spec.registers import READ_CLIENTS, STAGES, WRITE_CLIENTS
+from tb.common.runner import SimulationError, Waves, build
+from tb.frame.bound import array_ops, bound_cycles
+from tb.top.device import Machine
+from tb.top.image import FramePixels, memory_image, page_beats, spill_beats
+from tb.top.memory import MemorySpeed, beats_log2
+from tb.top.player import FrameResult, FrameRun, play_frames
+
+RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
+"""Clients of the memory that work in the rendering phase."""
+
+_SHOWN = 10
+
+
+def frame_run(frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame") -> FrameRun:
+    """The run of a golden frame, with room in memory for what it needs and no more; `beta` as in `pipeline.render`."""
+    counts = np.diff(frame.entries.start)
+    image = memory_image(
+        frame.config, frame.words, frame.registers, beta=beta, entries_beats=page_beats(counts),
+        spill_beats=spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64)))
+    return FrameRun(name, image, speed or MemorySpeed())
+
+
+def mismatches(frame: Frame, pixels: FramePixels) -> list[dict[str, object]]:
+    """Every value in which a frame from memory differs from the golden one, in tile order."""
+    found = []
+    for name, got in pixels._asdict().items():
+        golden = frame.untiled(getattr(frame.pixels, name))
+        wrong = (got != golden).reshape(*got.shape[:2], -1).any(axis=2)
+        for y, x in np.argwhere(wrong).tolist():
+            tile = y // TILE * frame.registers.tiles_x + x // TILE
+            found.append({"field": name, "tile": tile, "x": x, "y": y, "rtl": np.ravel(got[y, x]).tolist(),
+                          "golden": np.ravel(golden[y, x]).tolist()})
+    return sorted(found, key=lambda m: (m["tile"], m["y"], m["x"]))
+
+
+def expected_events(frame: Frame) -> dict[str, int]:
+    """What the machine's counters must hold after the frame, of those that the golden frame tells."""
+    reason = frame.projected.reason
+    return {
+        "points": len(reason), "culled_near": int((reason == culling.NEAR).sum()),
+        "culled_faint": int((reason == culling.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
+        "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
+        "pixels": frame.registers.width * frame.registers.height}
+
+
+def simulate_machine(
+    frame: Frame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, waves: Waves | None = None,
+) -> tuple[dict[str, object], Frame]:
+    """The numbers of frame.json, and the frame with the RTL's pixels instead of the golden ones.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish its frame.
+    """
+    run = frame_run(frame, beta, speed)
+    begin = time.perf_counter()
+    build(machine.design(beats_log2(run.image.beats)), waves)
+    build_s = time.perf_counter() - begin
+    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
+    if not result.done:
+        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
+    wrong = mismatches(frame, result.pixels)
+    counters = _counter_errors(frame, result)
+    numbers = {
+        "bit_exact": not wrong and not result.errors,
+        "pixels_checked": frame.registers.width * frame.registers.height,
+        "tiles": len(frame.registers.header),
+        "entries": len(frame.entries.splat),
+        "groups": int(frame.groups[-1]) + 1,
+        "ops": array_ops(frame),
+        "mismatches": len(wrong),
+        "first_mismatches": wrong[:_SHOWN],
+        "stream_errors": result.errors,
+        "counter_errors": counters,
+        **performance(frame, result, speed),
+        "build_s": round(build_s, 3),
+    }
+    return numbers, replace(frame, pixels=tiled(frame, result.pixels))
+
+
+def _counter_errors(frame: Frame, result: FrameResult) -> list[str]:
+    if not frame.config.counters:
+        return []
+    memory = {"read_beats": result.reads, "write_beats": result.writes}
+    return [f"counter {name} must be {wanted}, not {result.registers[name]!r}"
+            for name, wanted in {**expected_events(frame), **memory}.items() if result.registers[name] != wanted]
+
+
+def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
+    """Cycles, beats and utilisation of a frame."""
+    r = result.registers
+    stages = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in STAGES}
+    bounds = bound_cycles(
+        frame, _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES), speed.bytes_per_cycle)
+    render = r["cycles_render"]
+    return {
+        "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
+        "geometry_cycles": r["cycles_geometry"], "render_cycles": render,
+        "bound_cycles": max(bounds.values()), "bounds": bounds,
+        "utilisation": round(max(bounds.values()) / render, 4) if render else None,
+        "stage_cycles": stages, "stalls": {stage: cycles["blocked"] for stage, cycles in stages.items()},
+        "events": {name: r[name] for name in (*expected_events(frame), "culled_outside", "spilled_entries", "fetch_hits",
+                                              "fetch_misses")},
+        "dram_bytes": {
+            "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
+            "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in READ_CLIENTS},
+            "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in WRITE_CLIENTS}},
+        "memory_busy_cycles": result.busy, "latency": speed.latency, "bytes_per_cycle": speed.bytes_per_cycle,
+        "wall_s": round(result.seconds, 3), "cycles_per_s": round(result.cycles / result.seconds)}
+
+
+def _beats(registers: Mapping[str, int], way: str, clients: tuple[str, ...]) -> int:
+    return sum(registers[f"{way}_beats_{name}"] for name in clients)
+
+
+def tiled(frame: Frame, pixels: FramePixels) -> Pixels:
+    """A frame from memory by tile; what lies outside the frame is as in the golden one."""
+    r, fields = frame.registers, []
+    for name in Pixels._fields:
+        whole = np.array(getattr(frame.pixels, name)).reshape(r.tiles_y, r.tiles_x, TILE, TILE, -1).swapaxes(1, 2)
+        whole = whole.reshape(r.tiles_y * TILE, r.tiles_x * TILE, -1)
+        whole[: r.height, : r.width] = getattr(pixels, name).reshape(r.height, r.width, -1)
+        by_tile = whole.reshape(r.tiles_y, TILE, r.tiles_x, TILE, -1).swapaxes(1, 2)
+        fields.append(by_tile.reshape(getattr(frame.pixels, name).shape))
+    return Pixels(*fields)

@@ -1,0 +1,160 @@
+"""Frames through the machine, with a stand-in for it that copies what memory holds: comparison, counters, figures, command."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from golden_samples import map_for, random_model, view
+from PIL import Image
+from stand_in_machine import WRONG_PIXEL, stand_in
+
+from golden.msv2_ref import pipeline
+from spec.config import DEFAULT, TINY
+from spec.constants import TILE
+from spec.memory import BEAT_BYTES, PIXEL_BYTES, frame_pixel
+from spec.registers import STAGES
+from tb.frame import __main__ as command
+from tb.frame import whole
+from tb.frame.bound import array_ops, bound_cycles
+from tb.top import device
+from tb.top.image import FramePixels, page_beats, spill_beats
+from tb.top.packing import pack
+
+SIZE = (40, 24)
+EVENTS = whole.expected_events
+SCENE = "embedded --size 40x24 --gaze 5,5 --levels 4 --background 0.2,0.4,0.6"
+
+
+@pytest.fixture(scope="module")
+def frame():
+    camera = view(70, 50)
+    model = random_model(np.random.default_rng(5), 500, levels=4, sh=1)
+    return pipeline.render(model, camera, config=TINY, foveation=map_for(camera, (0.1, 0.2), 4), beta=300)
+
+
+def raw_pixels(frame):
+    return FramePixels(*(frame.untiled(getattr(frame.pixels, name)).astype(np.int64) for name in FramePixels._fields))
+
+
+def test_mismatches_are_named_with_their_tile(frame):
+    pixels = raw_pixels(frame)
+    assert whole.mismatches(frame, pixels) == []
+    pixels.colour[20, 35, 1] += 3
+    pixels.depth[49, 69] -= 1
+    pixels.transmittance[20, 17] += 1
+    found = whole.mismatches(frame, pixels)
+    assert [(m["field"], m["tile"], m["x"], m["y"]) for m in found] == [
+        ("transmittance", 6, 17, 20), ("colour", 7, 35, 20), ("depth", 19, 69, 49)]
+    assert np.subtract(found[1]["rtl"], found[1]["golden"]).tolist() == [0, 3, 0]
+    assert found[2]["rtl"][0] == found[2]["golden"][0] - 1
+
+
+def test_pixels_from_memory_become_tiles(frame):
+    pixels = raw_pixels(frame)
+    assert all((a == b).all() for a, b in zip(whole.tiled(frame, pixels), frame.pixels, strict=True))
+    pixels.depth[17, 33] += 5
+    changed = replace(frame, pixels=whole.tiled(frame, pixels))
+    assert np.argwhere(changed.pixels.depth != frame.pixels.depth).tolist() == [[1 * 5 + 2, 1, 1]]
+
+
+@pytest.mark.parametrize("config", [TINY, DEFAULT], ids=lambda config: config.name)
+def test_the_bound_follows_the_text(frame, config):
+    frame = replace(frame, config=config)
+    e, blend = frame.entries, frame.registers.header[:, 1]
+    ops = 0
+    for tile in range(len(blend)):
+        use = e.use[e.start[tile] : e.start[tile + 1]]
+        ops += len(use) + np.count_nonzero(use == 3) + (2 if blend[tile] else 1)
+    assert blend.any() and (e.use == 3).any() and array_ops(frame) == ops * config.blocks
+    bounds = bound_cycles(frame, 1000, 250, 25.6)
+    assert bounds == {"sort": len(e.splat), "array": ops * config.blocks, "memory": 1563,
+                      "pixel_rows": len(blend) * TILE * TILE // config.cores_x}
+    assert bound_cycles(frame, 1000, 250, None)["memory"] == 1000
+
+
+def test_a_run_has_room_for_its_frame(frame):
+    run = whole.frame_run(frame, 300)
+    counts = np.diff(frame.entries.start)
+    assert run.image.settings["entries_beats"] == page_beats(counts) and run.image.settings["beta"] == 300
+    chunk = TINY.sort_buffer_bytes // 16
+    assert spill_beats(TINY, np.array([chunk, 3])) == chunk
+    assert spill_beats(TINY, np.array([2 * chunk + 1, 3])) == 3 * chunk
+
+
+def counters_of(frame):
+    events = EVENTS(frame)
+    beats = SIZE[0] * SIZE[1] // 2
+    stages = {f"{stage}_{what}": 100 * i + j for i, stage in enumerate(STAGES)
+              for j, what in enumerate(("busy", "starved", "blocked"))}
+    return {**events, **stages, "read_beats": beats, "write_beats": beats, "read_beats_views": 100, "write_beats_frame": beats,
+            "cycles_render_low": 10_000, "cycles_render_high": 0}
+
+
+@pytest.fixture
+def copied(monkeypatch):
+    """The command with a stand-in that has the golden pixels to copy; settings may be changed."""
+    changes, made, render, run_of = {}, [], pipeline.render, whole.frame_run
+
+    def remembered(*args, **kwargs):
+        made.append(render(*args, **kwargs))
+        return made[-1]
+
+    def with_golden_pixels(frame, *args):
+        run = run_of(frame, *args)
+        record, raw = frame_pixel(frame.config), raw_pixels(frame)
+        rows = {"colour": raw.colour.reshape(-1, 3), "reserved": np.zeros(raw.depth.size, int),
+                "depth": raw.depth.reshape(-1), "transmittance": raw.transmittance.reshape(-1)}
+        pixels = pack(record, rows, PIXEL_BYTES).reshape(-1, BEAT_BYTES)
+        geometry = run.image.contents["geometry"].copy()
+        geometry[: len(pixels)] = pixels
+        return replace(run, image=replace(run.image, contents={**run.image.contents, "geometry": geometry}), changes=changes)
+
+    monkeypatch.setattr(pipeline, "render", remembered)
+    monkeypatch.setattr(whole, "frame_run", with_golden_pixels)
+    monkeypatch.setattr(device, "machine", lambda config: stand_in(config, counters_of(made[-1])))
+    return changes
+
+
+def run_command(text, out):
+    status = command.main([*text.split(), "--config", "tiny", "--out", str(out)])
+    return status, json.loads((out / "frame.json").read_text())
+
+
+def test_an_equal_frame_passes_and_is_reported(copied, tmp_path, capfd):
+    copied["beta"] = 0  # the stand-in's faults
+    status, report = run_command(f"{SCENE} --bandwidth 12.8 --latency 9", tmp_path)
+    assert status == 0 and report["bit_exact"] is True and report["mismatches"] == 0
+    assert report["counter_errors"] == [] == report["stream_errors"] and report["part"] == "machine"
+    assert report["pixels_checked"] == 40 * 24 and report["tiles"] == 6 and report["config"] == "tiny" and report["levels"] == 4
+    assert report["entries"] == report["events"]["entries"] > 100 and report["groups"] == report["events"]["groups"] <= 6
+    assert report["beta"] is None and report["merge"] is report["pipeline"] is True
+    assert report["latency"] == 9 and report["bytes_per_cycle"] == 12.8
+    assert report["render_cycles"] == 10_000 and report["bounds"]["memory"] == (100 + 480) * 32 / 12.8
+    assert report["bound_cycles"] == max(report["bounds"].values()) == report["ops"]
+    assert report["utilisation"] == round(report["ops"] / 10_000, 4)
+    assert report["stage_cycles"]["projection"] == {"busy": 100, "starved": 101, "blocked": 102}
+    assert report["stalls"]["pixel_write"] == 1002 and report["dram_bytes"]["reads"]["views"] == 3200
+    assert report["dram_bytes"]["read"] == report["dram_bytes"]["write"] == 480 * 32
+    assert abs(report["cycles"] - 2 * 480 * 32 / 12.8) < 60
+    picture = np.asarray(Image.open(tmp_path / "frame.png"))
+    assert picture.shape == (24, 40, 3) and picture.std() > 5
+    assert "bit-exact" in capfd.readouterr().out
+
+
+def test_one_wrong_bit_fails(copied, tmp_path, capfd):
+    copied["beta"] = WRONG_PIXEL
+    status, report = run_command(f"{SCENE} --merge 0 --pipeline 0", tmp_path)
+    assert status == 1 and report["bit_exact"] is False and report["mismatches"] == 1
+    assert [report["first_mismatches"][0][key] for key in ("field", "tile", "x", "y")] == ["colour", 0, 6, 0]
+    assert report["beta"] == 0 and report["groups"] == 6 and report["pipeline"] is False
+    said = capfd.readouterr().out
+    assert "pixel (6, 0) of tile 0: colour is" in said and "NOT bit-exact: 1 values differ" in said
+
+
+def test_a_wrong_counter_fails(copied, tmp_path, monkeypatch, capfd):
+    copied["beta"] = 0
+    monkeypatch.setattr(whole, "expected_events", lambda frame: EVENTS(frame) | {"survivors": 1})
+    status, report = run_command(SCENE, tmp_path)
+    assert status == 1 and report["bit_exact"] is True and len(report["counter_errors"]) == 1
+    assert "counter survivors must be 1, not" in capfd.readouterr().out
