@@ -13,7 +13,12 @@ from golden.msv2_ref.colour import splat_colours
 from golden.msv2_ref.culling import OUTSIDE, VISIBLE
 from golden.msv2_ref.pipeline import Frame, render
 from golden.msv2_ref.sort_tmu import depth_order
-from spec.config import DEFAULT
+from golden.msv2_ref.tiling import tile_test
+from spec import tables
+from spec.config import DEFAULT, PAPER, AcceleratorConfig
+from spec.constants import TILE
+from spec.records import projected_splat
+from tb.tiles.stimuli import SHAPES, random_splats, splats_of, whole_frame
 
 SIZES = [(64, 48), (100, 37), (17, 33), (1, 1), (16, 1), (250, 5)]
 
@@ -121,3 +126,81 @@ def test_exact_lists_are_hardly_longer_than_the_oracles():
     camera, model = turned_view(160, 120), random_model(np.random.default_rng(6), 800)
     ours, exact = render(model, camera), oracle(model, camera)
     assert len(ours.entries.splat) == pytest.approx(exact.entries, rel=0.02)
+
+
+def touched_exactly(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int) -> set[tuple[int, int]]:
+    """(splat, tile) pairs with a pixel centre on or inside the splat's ellipse, in float64 without margins; one level."""
+    n, found, columns = config.formats, set(), -(-width // TILE)
+    support = tables.support_exponent(config)
+    limit = np.minimum(splats["log2_opacity"][:, 0] - tables.log2_alpha_min(n), np.inf if support is None else support)
+    mean, conic = splats["mean2d"] / 2.0**n.mean2d.frac_bits, n.conic.to_float(splats["conic"])
+    y = np.arange(height) + 0.5
+    for i in np.flatnonzero(limit >= 0):
+        dy, (l1, l2, l3) = y - mean[i, 1], conic[i]
+        square = limit[i] / 2.0**n.cut.frac_bits - (l3 * dy) ** 2
+        half = np.sqrt(np.maximum(square, 0))
+        first = np.maximum(np.ceil(mean[i, 0] - (l2 * dy + half) / l1 - 0.5), 0)
+        last = np.minimum(np.floor(mean[i, 0] - (l2 * dy - half) / l1 - 0.5), width - 1)
+        for row in np.flatnonzero((square >= 0) & (first <= last)):
+            tile = row // TILE * columns
+            found |= {(i, tile + column) for column in range(int(first[row]) // TILE, int(last[row]) // TILE + 1)}
+    return found
+
+
+def pairs_of(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int) -> set[tuple[int, int]]:
+    """What the tile test gives, all tiles at one level."""
+    levels = np.zeros((-(-width // TILE) * -(-height // TILE), 2), np.int64)
+    entries = tile_test(config, splats, levels, width, height).entries[:-1]
+    return set(zip(np.searchsorted(splats["index"], entries["index"]).tolist(), entries["tile"].tolist(), strict=True))
+
+
+@pytest.mark.parametrize("size", [(640, 200), (1920, 70), (60, 1900), (4096, 40), (33, 17)])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_pixel_inside_an_ellipse_is_missed(shape, size):
+    """Footprints of every shape, centres up to 16,384 pixels off, frames up to 4,096 wide: every row, every column."""
+    config, rng = PAPER.with_(row_width=4096), np.random.default_rng(size[0])
+    splats = whole_frame(random_splats(config, rng, 150, *size, shape), *size)
+    exact, ours = touched_exactly(config, splats, *size), pairs_of(config, splats, *size)
+    assert exact - ours == set()
+    assert len(ours) <= 1.1 * len(exact) + 10  # dots, whose margins show, are most of the difference
+
+
+def test_the_comparison_with_exact_ellipses_can_fail():
+    size, rng = (640, 200), np.random.default_rng(0)
+    splats = whole_frame(random_splats(PAPER, rng, 150, *size, "needles"), *size)
+    smaller = splats.copy()
+    smaller["log2_opacity"][:, 0] -= 100  # of 1,024
+    assert touched_exactly(PAPER, splats, *size) - pairs_of(PAPER, smaller, *size)
+
+
+@pytest.mark.parametrize("obb", [False, True])
+def test_the_units_streams_are_the_frames_entries(obb):
+    camera = turned_view(130, 90)
+    model = random_model(np.random.default_rng(4), 600, levels=4)
+    frame = render(model, camera, foveation=map_for(camera, (0.3, 0.3), 4), obb=obb)
+    splats, (level, blend, _) = splats_of(frame), frame.registers.header.T
+    found = tile_test(frame.config, splats, np.stack([level, blend], 1), camera.width, camera.height, obb=obb)
+    tile = np.repeat(np.arange(len(level)), np.diff(frame.entries.start))
+    order = np.lexsort((tile, frame.entries.splat))
+    entries, survivors = found.entries[:-1], found.survivors[:-1]
+    assert np.array_equal(entries["tile"], tile[order]) and np.array_equal(entries["index"], frame.entries.splat[order])
+    assert np.array_equal(entries["depth_key"], frame.projected.depth_key[entries["index"]])
+    assert (found.touched, found.filtered) == (len(tile) + frame.entries.filtered, frame.entries.filtered)
+    assert np.array_equal(survivors["index"], np.unique(frame.entries.splat))
+    levels = [{*level[tile[frame.entries.splat == i]].tolist()} for i in survivors["index"]]
+    assert survivors["levels"].tolist() == [sum(1 << k for k in each) for each in levels]
+    assert np.array_equal(survivors["mean2d"], frame.projected.mean2d[survivors["index"]])
+    ends = found.entries["end"], found.survivors["end"]
+    assert all(end[-1] == 1 and end[:-1].sum() == 0 for end in ends)
+
+
+def test_a_splat_is_tested_at_the_stronger_of_a_blend_tiles_levels_if_both_use_it():
+    config, splats = DEFAULT, np.zeros(3, projected_splat(DEFAULT).dtype)
+    splats["index"], splats["bound"], splats["mean2d"] = range(3), (0, 1, 1), 8 << config.formats.mean2d.frac_bits
+    splats["conic"] = config.formats.conic.quantise(np.array([0.2, 0, 0.2]))
+    faint, strong = tables.log2_alpha_min(config.formats) - 1, 0
+    splats["log2_opacity"] = [[faint, strong, faint, faint]] * 2 + [[faint] * 4]
+    for blend, passing in ((0, []), (1, [1])):
+        found = tile_test(config, splats, np.array([[0, blend]]), 16, 16)
+        assert found.entries["index"][:-1].tolist() == passing == found.survivors["index"][:-1].tolist()
+        assert found.touched == len(passing) and found.filtered == 0
