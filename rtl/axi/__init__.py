@@ -1,0 +1,1 @@
+"""Memory ports, the AXI master, the host's registers and counters."""

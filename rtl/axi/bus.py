@@ -1,0 +1,75 @@
+"""AXI ports under their conventional names.
+
+Members of a component that are interfaces get names like `m_axi__awaddr` in Verilog; tools and people look for
+`m_axi_awaddr`. So the members are flat, and these functions list and join them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Member, Out
+
+from spec.memory import ADDRESS_BITS, BEAT_BYTES
+from spec.registers import REGISTER_ADDRESS_BITS
+
+_FROM_MASTER = ("aw", "w", "ar")
+
+
+class Response(IntEnum):
+    """How a transaction ended."""
+
+    OKAY = 0
+    EXOKAY = 1
+    SLVERR = 2
+    DECERR = 3
+
+
+RESPONSE_BITS = 2
+BURST_INCR, BURST_BITS = 1, 2
+CACHE_NORMAL, CACHE_BITS = 0b0010, 4
+"""Normal, not cacheable, not bufferable: a write is answered by memory itself, so what is answered is there for everyone."""
+LENGTH_BITS, SIZE_BITS, PROTECTION_BITS = 8, 3, 3
+
+
+def _ports(prefix: str, channels: dict[str, dict[str, int]], master: bool) -> dict[str, Member]:
+    members = {}
+    for channel, widths in channels.items():
+        forward = Out if (channel in _FROM_MASTER) == master else In
+        members |= {f"{prefix}_{channel}{name}": forward(width) for name, width in widths.items()}
+        members[f"{prefix}_{channel}valid"] = forward(1)
+        members[f"{prefix}_{channel}ready"] = forward(1).flip()
+    return members
+
+
+def axi_master_ports(prefix: str, id_bits: int) -> dict[str, Member]:
+    """Members of an AXI4 master: ADDRESS_BITS of address, data of a beat."""
+    address = {
+        "id": id_bits, "addr": ADDRESS_BITS, "len": LENGTH_BITS, "size": SIZE_BITS, "burst": BURST_BITS, "cache": CACHE_BITS,
+        "prot": PROTECTION_BITS}
+    channels = {
+        "aw": address, "w": {"data": 8 * BEAT_BYTES, "strb": BEAT_BYTES, "last": 1},
+        "b": {"id": id_bits, "resp": RESPONSE_BITS}, "ar": address,
+        "r": {"id": id_bits, "data": 8 * BEAT_BYTES, "resp": RESPONSE_BITS, "last": 1}}
+    return _ports(prefix, channels, True)
+
+
+def axi_lite_slave_ports(prefix: str) -> dict[str, Member]:
+    """Members of an AXI4-Lite slave: REGISTER_ADDRESS_BITS of address, 32 bits of data."""
+    address = {"addr": REGISTER_ADDRESS_BITS, "prot": PROTECTION_BITS}
+    channels = {
+        "aw": address, "w": {"data": 32, "strb": 4}, "b": {"resp": RESPONSE_BITS}, "ar": address,
+        "r": {"data": 32, "resp": RESPONSE_BITS}}
+    return _ports(prefix, channels, False)
+
+
+def join(m: Module, outer: wiring.Component, inner: wiring.Component, prefix: str) -> None:
+    """Connects the ports that begin with `prefix_` of a submodule to those of the same names of its parent."""
+    names = [name for name in inner.signature.members if name.startswith(f"{prefix}_")]
+    if not names:
+        raise ValueError(f"prefix must begin a port of {type(inner).__name__}, not {prefix!r}")
+    for name in names:
+        here, there = getattr(outer, name), getattr(inner, name)
+        m.d.comb += here.eq(there) if inner.signature.members[name].flow is Out else there.eq(here)

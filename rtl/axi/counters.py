@@ -1,0 +1,103 @@
+"""Counters: what every stage's input does in every cycle, and what the units report."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal, Value, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.axi.registers import counters_layout
+from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, Phase
+
+STAGE_COUNTER_BITS = 32
+EVENT_BITS = 5
+"""Of an event's number in one cycle: up to a row of pixels."""
+
+
+class StageCounters(wiring.Component):
+    """For each of n streams, what happened in the cycles in which `active` was high; the three add up to these cycles.
+
+    Parameters:
+        count: streams.
+
+    Ports:
+        valid, ready: of the streams, a bit each.
+        active: count.
+        clear: strobe: set all to 0; wins over counting.
+        busy: an item moved. starved: none was offered. blocked: one was offered and not taken. 32 bits a stream; they wrap.
+    """
+
+    def __init__(self, count: int):
+        if not isinstance(count, int) or isinstance(count, bool):
+            raise TypeError(f"count must be an integer, not {count!r}")
+        if count < 1:
+            raise ValueError(f"count must be at least 1, not {count!r}")
+        self.count = count
+        each = Out(unsigned(STAGE_COUNTER_BITS)).array(count)
+        super().__init__({
+            "valid": In(count), "ready": In(count), "active": In(1), "clear": In(1),
+            "busy": each, "starved": each, "blocked": each})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for i in range(self.count):
+            happens = {
+                "busy": self.valid[i] & self.ready[i], "starved": ~self.valid[i], "blocked": self.valid[i] & ~self.ready[i]}
+            for name, condition in happens.items():
+                _count(m, getattr(self, name)[i], self.active & condition, self.clear)
+        return m
+
+
+def events_layout() -> data.StructLayout:
+    """How often every event happens in a cycle."""
+    return data.StructLayout(dict.fromkeys(EVENTS, EVENT_BITS))
+
+
+class PerformanceCounters(wiring.Component):
+    """All counters of the machine. They count in all phases but IDLE; beats and events always.
+
+    Ports:
+        phase: the machine's.
+        clear: strobe: set all to 0.
+        stage_valid, stage_ready: of the stages' input streams, in the order of `STAGES`.
+        read_beats, write_beats: a bit a client, strobes.
+        events: see `events_layout`.
+        counters: all, as the register file takes them; a cycle behind. They wrap.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({
+            "phase": In(unsigned(Phase.width())), "clear": In(1),
+            "stage_valid": In(len(STAGES)), "stage_ready": In(len(STAGES)),
+            "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(WRITE_CLIENTS)), "events": In(events_layout()),
+            "counters": Out(counters_layout()),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.stages = stages = StageCounters(len(STAGES))
+        active = self.phase != Phase.IDLE
+        m.d.comb += [
+            stages.valid.eq(self.stage_valid), stages.ready.eq(self.stage_ready), stages.active.eq(active),
+            stages.clear.eq(self.clear)]
+        for i, stage in enumerate(STAGES):
+            for what in ("busy", "starved", "blocked"):
+                m.d.comb += self.counters[f"{stage}_{what}"].eq(getattr(stages, what)[i])
+
+        steps: dict[str, Value] = {"cycles_total": active}
+        steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
+        steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
+        steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(WRITE_CLIENTS)}
+        steps |= {name: self.events[name] for name in EVENTS}
+        steps["read_beats"] = self.read_beats.any()  # one bus: at most one a cycle
+        steps["write_beats"] = self.write_beats.any()
+        for name, step in steps.items():
+            _count(m, self.counters[name], step, self.clear)
+        return m
+
+
+def _count(m: Module, counter: Signal, step: Value, clear: Signal) -> None:
+    with m.If(clear):
+        m.d.sync += counter.eq(0)
+    with m.Else():
+        m.d.sync += counter.eq(counter + step)

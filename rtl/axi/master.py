@@ -1,0 +1,161 @@
+"""All units' memory ports on one AXI4 bus, every transaction one beat."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.axi import bus
+from rtl.axi.arbiter import RoundRobin, selected
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from spec.config import AcceleratorConfig
+from spec.memory import ADDRESS_BITS, BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, write_request
+from spec.registers import READ_CLIENTS, WRITE_CLIENTS
+
+DEFAULT_IN_FLIGHT = 256
+"""Reads in all, and writes of each client, that may wait for their answers."""
+
+
+def id_bits(readers: int, writers: int) -> int:
+    """Width of the transaction IDs."""
+    return max(1, (max(readers, writers) - 1).bit_length())
+
+
+class AxiMaster(wiring.Component):
+    """Read and write clients on an AXI4 master: a client's place is the ID of its transactions.
+
+    Clients take turns, one read and one write a cycle. Reads of a client are answered in order, those of different clients in
+    any; so are writes. AW and W go their own ways, in the same order. Every VALID, and what comes with it, leaves a register
+    and stays until it is taken; the answers are always taken.
+
+    To give up what clients have asked for: raise `abort`, wait for `quiet`, reset the clients and their read queues, lower
+    `abort`. What has been issued runs its course on the bus. The answers that come meanwhile reach nobody.
+
+    Parameters:
+        config: the machine.
+        readers, writers: clients; 1..16 each.
+        in_flight: reads in all, and writes of each client, that may wait for answers; requests beyond wait. A power of two.
+
+    Ports:
+        reads: a request stream a reader.
+        beats: their answers. `ready` is not looked at: there must be room for what is asked for (`ReadQueue`). The error bit
+            is set where the bus answers SLVERR or DECERR.
+        writes: a request stream a writer.
+        writes_idle: a bit a writer: all that was taken from it has been answered. Low from the cycle after a write was taken.
+        read_errors, write_errors: a bit a client: some answer was an error; stays until `clear_errors` or reset.
+        clear_errors: strobe.
+        read_beats, write_beats: a bit a client, strobes for counters: a beat arrived, a beat was taken.
+        abort: level: take no request, swallow answers.
+        quiet: nothing is on its way.
+        m_axi_*: the bus: 256 bits, INCR bursts of one beat, `bus.CACHE_NORMAL`.
+
+    Storage: two requests a channel, one answer, a counter. Latency: one cycle from a request to its channel, one from R to
+    `beats`, one from B to `writes_idle`. Throughput: a read and a write a cycle.
+    """
+
+    def __init__(self, config: AcceleratorConfig, readers: int, writers: int, in_flight: int = DEFAULT_IN_FLIGHT):
+        for name, value, high in (("readers", readers, 16), ("writers", writers, 16), ("in_flight", in_flight, 1 << 16)):
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} must be an integer, not {value!r}")
+            if not 1 <= value <= high:
+                raise ValueError(f"{name} must be in 1..{high}, not {value!r}")
+        if in_flight & (in_flight - 1):
+            raise ValueError(f"in_flight must be a power of two, not {in_flight!r}")
+        self.in_flight, self.id_bits = in_flight, id_bits(readers, writers)
+        beats = stream.Signature(layout(read_data(config)))
+        super().__init__({
+            "reads": In(stream.Signature(layout(read_request(config)))).array(readers),
+            "beats": Out(beats).array(readers),
+            "writes": In(stream.Signature(layout(write_request(config)))).array(writers),
+            "writes_idle": Out(writers), "read_errors": Out(readers), "write_errors": Out(writers), "clear_errors": In(1),
+            "read_beats": Out(readers), "write_beats": Out(writers), "abort": In(1), "quiet": Out(1),
+            **bus.axi_master_ports("m_axi", self.id_bits),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        reading = self._read(m)
+        writing = self._write(m)
+        m.d.comb += self.quiet.eq(~reading & ~writing)
+        return m
+
+    def _read(self, m: Module) -> Signal:
+        """The read channels; whether any read is on its way."""
+        request = data.StructLayout({"id": self.id_bits, "beat": BEAT_BITS})
+        m.submodules.read_turn = turn = RoundRobin(len(self.reads))
+        m.submodules.ar = ar = Buffer(request)
+        count = Signal(range(self.in_flight + 1))
+        chosen = selected(m, "read", list(self.reads), turn.chosen)
+        asking, open_ = Cat(port.valid for port in self.reads), Signal()
+        m.d.comb += [
+            open_.eq(~self.abort & (count != self.in_flight)),
+            turn.asking.eq(asking), turn.served.eq(ar.sink.valid & ar.sink.ready),
+            ar.sink.valid.eq(asking.any() & open_), ar.sink.payload.id.eq(turn.chosen), ar.sink.payload.beat.eq(chosen.beat),
+            *(port.ready.eq(open_ & ar.sink.ready & (turn.chosen == i)) for i, port in enumerate(self.reads)),
+        ]
+        self._address(m, "ar", ar.source)
+
+        arrived, beat = Signal(), Signal(self.beats[0].payload.shape(), reset_less=True)
+        client = Signal(self.id_bits, reset_less=True)
+        m.d.comb += self.m_axi_rready.eq(1)
+        m.d.sync += arrived.eq(self.m_axi_rvalid)
+        with m.If(self.m_axi_rvalid):
+            m.d.sync += [client.eq(self.m_axi_rid), Cat(beat.word).eq(self.m_axi_rdata), beat.error.eq(self.m_axi_rresp[1])]
+        for i, port in enumerate(self.beats):
+            mine = arrived & (client == i)
+            m.d.comb += [port.payload.eq(beat), port.valid.eq(mine & ~self.abort), self.read_beats[i].eq(mine)]
+            self._sticky(m, self.read_errors[i], mine & beat.error)
+        m.d.sync += count.eq(count + turn.served - arrived)
+        return count.any()
+
+    def _write(self, m: Module) -> Signal:
+        """The write channels; whether any write is on its way."""
+        request = data.StructLayout({"id": self.id_bits, "beat": BEAT_BITS})
+        m.submodules.write_turn = turn = RoundRobin(len(self.writes))
+        m.submodules.aw = aw = Buffer(request)
+        m.submodules.w = w = Buffer(data.StructLayout({"data": 8 * BEAT_BYTES, "strobe": WORDS}))
+        counts = [Signal(range(self.in_flight + 1), name=f"writes_{i}") for i in range(len(self.writes))]
+        chosen, both = selected(m, "write", list(self.writes), turn.chosen), Signal()
+        m.d.comb += [
+            both.eq(aw.sink.ready & w.sink.ready & ~self.abort),
+            *(asks.eq(port.valid & (count != self.in_flight))
+              for asks, port, count in zip(turn.asking, self.writes, counts, strict=True)),
+            turn.served.eq(turn.asking.any() & both), aw.sink.valid.eq(turn.served), w.sink.valid.eq(turn.served),
+            aw.sink.payload.id.eq(turn.chosen), aw.sink.payload.beat.eq(chosen.beat),
+            w.sink.payload.data.eq(Cat(chosen.word)), w.sink.payload.strobe.eq(chosen.strobe),
+            self.m_axi_wdata.eq(w.source.payload.data),
+            self.m_axi_wstrb.eq(Cat(bit.replicate(BEAT_BYTES // WORDS) for bit in w.source.payload.strobe)),
+            self.m_axi_wlast.eq(1), self.m_axi_wvalid.eq(w.source.valid), w.source.ready.eq(self.m_axi_wready),
+            self.m_axi_bready.eq(1),
+        ]
+        self._address(m, "aw", aw.source)
+        for i, (port, count) in enumerate(zip(self.writes, counts, strict=True)):
+            mine = self.m_axi_bvalid & (self.m_axi_bid == i)
+            m.d.comb += [
+                port.ready.eq(both & turn.asking[i] & (turn.chosen == i)), self.write_beats[i].eq(port.valid & port.ready),
+                self.writes_idle[i].eq(~count.any())]
+            m.d.sync += count.eq(count + self.write_beats[i] - mine)
+            self._sticky(m, self.write_errors[i], mine & self.m_axi_bresp[1])
+        return Cat(counts).any()
+
+    def _address(self, m: Module, channel: str, source: stream.Interface) -> None:
+        values = {
+            "id": source.payload.id, "addr": source.payload.beat << (ADDRESS_BITS - BEAT_BITS), "len": 0,
+            "size": BEAT_BYTES.bit_length() - 1, "burst": bus.BURST_INCR, "cache": bus.CACHE_NORMAL, "prot": 0,
+            "valid": source.valid}
+        m.d.comb += [getattr(self, f"m_axi_{channel}{name}").eq(value) for name, value in values.items()]
+        m.d.comb += source.ready.eq(getattr(self, f"m_axi_{channel}ready"))
+
+    def _sticky(self, m: Module, flag: Signal, error: Signal) -> None:
+        with m.If(error):
+            m.d.sync += flag.eq(1)
+        with m.Elif(self.clear_errors):
+            m.d.sync += flag.eq(0)
+
+
+def emit_axi_master(config: AcceleratorConfig) -> str:
+    """Verilog of module `axi_master` with the machine's clients."""
+    return to_verilog(AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS)), "axi_master")

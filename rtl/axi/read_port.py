@@ -1,0 +1,65 @@
+"""The queue before a unit's read port: a request goes out only if there is room for its answer."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.memory import read_data, read_request
+
+
+class ReadQueue(wiring.Component):
+    """Between a unit that may let its beats wait and a bus that must not wait.
+
+    Every request passed on takes a credit, every beat that the unit takes returns it; there are as many credits as places.
+
+    Parameters:
+        config: the machine.
+        depth: beats that fit, requests in flight at most; 3 or more. A memory that answers after L cycles is used to the full
+            by L + 4.
+
+    Ports:
+        reads: the unit's requests.
+        data: their beats in the same order, kept until the unit takes them.
+        requests: requests with room for their answers; held until taken.
+        beats: their answers, in order; `ready` is always high.
+
+    Storage: `depth` beats in memory and registers. Throughput: one request and one beat a cycle. Latency: a request none (valid
+    and ready pass through, together with the credit), a beat two cycles::
+
+        cycle        0    1    2    3    4
+        beats      < A >< B >
+        data                 < A >< B >< B >
+        data.ready ~~~~~~~~~~~~~~~______~~~~~
+    """
+
+    def __init__(self, config: AcceleratorConfig, depth: int):
+        if not isinstance(depth, int) or isinstance(depth, bool):
+            raise TypeError(f"depth must be an integer, not {depth!r}")
+        if depth < 3:  # the queue's last place is its output register, which a beat reaches a cycle late
+            raise ValueError(f"depth must be at least 3, not {depth!r}")
+        self.depth, self._record = depth, read_data(config)
+        request, beat = layout(read_request(config)), layout(self._record)
+        super().__init__({
+            "reads": In(stream.Signature(request)), "data": Out(stream.Signature(beat)),
+            "requests": Out(stream.Signature(request)), "beats": In(stream.Signature(beat)),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.queue = queue = SyncFIFOBuffered(width=self._record.width, depth=self.depth)
+        credits = Signal(range(self.depth + 1), init=self.depth)
+        passed, returned = self.requests.valid & self.requests.ready, self.data.valid & self.data.ready
+        m.d.comb += [
+            self.requests.payload.eq(self.reads.payload),
+            self.requests.valid.eq(self.reads.valid & credits.any()),
+            self.reads.ready.eq(self.requests.ready & credits.any()),
+            queue.w_data.eq(self.beats.payload), queue.w_en.eq(self.beats.valid), self.beats.ready.eq(1),
+            self.data.payload.eq(queue.r_data), self.data.valid.eq(queue.r_rdy), queue.r_en.eq(self.data.ready),
+        ]
+        m.d.sync += credits.eq(credits - passed + returned)
+        return m

@@ -1,0 +1,211 @@
+"""The host's registers as `spec.registers` describes them."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.axi import bus
+from rtl.axi.lite import LiteSlave
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.memory import frame_settings
+from spec.registers import (
+    COUNTERS_BASE,
+    READ_CLIENTS,
+    WRITE_CLIENTS,
+    Access,
+    ErrorCode,
+    Phase,
+    Register,
+    counters,
+    identity,
+    is_signed,
+    limits,
+    register_map,
+    settings,
+)
+
+
+def counters_layout() -> data.StructLayout:
+    """All counters, by name, in the order of their registers."""
+    return data.StructLayout({counter.name: counter.width for counter in counters()})
+
+
+class RegisterFile(wiring.Component):
+    """An AXI4-Lite slave with the machine's registers, and the bookkeeping of frames.
+
+    Parameters:
+        config: the machine; formats, `row_width`, `counters` matter here.
+
+    Ports:
+        s_axi_*: the bus; see `LiteSlave`.
+        settings: the frame's, a copy taken when the frame was begun.
+        start: strobe: begin a frame; settings have been found legal and are stable from here to the next start.
+        abort: strobe: end the frame; may come when none is under way.
+        clear: strobe: set the counters to 0.
+        finished: strobe: the frame begun last has ended; `error` says how (an ErrorCode, NONE for a frame in memory).
+        busy, phase: the machine's, for the status; a frame whose end was not yet told counts as busy in any case.
+        read_errors, write_errors: a bit a client: memory answered it with an error.
+        counters: as `counters_layout`; only where the machine has counters.
+        interrupt: level: an enabled interrupt is pending.
+
+    Latency: two cycles from the write of `control.start` to `start`; settings are checked in between::
+
+        cycle       0        1        2        3
+        write       ~~~~~~~~~_________________________   control.start
+        copying     _________~~~~~~~~~________________   settings are copied, `illegal` settles
+        checked     __________________~~~~~~~~~_______
+        start       __________________~~~~~~~~~_______   or else error BAD_SETTING
+
+    Storage: the settings twice, flip-flops.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            **bus.axi_lite_slave_ports("s_axi"),
+            "settings": Out(layout(frame_settings(config))), "start": Out(1), "abort": Out(1), "clear": Out(1),
+            "finished": In(1), "error": In(unsigned(ErrorCode.width())), "busy": In(1), "phase": In(unsigned(Phase.width())),
+            "read_errors": In(len(READ_CLIENTS)), "write_errors": In(len(WRITE_CLIENTS)), "interrupt": Out(1),
+            **({"counters": In(counters_layout())} if config.counters else {}),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.slave = slave = LiteSlave()
+        bus.join(m, self, slave, "s_axi")
+        self._registers = {r.name: r for r in register_map(self.config)}
+        written = {s.name: Signal(s.field.format.width, name=s.name) for s in settings(self.config)}
+        commands = self._commands(m, slave)
+        values = {name: Value.cast(value) for name, value in identity(self.config).items()}
+        values |= self._frame(m, slave, commands, written)
+        values |= {name: signal.as_signed() if is_signed(self._registers[name].format) else signal
+                   for name, signal in written.items()}
+        values |= self._counters(m, slave)
+        self._write_settings(m, slave, written)
+        m.d.comb += slave.write_refused.eq(1)
+        with m.Switch(slave.write_index):
+            for register in self._registers.values():
+                if register.access is not Access.READ_ONLY:
+                    with m.Case(register.offset // 4):
+                        m.d.comb += slave.write_refused.eq(0)
+        m.d.comb += slave.read_refused.eq(1)
+        with m.Switch(slave.read_index):
+            for name, register in self._registers.items():
+                with m.Case(register.offset // 4):
+                    m.d.comb += [slave.read_data.eq(values[name]), slave.read_refused.eq(0)]
+        return m
+
+    def _is_written(self, slave: LiteSlave, name: str) -> Value:
+        return slave.write & (slave.write_index == self._registers[name].offset // 4)
+
+    def _commands(self, m: Module, slave: LiteSlave) -> dict[str, Value]:
+        """Bits of `control` that are being written as 1, by name."""
+        here, found = self._is_written(slave, "control"), {}
+        for bits in self._registers["control"].bits:
+            if bits.strobe:
+                found[bits.name] = here & slave.write_bytes[bits.low // 8] & slave.write_data[bits.low]
+        return found
+
+    def _frame(
+        self, m: Module, slave: LiteSlave, commands: dict[str, Value], written: dict[str, Signal],
+    ) -> dict[str, Value]:
+        """From start to end; what the control registers read."""
+        copying, checked, running, forgetting = Signal(), Signal(), Signal(), Signal()
+        done, failed, pending, enabled = Signal(), Signal(), Signal(2), Signal(2)
+        code, number = Signal(ErrorCode.width()), Signal(range(len(written)))
+        illegal, first = self._check(m, written)
+        busy, ends, begins = Signal(), Signal(), Signal()
+        m.d.comb += [
+            busy.eq(copying | checked | running | self.busy), begins.eq(commands["start"] & ~busy),
+            self.start.eq(checked & ~illegal), ends.eq(self.finished & running & ~forgetting),
+        ]
+        m.d.sync += [
+            copying.eq(begins), checked.eq(copying), self.clear.eq(commands["clear"]),
+            self.abort.eq((commands["abort"] | commands["reset"]) & busy), self.interrupt.eq((pending & enabled).any())]
+        with m.If(copying):
+            m.d.sync += Value.cast(self.settings).eq(Cat(written.values()))
+        with m.If(self.start):
+            m.d.sync += running.eq(1)
+        with m.Elif(self.finished):
+            m.d.sync += [running.eq(0), forgetting.eq(0)]
+
+        enables = [bits for bits in self._registers["control"].bits if not bits.strobe]
+        with m.If(self._is_written(slave, "control")):
+            for place, bits in enumerate(enables):
+                with m.If(slave.write_bytes[bits.low // 8]):
+                    m.d.sync += enabled[place].eq(slave.write_data[bits.low])
+        with m.If(self._is_written(slave, "interrupt") & slave.write_bytes[0]):
+            m.d.sync += pending.eq(pending & ~slave.write_data[:2])
+
+        with m.If(begins):
+            m.d.sync += [done.eq(0), failed.eq(0), code.eq(ErrorCode.NONE)]
+        with m.If(ends & (self.error == ErrorCode.NONE)):
+            m.d.sync += [done.eq(1), pending[0].eq(1)]
+        with m.If(ends & (self.error != ErrorCode.NONE)):
+            m.d.sync += [failed.eq(1), pending[1].eq(1), code.eq(self.error)]
+        with m.If(checked & illegal):
+            m.d.sync += [failed.eq(1), pending[1].eq(1), code.eq(ErrorCode.BAD_SETTING), number.eq(first)]
+        with m.If(commands["reset"]):
+            m.d.sync += [
+                checked.eq(0), forgetting.eq((running & ~self.finished) | self.start),
+                done.eq(0), failed.eq(0), pending.eq(0), code.eq(ErrorCode.NONE), number.eq(0)]
+        return {
+            "control": _packed(self._registers["control"], {bits.name: enabled[i] for i, bits in enumerate(enables)}),
+            "status": _packed(
+                self._registers["status"], {"busy": busy, "done": done, "error": failed, "phase": self.phase}),
+            "error": code, "bad_setting": number, "interrupt": pending,
+            "error_clients": _packed(
+                self._registers["error_clients"], {"read": self.read_errors, "write": self.write_errors})}
+
+    def _check(self, m: Module, written: dict[str, Signal]) -> tuple[Signal, Signal]:
+        """Whether a setting is out of its limits, and which is the first; a cycle after they were looked at."""
+        illegal, first = Signal(), Signal(range(len(written)))
+        numbers = {s.name: s.number for s in settings(self.config)}
+        m.d.sync += illegal.eq(0)
+        for limit in reversed(limits(self.config)):  # the last assignment that applies is of the first
+            value = written[limit.setting]
+            with m.If((value < limit.low) | (value > limit.high)):
+                m.d.sync += [illegal.eq(1), first.eq(numbers[limit.setting])]
+        return illegal, first
+
+    def _write_settings(self, m: Module, slave: LiteSlave, written: dict[str, Signal]) -> None:
+        for name, signal in written.items():
+            with m.If(self._is_written(slave, name)):
+                for byte in range((len(signal) + 7) // 8):
+                    with m.If(slave.write_bytes[byte]):
+                        m.d.sync += signal[8 * byte : 8 * byte + 8].eq(slave.write_data[8 * byte : 8 * byte + 8])
+
+    def _counters(self, m: Module, slave: LiteSlave) -> dict[str, Value]:
+        """What the counters' registers read; the upper half of the one whose lower half was read last is kept."""
+        if not self.config.counters:
+            return {r.name: Value.cast(0) for r in self._registers.values() if r.offset >= COUNTERS_BASE}
+        upper, values = Signal(32, reset_less=True), {}
+        for counter in counters():
+            value = self.counters[counter.name]
+            if counter.width == 32:
+                values[counter.name] = value
+                continue
+            values |= {f"{counter.name}_low": value[:32], f"{counter.name}_high": upper}
+            with m.If(slave.read & (slave.read_index == self._registers[f"{counter.name}_low"].offset // 4)):
+                m.d.sync += upper.eq(value[32:])
+        return values
+
+
+def _packed(register: Register, parts: dict[str, Value]) -> Value:
+    """A register's value from those of its bits; strobes read 0."""
+    places = {bits.name: bits for bits in register.bits}
+    value = Value.cast(0)
+    for name, part in parts.items():
+        value = value | (Value.cast(part)[: places[name].width] << places[name].low)
+    return value
+
+
+def emit_register_file(config: AcceleratorConfig) -> str:
+    """Verilog of module `register_file`."""
+    return to_verilog(RegisterFile(config), "register_file")

@@ -1,0 +1,90 @@
+"""The AXI master with a read queue before every reader."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+from amaranth.hdl import Module, ResetInserter
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.axi import bus
+from rtl.axi.master import AxiMaster, id_bits
+from rtl.axi.read_port import ReadQueue
+from rtl.axi.registers import emit_register_file
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.memory import read_data, read_request, write_request
+from tb.common.emission import emitted
+from tb.common.runner import Design
+
+READERS, WRITERS = 5, 3
+"""Clients of the bench: not a power of two, not equally many."""
+
+DEPTH = 32
+"""Beats of a read queue."""
+
+IN_FLIGHT = 64
+"""Fewer than the read queues together ask for."""
+
+
+class AxiBench(wiring.Component):
+    """Ports `read_I`, `data_I`, `write_I` of the clients and those of the bus.
+
+    `restart` resets the read queues; `delivered` has a bit for each that gets a beat.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self._config = config
+        requests, beats = stream.Signature(layout(read_request(config))), stream.Signature(layout(read_data(config)))
+        writes = stream.Signature(layout(write_request(config)))
+        super().__init__({
+            **{f"read_{i}": In(requests) for i in range(READERS)}, **{f"data_{i}": Out(beats) for i in range(READERS)},
+            **{f"write_{i}": In(writes) for i in range(WRITERS)},
+            "abort": In(1), "restart": In(1), "clear_errors": In(1), "quiet": Out(1), "idle": Out(WRITERS),
+            "read_errors": Out(READERS), "write_errors": Out(WRITERS),
+            "read_beats": Out(READERS), "write_beats": Out(WRITERS), "delivered": Out(READERS),
+            **bus.axi_master_ports("m_axi", id_bits(READERS, WRITERS)),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.master = master = AxiMaster(self._config, READERS, WRITERS, IN_FLIGHT)
+        bus.join(m, self, master, "m_axi")
+        for i in range(READERS):
+            queue = ReadQueue(self._config, DEPTH)
+            m.submodules[f"queue_{i}"] = ResetInserter(self.restart)(queue)
+            wiring.connect(m, wiring.flipped(getattr(self, f"read_{i}")), queue.reads)
+            wiring.connect(m, queue.data, wiring.flipped(getattr(self, f"data_{i}")))
+            wiring.connect(m, queue.requests, master.reads[i])
+            wiring.connect(m, master.beats[i], queue.beats)
+            m.d.comb += self.delivered[i].eq(queue.beats.valid)
+        for i in range(WRITERS):
+            wiring.connect(m, wiring.flipped(getattr(self, f"write_{i}")), master.writes[i])
+        m.d.comb += [
+            master.abort.eq(self.abort), master.clear_errors.eq(self.clear_errors), self.quiet.eq(master.quiet),
+            self.idle.eq(master.writes_idle), self.read_errors.eq(master.read_errors),
+            self.write_errors.eq(master.write_errors), self.read_beats.eq(master.read_beats),
+            self.write_beats.eq(master.write_beats)]
+        return m
+
+
+def _design(name: str, module: str, verilog: str) -> Design:
+    """All ports of the module are for Python to see."""
+    listed = re.search(rf"^module {module}\((.*?)\);", verilog, re.DOTALL | re.MULTILINE)
+    return Design(name, module, ((f"{module}.v", verilog),), tuple(re.findall(r"\w+", listed[1])))
+
+
+@cache
+def master_design(config: AcceleratorConfig) -> Design:
+    """The bench. Not kept by `tb.common.emission`, which knows rtl/ and spec/ alone."""
+    return _design("axi-master", "axi_bench", to_verilog(AxiBench(config), "axi_bench"))
+
+
+@cache
+def register_design(config: AcceleratorConfig) -> Design:
+    """The register file of a configuration."""
+    name = "axi-registers" if config.counters else "axi-registers-without-counters"
+    return _design(name, "register_file", emitted("register_file", config, emit_register_file))
