@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, ShapeLike, Signal
+from amaranth.hdl import Cat, Module, ShapeLike, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -39,4 +39,34 @@ class Buffer(wiring.Component):
                 m.d.sync += source.payload.eq(sink.payload)
         with m.Elif(sink.valid & ~spare_valid):
             m.d.sync += [spare.eq(sink.payload), spare_valid.eq(1)]
+        return m
+
+
+class Fork(wiring.Component):
+    """Every item to each of several consumers, which take it at their own pace.
+
+    A `Buffer` for each consumer: one may be two items ahead of the other. All outputs come from flip-flops but `sink.ready`,
+    which is high when every buffer has room. Throughput one transfer a cycle, latency one cycle.
+
+    Parameters:
+        shape: shape of the payload.
+        count: consumers, 1 or more.
+    """
+
+    def __init__(self, shape: ShapeLike, count: int = 2):
+        if not isinstance(count, int) or isinstance(count, bool):
+            raise TypeError(f"count must be an integer, not {count!r}")
+        if count < 1:
+            raise ValueError(f"count must be 1 or more, not {count!r}")
+        items = stream.Signature(shape)
+        super().__init__({"sink": In(items), "sources": Out(items).array(count)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        buffers = [Buffer(self.sink.payload.shape()) for _ in self.sources]
+        m.d.comb += self.sink.ready.eq(Cat(buffer.sink.ready for buffer in buffers).all())
+        for number, (buffer, source) in enumerate(zip(buffers, self.sources, strict=True)):
+            m.submodules[f"buffer_{number}"] = buffer
+            m.d.comb += [buffer.sink.payload.eq(self.sink.payload), buffer.sink.valid.eq(self.sink.valid & self.sink.ready)]
+            wiring.connect(m, buffer.source, wiring.flipped(source))
         return m

@@ -1,0 +1,131 @@
+"""What the array and the splat fetch unit must know of a tile before its entries."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from rtl.tile_lists.beats import check_config, read_port
+from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import BEAT_BITS
+from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_header, tile_use
+
+_AHEAD = 64
+"""Tiles that wait beyond two rows, so that a table's beat that is late costs nothing."""
+
+_HEADERS = 16
+"""Headers that wait for the array while the splat fetch unit works ahead of it."""
+
+
+def waiting_tiles(config: AcceleratorConfig) -> int:
+    """Tiles that may wait: the array's next tile can come only when its whole group has been read and sorted, and the list
+    reader gets no group that this unit does not take. A group is a row of tiles at most; two of them, and some."""
+    return 2 * -(-config.row_width // TILE) + _AHEAD
+
+
+class HeaderMaker(wiring.Component):
+    """Counts of the tile merge unit and the host's table to TileHeaders and TileUses.
+
+    Parameters:
+        config: the machine; `row_width` and the plane's format matter here.
+
+    Ports:
+        tiles: TileGroup items of every tile of a frame, in order. `waiting_tiles` are taken whatever the other ports do.
+        tiles_base, tiles_x, tile_count: the table's first beat; tiles of a row and of the frame; stable during a frame.
+        reads, data: memory; four tiles a beat, asked for as tiles come.
+        headers: TileHeader items, one per tile; up to 16 more than `levels` has given may wait inside.
+        levels: TileUse items, one per tile.
+        clear: strobe, lowers `error`.
+        error: memory answered with an error; the items of such beats mean nothing but go their way.
+
+    Storage: `waiting_tiles` counts, a beat, 16 headers. Throughput: one tile a cycle, for any latency of memory of up to
+    about `waiting_tiles` cycles. Latency: about 8 cycles and memory's. Order: a frame's first tile is taken when all beats of
+    the frame before have been asked for.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        check_config(config)
+        self.config = config
+        tiles = range(frame_tiles(config) + 1)
+        super().__init__({
+            "tiles": In(stream.Signature(layout(tile_group(config)))),
+            "tiles_base": In(BEAT_BITS), "tiles_x": In(tiles), "tile_count": In(tiles),
+            **read_port(config),
+            "headers": Out(stream.Signature(layout(tile_header(config)))),
+            "levels": Out(stream.Signature(layout(tile_use(config)))),
+            "clear": In(1), "error": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        waits = data.StructLayout({"count": COUNT_BITS, "ends": 1})
+        m.submodules.waiting = waiting = SyncFIFOBuffered(width=waits.size, depth=waiting_tiles(self.config))
+        m.submodules.table = table = TileSettings(self.config)
+        wiring.connect(m, wiring.flipped(self.data), table.data)
+        with m.If(self.clear):
+            m.d.sync += self.error.eq(0)
+        with m.Elif(table.failed):
+            m.d.sync += self.error.eq(1)
+        self._ask(m, waiting, waits)
+        self._join(m, waits(waiting.r_data), waiting, table)
+        return m
+
+    def _ask(self, m: Module, waiting: SyncFIFOBuffered, waits: data.StructLayout) -> None:
+        """Tiles into the queue; a beat is owed for every fourth of them."""
+        tile = self.tiles.payload
+        owed = Signal(range(frame_tiles(self.config) // BEAT_TILES + 2))
+        first, taken = tile.tile == 0, Signal()
+        into = Signal(waits)
+        m.d.comb += [
+            into.count.eq(tile.count),
+            into.ends.eq(tile.tile == self.tile_count - 1),
+            waiting.w_data.eq(into),
+            self.tiles.ready.eq(waiting.w_rdy & ~(first & owed.any())),
+            taken.eq(self.tiles.valid & self.tiles.ready),
+            waiting.w_en.eq(taken),
+            self.reads.valid.eq(owed.any()),
+        ]
+        place = Signal(BEAT_BITS, reset_less=True)
+        m.d.comb += self.reads.payload.beat.eq(place)
+        asked = self.reads.valid & self.reads.ready
+        m.d.sync += owed.eq(owed + (taken & (tile.tile % BEAT_TILES == 0)) - asked)
+        with m.If(taken & first):
+            m.d.sync += place.eq(self.tiles_base)
+        with m.Elif(asked):
+            m.d.sync += place.eq(place + 1)
+
+    def _join(self, m: Module, tile: data.View, waiting: SyncFIFOBuffered, table: TileSettings) -> None:
+        """A tile and its setting to both outputs."""
+        m.submodules.levels = levels = Buffer(self.levels.payload.shape())
+        m.submodules.headers = headers = SyncFIFOBuffered(width=tile_header(self.config).width, depth=_HEADERS)
+        wiring.connect(m, levels.source, wiring.flipped(self.levels))
+        setting, header, use = table.settings.payload, Signal(self.headers.payload.shape()), levels.sink.payload
+        column, row = Signal.like(header.tile_x), Signal.like(header.tile_y)
+        whole, moves = waiting.r_rdy & table.settings.valid, Signal()
+        m.d.comb += [
+            moves.eq(whole & headers.w_rdy & levels.sink.ready),
+            waiting.r_en.eq(moves), table.settings.ready.eq(moves), table.last.eq(tile.ends),
+            headers.w_en.eq(moves), headers.w_data.eq(header), levels.sink.valid.eq(moves),
+            header.tile_x.eq(column), header.tile_y.eq(row),
+            header.outer.eq(setting.level != 0), header.blend.eq(setting.blend), header.plane.eq(setting.plane),
+            header.count.eq(tile.count),
+            use.level.eq(setting.level), use.blend.eq(setting.blend), use.count.eq(tile.count),
+            self.headers.valid.eq(headers.r_rdy), self.headers.payload.as_value().eq(headers.r_data),
+            headers.r_en.eq(self.headers.ready),
+        ]
+        with m.If(moves):
+            row_ends = column == self.tiles_x - 1
+            m.d.sync += column.eq(Mux(row_ends | tile.ends, 0, column + 1))
+            m.d.sync += row.eq(Mux(tile.ends, 0, row + row_ends))
+
+
+def emit_header_maker(config: AcceleratorConfig) -> str:
+    """Verilog of module `header_maker`."""
+    return to_verilog(HeaderMaker(config), "header_maker")

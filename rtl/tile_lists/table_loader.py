@@ -1,0 +1,76 @@
+"""Levels of all tiles from the host's table to the tile test's."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.tile_lists.beats import BeatRun, check_config, read_port
+from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS
+from spec.records import frame_tiles, tile_level
+
+
+class TableLoader(wiring.Component):
+    """A frame's TileSettings, read once, to TileLevel items in tile order.
+
+    Parameters:
+        config: the machine; `row_width` matters here.
+
+    Ports:
+        start: strobe, not while `busy`; settings are stable from it on.
+        tiles_base, tile_count: the table's first beat, and the frame's tiles, 1 or more.
+        reads, data: memory; four tiles a beat.
+        levels: TileLevel items, one per tile.
+        busy: high from the cycle after `start` until the last item is taken.
+        done: strobe, in the cycle after that.
+        error: memory answered with an error since `start`; the items of such beats mean nothing but go their way.
+
+    Throughput: one tile a cycle. Latency: one cycle from a beat.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        check_config(config)
+        self.config = config
+        super().__init__({
+            "start": In(1), "tiles_base": In(BEAT_BITS), "tile_count": In(range(frame_tiles(config) + 1)),
+            **read_port(config),
+            "levels": Out(stream.Signature(layout(tile_level(config)))),
+            "busy": Out(1), "done": Out(1), "error": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.beats = beats = BeatRun(self.config, len(self.tile_count))
+        m.submodules.table = table = TileSettings(self.config)
+        wiring.connect(m, beats.reads, wiring.flipped(self.reads))
+        wiring.connect(m, wiring.flipped(self.data), table.data)
+        item, setting = self.levels.payload, table.settings.payload
+        tile = Signal.like(item.tile, reset_less=True)
+        m.d.comb += [
+            beats.start.eq(self.start),
+            beats.base.eq(self.tiles_base),
+            beats.count.eq((self.tile_count + (BEAT_TILES - 1)) // BEAT_TILES),
+            self.levels.valid.eq(table.settings.valid),
+            table.settings.ready.eq(self.levels.ready),
+            table.last.eq(tile == self.tile_count - 1),
+            item.tile.eq(tile), item.level.eq(setting.level), item.blend.eq(setting.blend),
+        ]
+        taken = self.levels.valid & self.levels.ready
+        m.d.sync += self.done.eq(taken & table.last)
+        with m.If(taken):
+            m.d.sync += [tile.eq(tile + 1), self.busy.eq(~table.last)]
+        with m.If(self.start):
+            m.d.sync += [tile.eq(0), self.busy.eq(1), self.error.eq(0)]
+        with m.Elif(table.failed):
+            m.d.sync += self.error.eq(1)
+        return m
+
+
+def emit_table_loader(config: AcceleratorConfig) -> str:
+    """Verilog of module `table_loader`."""
+    return to_verilog(TableLoader(config), "table_loader")

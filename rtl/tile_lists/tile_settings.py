@@ -1,0 +1,61 @@
+"""The host's table of tiles, beat by beat, to one tile a cycle."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from rtl.tile_lists.beats import check_config
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES, check_memory, read_data, tile_setting
+
+BEAT_TILES = BEAT_BYTES // TILE_SETTING_BYTES
+"""Tiles of a beat of the table."""
+
+
+class TileSettings(wiring.Component):
+    """Beats of the table to TileSetting items; a frame's last beat may be used in part.
+
+    Parameters:
+        config: the machine; the plane's format matters here.
+
+    Ports:
+        data: beats of the table, in order.
+        settings: TileSetting items.
+        last: the item taken in this cycle is its frame's last: the rest of its beat is dropped.
+        failed: strobe, the beat taken in this cycle is an error; its items mean nothing but go their way.
+
+    Storage: the beat that is being used up. Throughput: one item a cycle, between beats, too. Latency: one cycle.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        check_config(config)
+        check_memory(config)
+        self.config = config
+        super().__init__({
+            "data": In(stream.Signature(layout(read_data(config)))),
+            "settings": Out(stream.Signature(layout(tile_setting(config)))),
+            "last": In(1), "failed": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        width, size = tile_setting(self.config).width, 8 * TILE_SETTING_BYTES
+        items = Signal(data.ArrayLayout(width, BEAT_TILES), reset_less=True)
+        left, valid = Signal(range(BEAT_TILES)), Signal()
+        beat = self.data.payload.word.as_value()
+        uses_up = ~left.any() | self.last
+        m.d.comb += [
+            self.settings.valid.eq(valid),
+            self.settings.payload.as_value().eq(items[0]),
+            self.data.ready.eq(~valid | self.settings.ready & uses_up),
+            self.failed.eq(self.data.valid & self.data.ready & self.data.payload.error),
+        ]
+        with m.If(self.data.ready):
+            m.d.sync += [valid.eq(self.data.valid), left.eq(BEAT_TILES - 1)]
+            m.d.sync += items.eq(Cat(beat[size * i : size * i + width] for i in range(BEAT_TILES)))
+        with m.Elif(self.settings.ready):
+            m.d.sync += [items.as_value().eq(items.as_value() >> width), left.eq(left - 1)]
+        return m
