@@ -17,12 +17,12 @@ from spec.registers import STAGES
 from tb.frame import __main__ as command
 from tb.frame import whole
 from tb.frame.bound import array_ops, bound_cycles
-from tb.top import device
+from tb.top import check, device
 from tb.top.image import FramePixels, page_beats, spill_beats
 from tb.top.packing import pack
 
 SIZE = (40, 24)
-EVENTS = whole.expected_events
+EVENTS = check.expected_events
 SCENE = "embedded --size 40x24 --gaze 5,5 --levels 4 --background 0.2,0.4,0.6"
 
 
@@ -39,11 +39,11 @@ def raw_pixels(frame):
 
 def test_mismatches_are_named_with_their_tile(frame):
     pixels = raw_pixels(frame)
-    assert whole.mismatches(frame, pixels) == []
+    assert check.mismatches(frame, pixels) == []
     pixels.colour[20, 35, 1] += 3
     pixels.depth[49, 69] -= 1
     pixels.transmittance[20, 17] += 1
-    found = whole.mismatches(frame, pixels)
+    found = check.mismatches(frame, pixels)
     assert [(m["field"], m["tile"], m["x"], m["y"]) for m in found] == [
         ("transmittance", 6, 17, 20), ("colour", 7, 35, 20), ("depth", 19, 69, 49)]
     assert np.subtract(found[1]["rtl"], found[1]["golden"]).tolist() == [0, 3, 0]
@@ -74,7 +74,7 @@ def test_the_bound_follows_the_text(frame, config):
 
 
 def test_a_run_has_room_for_its_frame(frame):
-    run = whole.frame_run(frame, 300)
+    run = check.frame_run(frame, 300)
     counts = np.diff(frame.entries.start)
     assert run.image.settings["entries_beats"] == page_beats(counts) and run.image.settings["beta"] == 300
     chunk = TINY.sort_buffer_bytes // 16
@@ -154,7 +154,7 @@ def test_one_wrong_bit_fails(copied, tmp_path, capfd):
 
 def test_a_wrong_counter_fails(copied, tmp_path, monkeypatch, capfd):
     copied["beta"] = 0
-    monkeypatch.setattr(whole, "expected_events", lambda frame: EVENTS(frame) | {"survivors": 1})
+    monkeypatch.setattr(check, "expected_events", lambda frame: EVENTS(frame) | {"survivors": 1})
     status, report = run_command(SCENE, tmp_path)
     assert status == 1 and report["bit_exact"] is True and len(report["counter_errors"]) == 1
     assert "counter survivors must be 1, not" in capfd.readouterr().out

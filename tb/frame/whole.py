@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.msv2_ref import culling
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.vrc_array import Pixels
 from spec.constants import TILE
@@ -17,47 +16,16 @@ from spec.memory import BEAT_BYTES
 from spec.registers import READ_CLIENTS, STAGES, WRITE_CLIENTS
 from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import array_ops, bound_cycles
+from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
-from tb.top.image import FramePixels, memory_image, page_beats, spill_beats
+from tb.top.image import FramePixels
 from tb.top.memory import MemorySpeed, beats_log2
-from tb.top.player import FrameResult, FrameRun, play_frames
+from tb.top.player import FrameResult, play_frames
 
 RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
 """Clients of the memory that work in the rendering phase."""
 
 _SHOWN = 10
-
-
-def frame_run(frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame") -> FrameRun:
-    """The run of a golden frame, with room in memory for what it needs and no more; `beta` as in `pipeline.render`."""
-    counts = np.diff(frame.entries.start)
-    image = memory_image(
-        frame.config, frame.words, frame.registers, beta=beta, entries_beats=page_beats(counts),
-        spill_beats=spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64)))
-    return FrameRun(name, image, speed or MemorySpeed())
-
-
-def mismatches(frame: Frame, pixels: FramePixels) -> list[dict[str, object]]:
-    """Every value in which a frame from memory differs from the golden one, in tile order."""
-    found = []
-    for name, got in pixels._asdict().items():
-        golden = frame.untiled(getattr(frame.pixels, name))
-        wrong = (got != golden).reshape(*got.shape[:2], -1).any(axis=2)
-        for y, x in np.argwhere(wrong).tolist():
-            tile = y // TILE * frame.registers.tiles_x + x // TILE
-            found.append({"field": name, "tile": tile, "x": x, "y": y, "rtl": np.ravel(got[y, x]).tolist(),
-                          "golden": np.ravel(golden[y, x]).tolist()})
-    return sorted(found, key=lambda m: (m["tile"], m["y"], m["x"]))
-
-
-def expected_events(frame: Frame) -> dict[str, int]:
-    """What the machine's counters must hold after the frame, of those that the golden frame tells."""
-    reason = frame.projected.reason
-    return {
-        "points": len(reason), "culled_near": int((reason == culling.NEAR).sum()),
-        "culled_faint": int((reason == culling.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
-        "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height}
 
 
 def simulate_machine(
@@ -76,7 +44,7 @@ def simulate_machine(
     if not result.done:
         raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
     wrong = mismatches(frame, result.pixels)
-    counters = _counter_errors(frame, result)
+    counters = counter_errors(frame, result)
     numbers = {
         "bit_exact": not wrong and not result.errors,
         "pixels_checked": frame.registers.width * frame.registers.height,
@@ -92,14 +60,6 @@ def simulate_machine(
         "build_s": round(build_s, 3),
     }
     return numbers, replace(frame, pixels=tiled(frame, result.pixels))
-
-
-def _counter_errors(frame: Frame, result: FrameResult) -> list[str]:
-    if not frame.config.counters:
-        return []
-    memory = {"read_beats": result.reads, "write_beats": result.writes}
-    return [f"counter {name} must be {wanted}, not {result.registers[name]!r}"
-            for name, wanted in {**expected_events(frame), **memory}.items() if result.registers[name] != wanted]
 
 
 def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:

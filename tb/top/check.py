@@ -1,0 +1,64 @@
+"""The machine's frames against the golden renderer's: pixels, bit by bit, and counters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref import culling
+from golden.msv2_ref.pipeline import Frame
+from spec.constants import TILE
+from tb.top.image import FramePixels, memory_image, page_beats, spill_beats
+from tb.top.memory import MemorySpeed
+from tb.top.player import FrameResult, FrameRun
+
+
+def frame_run(
+    frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
+    **options: object,
+) -> FrameRun:
+    """The run of a golden frame, with room in memory for what it needs and no more.
+
+    Args:
+        frame: the golden frame.
+        beta, obb: as `pipeline.render` was given.
+        speed: of the memory.
+        name: for messages.
+        options: those of FrameRun.
+    """
+    counts = np.diff(frame.entries.start)
+    image = memory_image(
+        frame.config, frame.words, frame.registers, beta=beta, obb=obb, entries_beats=page_beats(counts),
+        spill_beats=spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64)))
+    return FrameRun(name, image, speed or MemorySpeed(), **options)
+
+
+def mismatches(frame: Frame, pixels: FramePixels) -> list[dict[str, object]]:
+    """Every value in which a frame from memory differs from the golden one, in tile order."""
+    found = []
+    for name, got in pixels._asdict().items():
+        golden = frame.untiled(getattr(frame.pixels, name))
+        wrong = (got != golden).reshape(*got.shape[:2], -1).any(axis=2)
+        for y, x in np.argwhere(wrong).tolist():
+            tile = y // TILE * frame.registers.tiles_x + x // TILE
+            found.append({"field": name, "tile": tile, "x": x, "y": y, "rtl": np.ravel(got[y, x]).tolist(),
+                          "golden": np.ravel(golden[y, x]).tolist()})
+    return sorted(found, key=lambda m: (m["tile"], m["y"], m["x"]))
+
+
+def expected_events(frame: Frame) -> dict[str, int]:
+    """What the machine's counters must hold after the frame, of those that the golden frame tells."""
+    reason = frame.projected.reason
+    return {
+        "points": len(reason), "culled_near": int((reason == culling.NEAR).sum()),
+        "culled_faint": int((reason == culling.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
+        "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
+        "pixels": frame.registers.width * frame.registers.height}
+
+
+def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
+    """Counters that differ from what the golden frame and the memory say, in words."""
+    if not frame.config.counters:
+        return []
+    memory = {"read_beats": result.reads, "write_beats": result.writes}
+    return [f"counter {name} must be {wanted}, not {result.registers[name]!r}"
+            for name, wanted in {**expected_events(frame), **memory}.items() if result.registers[name] != wanted]
