@@ -326,176 +326,179 @@
 /* cycles of phase RENDER, upper half (read) */
 #define MSV2_CYCLES_RENDER_HIGH 0x41Cu
 
+/* frames that have ended, however they did (read) */
+#define MSV2_FRAMES 0x420u
+
 /* beats read from memory (read) */
-#define MSV2_READ_BEATS 0x420u
+#define MSV2_READ_BEATS 0x424u
 
 /* beats written to memory (read) */
-#define MSV2_WRITE_BEATS 0x424u
+#define MSV2_WRITE_BEATS 0x428u
 
 /* of these by read client geometry (read) */
-#define MSV2_READ_BEATS_GEOMETRY 0x428u
+#define MSV2_READ_BEATS_GEOMETRY 0x42Cu
 
 /* of these by read client tiles (read) */
-#define MSV2_READ_BEATS_TILES 0x42Cu
+#define MSV2_READ_BEATS_TILES 0x430u
 
 /* of these by read client colour (read) */
-#define MSV2_READ_BEATS_COLOUR 0x430u
+#define MSV2_READ_BEATS_COLOUR 0x434u
 
 /* of these by read client entries (read) */
-#define MSV2_READ_BEATS_ENTRIES 0x434u
+#define MSV2_READ_BEATS_ENTRIES 0x438u
 
 /* of these by read client spill (read) */
-#define MSV2_READ_BEATS_SPILL 0x438u
+#define MSV2_READ_BEATS_SPILL 0x43Cu
 
 /* of these by read client views (read) */
-#define MSV2_READ_BEATS_VIEWS 0x43Cu
+#define MSV2_READ_BEATS_VIEWS 0x440u
 
 /* of these by write client entries (read) */
-#define MSV2_WRITE_BEATS_ENTRIES 0x440u
+#define MSV2_WRITE_BEATS_ENTRIES 0x444u
 
 /* of these by write client views (read) */
-#define MSV2_WRITE_BEATS_VIEWS 0x444u
+#define MSV2_WRITE_BEATS_VIEWS 0x448u
 
 /* of these by write client spill (read) */
-#define MSV2_WRITE_BEATS_SPILL 0x448u
+#define MSV2_WRITE_BEATS_SPILL 0x44Cu
 
 /* of these by write client frame (read) */
-#define MSV2_WRITE_BEATS_FRAME 0x44Cu
+#define MSV2_WRITE_BEATS_FRAME 0x450u
 
 /* busy cycles in which stage geometry took an item (read) */
-#define MSV2_GEOMETRY_BUSY 0x450u
+#define MSV2_GEOMETRY_BUSY 0x454u
 
 /* busy cycles in which stage geometry had none to take (read) */
-#define MSV2_GEOMETRY_STARVED 0x454u
+#define MSV2_GEOMETRY_STARVED 0x458u
 
 /* busy cycles in which stage geometry had one but could not take it (read) */
-#define MSV2_GEOMETRY_BLOCKED 0x458u
+#define MSV2_GEOMETRY_BLOCKED 0x45Cu
 
 /* busy cycles in which stage projection took an item (read) */
-#define MSV2_PROJECTION_BUSY 0x45Cu
+#define MSV2_PROJECTION_BUSY 0x460u
 
 /* busy cycles in which stage projection had none to take (read) */
-#define MSV2_PROJECTION_STARVED 0x460u
+#define MSV2_PROJECTION_STARVED 0x464u
 
 /* busy cycles in which stage projection had one but could not take it (read) */
-#define MSV2_PROJECTION_BLOCKED 0x464u
+#define MSV2_PROJECTION_BLOCKED 0x468u
 
 /* busy cycles in which stage tile_test took an item (read) */
-#define MSV2_TILE_TEST_BUSY 0x468u
+#define MSV2_TILE_TEST_BUSY 0x46Cu
 
 /* busy cycles in which stage tile_test had none to take (read) */
-#define MSV2_TILE_TEST_STARVED 0x46Cu
+#define MSV2_TILE_TEST_STARVED 0x470u
 
 /* busy cycles in which stage tile_test had one but could not take it (read) */
-#define MSV2_TILE_TEST_BLOCKED 0x470u
+#define MSV2_TILE_TEST_BLOCKED 0x474u
 
 /* busy cycles in which stage colour took an item (read) */
-#define MSV2_COLOUR_BUSY 0x474u
+#define MSV2_COLOUR_BUSY 0x478u
 
 /* busy cycles in which stage colour had none to take (read) */
-#define MSV2_COLOUR_STARVED 0x478u
+#define MSV2_COLOUR_STARVED 0x47Cu
 
 /* busy cycles in which stage colour had one but could not take it (read) */
-#define MSV2_COLOUR_BLOCKED 0x47Cu
+#define MSV2_COLOUR_BLOCKED 0x480u
 
 /* busy cycles in which stage entry_write took an item (read) */
-#define MSV2_ENTRY_WRITE_BUSY 0x480u
+#define MSV2_ENTRY_WRITE_BUSY 0x484u
 
 /* busy cycles in which stage entry_write had none to take (read) */
-#define MSV2_ENTRY_WRITE_STARVED 0x484u
+#define MSV2_ENTRY_WRITE_STARVED 0x488u
 
 /* busy cycles in which stage entry_write had one but could not take it (read) */
-#define MSV2_ENTRY_WRITE_BLOCKED 0x488u
+#define MSV2_ENTRY_WRITE_BLOCKED 0x48Cu
 
 /* busy cycles in which stage list_read took an item (read) */
-#define MSV2_LIST_READ_BUSY 0x48Cu
+#define MSV2_LIST_READ_BUSY 0x490u
 
 /* busy cycles in which stage list_read had none to take (read) */
-#define MSV2_LIST_READ_STARVED 0x490u
+#define MSV2_LIST_READ_STARVED 0x494u
 
 /* busy cycles in which stage list_read had one but could not take it (read) */
-#define MSV2_LIST_READ_BLOCKED 0x494u
+#define MSV2_LIST_READ_BLOCKED 0x498u
 
 /* busy cycles in which stage sort took an item (read) */
-#define MSV2_SORT_BUSY 0x498u
+#define MSV2_SORT_BUSY 0x49Cu
 
 /* busy cycles in which stage sort had none to take (read) */
-#define MSV2_SORT_STARVED 0x49Cu
+#define MSV2_SORT_STARVED 0x4A0u
 
 /* busy cycles in which stage sort had one but could not take it (read) */
-#define MSV2_SORT_BLOCKED 0x4A0u
+#define MSV2_SORT_BLOCKED 0x4A4u
 
 /* busy cycles in which stage handover took an item (read) */
-#define MSV2_HANDOVER_BUSY 0x4A4u
+#define MSV2_HANDOVER_BUSY 0x4A8u
 
 /* busy cycles in which stage handover had none to take (read) */
-#define MSV2_HANDOVER_STARVED 0x4A8u
+#define MSV2_HANDOVER_STARVED 0x4ACu
 
 /* busy cycles in which stage handover had one but could not take it (read) */
-#define MSV2_HANDOVER_BLOCKED 0x4ACu
+#define MSV2_HANDOVER_BLOCKED 0x4B0u
 
 /* busy cycles in which stage fetch took an item (read) */
-#define MSV2_FETCH_BUSY 0x4B0u
+#define MSV2_FETCH_BUSY 0x4B4u
 
 /* busy cycles in which stage fetch had none to take (read) */
-#define MSV2_FETCH_STARVED 0x4B4u
+#define MSV2_FETCH_STARVED 0x4B8u
 
 /* busy cycles in which stage fetch had one but could not take it (read) */
-#define MSV2_FETCH_BLOCKED 0x4B8u
+#define MSV2_FETCH_BLOCKED 0x4BCu
 
 /* busy cycles in which stage array took an item (read) */
-#define MSV2_ARRAY_BUSY 0x4BCu
+#define MSV2_ARRAY_BUSY 0x4C0u
 
 /* busy cycles in which stage array had none to take (read) */
-#define MSV2_ARRAY_STARVED 0x4C0u
+#define MSV2_ARRAY_STARVED 0x4C4u
 
 /* busy cycles in which stage array had one but could not take it (read) */
-#define MSV2_ARRAY_BLOCKED 0x4C4u
+#define MSV2_ARRAY_BLOCKED 0x4C8u
 
 /* busy cycles in which stage pixel_write took an item (read) */
-#define MSV2_PIXEL_WRITE_BUSY 0x4C8u
+#define MSV2_PIXEL_WRITE_BUSY 0x4CCu
 
 /* busy cycles in which stage pixel_write had none to take (read) */
-#define MSV2_PIXEL_WRITE_STARVED 0x4CCu
+#define MSV2_PIXEL_WRITE_STARVED 0x4D0u
 
 /* busy cycles in which stage pixel_write had one but could not take it (read) */
-#define MSV2_PIXEL_WRITE_BLOCKED 0x4D0u
+#define MSV2_PIXEL_WRITE_BLOCKED 0x4D4u
 
 /* Gaussians read (read) */
-#define MSV2_POINTS 0x4D4u
+#define MSV2_POINTS 0x4D8u
 
 /* points in front of the near plane (read) */
-#define MSV2_CULLED_NEAR 0x4D8u
+#define MSV2_CULLED_NEAR 0x4DCu
 
 /* points too faint to be seen at any level (read) */
-#define MSV2_CULLED_FAINT 0x4DCu
+#define MSV2_CULLED_FAINT 0x4E0u
 
 /* points whose projection is degenerate or touches no tile of the frame (read) */
-#define MSV2_CULLED_OUTSIDE 0x4E0u
+#define MSV2_CULLED_OUTSIDE 0x4E4u
 
 /* points with an entry (read) */
-#define MSV2_SURVIVORS 0x4E4u
+#define MSV2_SURVIVORS 0x4E8u
 
 /* tile entries written (read) */
-#define MSV2_ENTRIES 0x4E8u
+#define MSV2_ENTRIES 0x4ECu
 
 /* pairs of point and tile that the foveation filter dropped (read) */
-#define MSV2_FILTERED 0x4ECu
+#define MSV2_FILTERED 0x4F0u
 
 /* groups of merged tiles (read) */
-#define MSV2_GROUPS 0x4F0u
+#define MSV2_GROUPS 0x4F4u
 
 /* entries written to memory once more, in sorted runs (read) */
-#define MSV2_SPILLED_ENTRIES 0x4F4u
+#define MSV2_SPILLED_ENTRIES 0x4F8u
 
 /* views found in the splat cache (read) */
-#define MSV2_FETCH_HITS 0x4F8u
+#define MSV2_FETCH_HITS 0x4FCu
 
 /* views read from memory (read) */
-#define MSV2_FETCH_MISSES 0x4FCu
+#define MSV2_FETCH_MISSES 0x500u
 
 /* pixels written (read) */
-#define MSV2_PIXELS 0x500u
+#define MSV2_PIXELS 0x504u
 
 /* What the machine is doing. */
 enum msv2_phase {

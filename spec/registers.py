@@ -263,6 +263,7 @@ def counters() -> tuple[Counter, ...]:
     stages = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
     return (
         *(Counter(f"cycles_{name}", f"cycles {doc}", 64) for name, doc in phases.items()),
+        Counter("frames", "frames that have ended, however they did"),
         Counter("read_beats", "beats read from memory"),
         Counter("write_beats", "beats written to memory"),
         *(Counter(f"read_beats_{name}", f"of these by read client {name}") for name in READ_CLIENTS),

@@ -197,11 +197,12 @@ def test_performance_counters_count_what_their_names_say():
             ctx.set(dut.read_beats, 1 << reader >> 1)
             ctx.set(dut.write_beats, 1 << writer >> 1)
             ctx.set(dut.events, events)
+            ctx.set(dut.finished, step % 3 == 0)
             ctx.set(dut.clear, step == 100)
             await ctx.tick()
             active = phase != Phase.IDLE
             wanted.update(events)
-            wanted.update({"cycles_total": active, f"cycles_{phase.name.lower()}": 1})
+            wanted.update({"cycles_total": active, "frames": step % 3 == 0, f"cycles_{phase.name.lower()}": 1})
             for i, stage in enumerate(STAGES):
                 what = "starved" if not valid >> i & 1 else "busy" if ready >> i & 1 else "blocked"
                 wanted[f"{stage}_{what}"] += active

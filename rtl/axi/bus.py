@@ -65,11 +65,13 @@ def axi_lite_slave_ports(prefix: str) -> dict[str, Member]:
     return _ports(prefix, channels, False)
 
 
-def join(m: Module, outer: wiring.Component, inner: wiring.Component, prefix: str) -> None:
-    """Connects the ports that begin with `prefix_` of a submodule to those of the same names of its parent."""
+def join(
+    m: Module, outer: wiring.Component, inner: wiring.Component, prefix: str, outer_prefix: str | None = None,
+) -> None:
+    """Connects the ports that begin with `prefix_` of a submodule to those of its parent, of the same or another prefix."""
     names = [name for name in inner.signature.members if name.startswith(f"{prefix}_")]
     if not names:
         raise ValueError(f"prefix must begin a port of {type(inner).__name__}, not {prefix!r}")
     for name in names:
-        here, there = getattr(outer, name), getattr(inner, name)
+        here, there = getattr(outer, (outer_prefix or prefix) + name.removeprefix(prefix)), getattr(inner, name)
         m.d.comb += here.eq(there) if inner.signature.members[name].flow is Out else there.eq(here)

@@ -54,11 +54,12 @@ def events_layout() -> data.StructLayout:
 
 
 class PerformanceCounters(wiring.Component):
-    """All counters of the machine. They count in all phases but IDLE; beats and events always.
+    """All counters of the machine. Cycles and stages count in all phases but IDLE, the rest always.
 
     Ports:
         phase: the machine's.
         clear: strobe: set all to 0.
+        finished: strobe: a frame has ended.
         stage_valid, stage_ready: of the stages' input streams, in the order of `STAGES`.
         read_beats, write_beats: a bit a client, strobes.
         events: see `events_layout`.
@@ -67,7 +68,7 @@ class PerformanceCounters(wiring.Component):
 
     def __init__(self) -> None:
         super().__init__({
-            "phase": In(unsigned(Phase.width())), "clear": In(1),
+            "phase": In(unsigned(Phase.width())), "clear": In(1), "finished": In(1),
             "stage_valid": In(len(STAGES)), "stage_ready": In(len(STAGES)),
             "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(WRITE_CLIENTS)), "events": In(events_layout()),
             "counters": Out(counters_layout()),
@@ -84,7 +85,7 @@ class PerformanceCounters(wiring.Component):
             for what in ("busy", "starved", "blocked"):
                 m.d.comb += self.counters[f"{stage}_{what}"].eq(getattr(stages, what)[i])
 
-        steps: dict[str, Value] = {"cycles_total": active}
+        steps: dict[str, Value] = {"cycles_total": active, "frames": self.finished}
         steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
         steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
         steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(WRITE_CLIENTS)}

@@ -118,10 +118,10 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
                  temper=_temper(latency=(1, 20), shuffled=True)) for pattern in (Pattern.ALWAYS, Pattern.BURSTY)]
     tempers = (_temper(latency=(1, 1)), _temper(0.5, (1, 40), shuffled=True), _temper(0.0, (60, 60)), _temper(0.8, (1, 5)))
     plan += [
-        Scenario(f"after an abort at {cut}, temper {number}", "memory", **_traffic(count // 8, count // 8), seed=seed + cut,
+        Scenario(f"after an abort at {cut}, temper {number}", "memory", **_traffic(30, 30), seed=seed + cut,
                  temper=temper, cut=cut) for number, temper in enumerate(tempers) for cut in (3, 20 + number, 71)]
     plan += [
-        Scenario(f"after a reset at {cycles}", "memory", **_traffic(count // 8, count // 8), seed=seed + cycles,
+        Scenario(f"after a reset at {cycles}", "memory", **_traffic(30, 30), seed=seed + cycles,
                  temper=_temper(0.3, (1, 40), shuffled=True), reset_at=cycles) for cycles in (4, 25, 90)]
     plan += [
         Scenario("cocotbext's memory", "ram", **some, seed=seed, temper=_temper()),
