@@ -90,11 +90,13 @@ def rate(recording: Recording, port: str) -> float:
 
 def run_plan(
     playback: Playback, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
+    watchdog: int = 20_000,
 ) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare. `watchdog`: see `play`."""
     begin, outcome = time.perf_counter(), Outcome()
     for item, recording in zip(
-            plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress), strict=True):
+            plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress, watchdog=watchdog),
+            strict=True):
         outcome.cycles += recording.cycles
         if item.run.abort is not None:
             continue

@@ -1,5 +1,6 @@
-"""Unit test of the chunk sorter (`rtl.sort_tmu.chunk_sorter`) against `golden.msv2_ref.sort_tmu`.
+"""Unit tests of the chunk sorter and of the hierarchical sorter around it against `golden.msv2_ref.sort_tmu`.
 
-    stimuli     chunks by hand, at random and of scenes' groups
-    suite       what is run, in which configurations
+    stimuli         chunks and groups by hand, at random and of scenes
+    suite           the chunk sorter's: what is run, in which configurations
+    hierarchical    the hierarchical sorter's (`rtl.sort_tmu.hierarchical_sorter`), with a memory at its ports
 """

@@ -26,10 +26,10 @@ def items_of(config: AcceleratorConfig, chunks: Iterable[np.ndarray]) -> np.ndar
     return np.concatenate(parts)
 
 
-def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int, order: str) -> np.ndarray:
-    """(count, 3) entries of a few neighbouring tiles, in one of ORDERS; no two share tile and index but where all are equal."""
+def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int, order: str, tiles: int = 5) -> np.ndarray:
+    """(count, 3) entries of up to `tiles` neighbours, in one of ORDERS; no two share tile and index but where all are equal."""
     keys = 2 if order == "ties" else config.formats.depth_key.raw_max + 1
-    tile = rng.integers(frame_tiles(config)) + rng.integers(0, 5, count)
+    tile = rng.integers(frame_tiles(config)) + rng.integers(0, tiles, count)
     index = rng.choice(1 << INDEX_BITS - 6, count, replace=False) * 64 + rng.integers(0, 64, count)
     chunk = np.stack([np.minimum(tile, frame_tiles(config) - 1), rng.integers(0, keys, count), index], 1)
     if order == "equal":
@@ -58,3 +58,8 @@ def group_chunks(frame: Frame, capacity: int) -> list[np.ndarray]:
         rows[start : min(start + capacity, end)]
         for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
         for start in range(begin, max(end, begin + 1), capacity)]
+
+
+def whole_groups(frame: Frame) -> list[np.ndarray]:
+    """A traced frame's groups in order, entries as culling finds them; a group without entries is empty."""
+    return group_chunks(frame, max(len(frame.entries.splat), 1))

@@ -1,0 +1,133 @@
+"""Between sorting and the array: sorted entries as they come, or whole groups through two halves.
+
+Both components have the same ports, so that the machine's two ways of handing over differ in nothing else. A `LineBuffer`
+passes an entry on as soon as it is there. A `DoubleBuffer`, the paper's baseline, shows a group when all of it is there::
+
+    cycle               0    1    2    3    4    5    6    7    8
+    sink              < a >< b.>< c >< d >< e.>                         . ends a group
+    source, line                < a >< b.>< c >< d >< e.>
+    source, double                   < a >< b.>     < c >< d >< e.>
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import memory, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.sort_tmu.chunk_sorter import chunk_capacity
+from spec.config import AcceleratorConfig
+from spec.records import ENTRY_BYTES, chunk_entry
+
+
+class LineBuffer(wiring.Component):
+    """A FIFO of `line_buffer_bytes`.
+
+    Parameters:
+        config: the machine; `line_buffer_bytes` and the entry's format matter here.
+
+    Ports:
+        sink, source: ChunkEntry items.
+        busy: items are inside.
+
+    Storage: line_buffer_bytes / 8 entries. Throughput: one a cycle. Latency: 2.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self._entries = _checked(config).line_buffer_bytes // ENTRY_BYTES
+        super().__init__(_ports(config))
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.entries = entries = SyncFIFOBuffered(width=len(self.sink.payload.as_value()), depth=self._entries)
+        m.d.comb += [
+            entries.w_en.eq(self.sink.valid), entries.w_data.eq(self.sink.payload), self.sink.ready.eq(entries.w_rdy),
+            self.source.valid.eq(entries.r_rdy), self.source.payload.eq(entries.r_data), entries.r_en.eq(self.source.ready),
+        ]
+        m.d.comb += self.busy.eq(entries.level != 0)
+        return m
+
+
+class DoubleBuffer(wiring.Component):
+    """Two halves of `chunk_capacity` entries: one is filled while the other is read.
+
+    A half takes one group, or of a larger one as much as fits, and is shown when that is complete; it is free again when its
+    last entry has been taken. A short group leaves its half mostly unused, as it does in the paper's baseline.
+
+    Parameters:
+        config: the machine; `sort_buffer_bytes` and the entry's format matter here.
+
+    Ports:
+        sink, source: ChunkEntry items; a group ends with `last`.
+        busy: items are inside.
+
+    Storage: 2 chunk_capacity entries in one memory, in which the other half is written than read. Throughput: one a cycle
+    between halves of equal length; otherwise one side waits for the other's half. Latency: a group's first entry leaves two
+    cycles after its last one came.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self._capacity = chunk_capacity(_checked(config))
+        super().__init__(_ports(config))
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        item = self.sink.payload
+        m.submodules.words = words = memory.Memory(shape=item.shape(), depth=2 * self._capacity, init=[])
+        write, read = words.write_port(), words.read_port()
+        full, ends = Signal(2), [Signal(range(self._capacity), name=f"end_{half}", reset_less=True) for half in range(2)]
+        filled, place = Signal(), Signal(range(self._capacity))  # where the next entry goes
+        shown, next_place = Signal(), Signal(range(self._capacity))  # where the next one comes from
+        taken, left = self.sink.valid & self.sink.ready, self.source.valid & self.source.ready
+        complete = taken & (item.last | (place == self._capacity - 1))
+        m.d.comb += [
+            self.sink.ready.eq(~full.bit_select(filled, 1)),
+            write.en.eq(taken), write.addr.eq(Cat(place, filled)), write.data.eq(item),
+            self.busy.eq(full.any() | place.any()),
+        ]
+        with m.If(taken):
+            m.d.sync += [place.eq(Mux(complete, 0, place + 1)), filled.eq(filled ^ complete)]
+        fetch, exhausted = Signal(), next_place == Mux(shown, ends[1], ends[0])
+        of_half, is_last = Signal(), Signal()  # of the entry at the memory's output
+        m.d.comb += [
+            fetch.eq(full.bit_select(shown, 1) & (~self.source.valid | self.source.ready)),
+            read.en.eq(fetch), read.addr.eq(Cat(next_place, shown)),
+            self.source.payload.eq(read.data),
+        ]
+        with m.If(~self.source.valid | self.source.ready):
+            m.d.sync += self.source.valid.eq(fetch)
+        with m.If(fetch):
+            m.d.sync += [
+                next_place.eq(Mux(exhausted, 0, next_place + 1)), shown.eq(shown ^ exhausted), of_half.eq(shown),
+                is_last.eq(exhausted),
+            ]
+        for half in range(2):
+            with m.If(complete & (filled == half)):
+                m.d.sync += [full[half].eq(1), ends[half].eq(place)]
+            with m.Elif(left & is_last & (of_half == half)):
+                m.d.sync += full[half].eq(0)
+        return m
+
+
+def handover(config: AcceleratorConfig) -> LineBuffer | DoubleBuffer:
+    """What the machine has: a line buffer where `incremental`, otherwise a double buffer."""
+    return LineBuffer(config) if _checked(config).incremental else DoubleBuffer(config)
+
+
+def emit_handover(config: AcceleratorConfig) -> str:
+    """Verilog of module `handover`."""
+    return to_verilog(handover(config), "handover")
+
+
+def _checked(config: AcceleratorConfig) -> AcceleratorConfig:
+    if not isinstance(config, AcceleratorConfig):
+        raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+    return config
+
+
+def _ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
+    items = stream.Signature(layout(chunk_entry(config)))
+    return {"sink": In(items), "source": Out(items), "busy": Out(1)}

@@ -1,0 +1,214 @@
+"""The hierarchical sorting unit: groups of any length into their total order."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFO, SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.sort_tmu.chunk_sorter import ChunkSorter
+from rtl.sort_tmu.merge_plan import MergePlan, merge_layout, part_layout, run_beats
+from rtl.sort_tmu.merge_tree import MergeTree
+from rtl.sort_tmu.run_reader import RunReader
+from rtl.sort_tmu.run_writer import BeatPacker, RunWriter
+from rtl.sort_tmu.spill_dispatch import SpillDispatch, cut_layout
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, read_data, read_request, write_request
+from spec.records import chunk_entry, tile_entry
+
+_CUTS = 8
+"""Chunks of large groups inside the sorter, which holds two chunks: the last of each may be short."""
+
+_PARTS = 8
+"""Spilled groups that wait to be merged."""
+
+_MERGES = 4
+"""Merges that have runs in the reader; a run is longer than a way's FIFO, but for a group's last one."""
+
+
+class HierarchicalSorter(wiring.Component):
+    """Groups by (native tile, depth key, index), in the order they come.
+
+    A group of at most `chunk_capacity` entries passes the chunk sorter and leaves. A larger one is cut into chunks as it comes,
+    each is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time, as they are read back::
+
+        groups ─► cut ─► ChunkSorter ─► SpillDispatch ──────────────────────────► sorted
+                                              │ parts                       ▲ out
+                                              ▼                             │
+                      writes ◄─ RunWriter ◄─ runs    MergePlan ─► RunReader ─► MergeTree ─┐
+                                    ▲                              ▲ reads, data          │ back
+                                    └─────────────────────────────────────────────────────┘
+
+    The spill region's first half is a ring: groups take runs of it in order and give them back in order. Its second half is
+    for merged runs, of one group at a time. The oldest group needs no room but its own and the second half, so that it always
+    gets done, whatever waits behind it. While it is merged, the groups that follow are sorted, and written where they are large
+    too; one that is not waits inside the chunk sorter until it may leave.
+
+    Parameters:
+        config: the machine; `sort_buffer_bytes`, `merge_ways`, `row_width` and the depth key's format matter here.
+
+    Ports:
+        groups: ChunkEntry items; a group ends with `last`, an empty one is a single item with `last` and `empty`.
+        sorted: the same groups, each in order.
+        reads, data, writes, writes_idle: memory; `writes_idle` is low from the cycle after a write was taken.
+        spill_base, spill_beats: the spill region: first beat and size. It may change where `busy` is low.
+        clear: strobe, clears the three that follow; so does a reset.
+        spilled: entries written to memory, those of merged runs too; each is also read once.
+        overflow: a group did not fit half of the region. It left as several sorted pieces behind each other: nothing was lost.
+        error: a read was answered with an error; order and entries of its group mean nothing.
+        busy: something is on its way.
+
+    Storage: that of ChunkSorter; merge_ways * 33 beats to read ahead (8.4 KB for 8 ways) and 32 beats to write.
+    Throughput: one entry a cycle while groups fit, and while they are spilled ones of at most `merge_ways` chunks and the
+    ring holds three of them or more. A group that fits waits for the merge of a spilled one before it. A larger group's
+    entries pass the tree more than once: see MergePlan. Latency: that of ChunkSorter; of a spilled group the first entry
+    leaves about 40 + 4 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self._sorter = ChunkSorter(config)
+        self.config = config
+        items = stream.Signature(layout(chunk_entry(config)))
+        super().__init__({
+            "groups": In(items),
+            "sorted": Out(items),
+            "reads": Out(stream.Signature(layout(read_request(config)))),
+            "data": In(stream.Signature(layout(read_data(config)))),
+            "writes": Out(stream.Signature(layout(write_request(config)))),
+            "writes_idle": In(1),
+            "spill_base": In(BEAT_BITS),
+            "spill_beats": In(BEAT_BITS),
+            "clear": In(1),
+            "spilled": Out(32),
+            "overflow": Out(1),
+            "error": Out(1),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m, config = Module(), self.config
+        width = tile_entry(config).width
+        m.submodules.sorter = sorter = self._sorter
+        m.submodules.dispatch = dispatch = SpillDispatch(config)
+        m.submodules.chunk_packer = chunk_packer = BeatPacker(config)
+        m.submodules.merged_packer = merged_packer = BeatPacker(config)
+        m.submodules.writer = writer = RunWriter(config)
+        m.submodules.plan = plan = MergePlan(config)
+        m.submodules.reader = reader = RunReader(config)
+        m.submodules.tree = tree = MergeTree(width, config.merge_ways)
+        for source, sink in (
+                (sorter.sorted, dispatch.chunks), (dispatch.run_entries, chunk_packer.sink), (plan.runs, reader.runs),
+                (chunk_packer.source, writer.chunks), (merged_packer.source, writer.merged),
+                (reader.reads, wiring.flipped(self.reads)), (wiring.flipped(self.data), reader.data),
+                (writer.writes, wiring.flipped(self.writes)),
+                *((reader.sources[i], tree.sinks[i]) for i in range(config.merge_ways))):
+            wiring.connect(m, source, sink)
+        m.d.comb += [
+            writer.writes_idle.eq(self.writes_idle), chunk_packer.begin.eq(dispatch.run_begin),
+            plan.written.eq(writer.merged_there), self.busy.eq(sorter.busy | dispatch.active),
+        ]
+        self._ring(m, dispatch, plan, (chunk_packer, merged_packer, reader))
+        self._cut(m, sorter, dispatch)
+        self._parts(m, dispatch, plan, writer.chunks_there)
+        self._leave(m, dispatch, plan, tree, merged_packer)
+        moved = [s.valid & s.ready & ~s.payload.nothing for s in (dispatch.run_entries, merged_packer.sink)]
+        m.d.sync += [
+            self.spilled.eq(Mux(self.clear, 0, self.spilled + moved[0] + moved[1])),
+            self.overflow.eq(~self.clear & (self.overflow | dispatch.overflow)),
+            self.error.eq(~self.clear & (self.error | reader.error)),
+        ]
+        return m
+
+    def _ring(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, followers: tuple[wiring.Component, ...]) -> None:
+        """The region's halves, in registers: whole runs each."""
+        shift = run_beats(self.config).bit_length() - 1
+        runs, base, beats, end = (Signal(width, name=f"ring_{name}") for name, width in (
+            ("runs", len(dispatch.ring_runs)), ("base", BEAT_BITS), ("beats", BEAT_BITS), ("end", BEAT_BITS + 1)))
+        m.d.comb += [
+            dispatch.ring_runs.eq(runs), dispatch.ring_base.eq(base), plan.ring_base.eq(base), plan.ring_beats.eq(beats)]
+        m.d.comb += [signal.eq(value) for f in followers for signal, value in ((f.ring_end, end), (f.ring_base, base))]
+        m.d.sync += [
+            runs.eq(self.spill_beats >> shift + 1), base.eq(self.spill_base), beats.eq(runs << shift), end.eq(base + beats)]
+
+    def _cut(self, m: Module, sorter: ChunkSorter, dispatch: SpillDispatch) -> None:
+        """Groups to chunks; which of them are not whole groups goes beside the sorter."""
+        cut = cut_layout(self.config)
+        m.submodules.cuts = cuts = SyncFIFO(width=cut.size, depth=_CUTS)  # seen in the next cycle: before the chunk is sorted
+        place, number, more = Signal(range(sorter.capacity)), Signal(cut["number"].shape), Signal()
+        item, chunk, put = self.groups.payload, sorter.chunks.payload, data.View(cut, cuts.w_data)
+        taken = self.groups.valid & self.groups.ready
+        m.d.comb += [
+            chunk.eq(item),
+            chunk.last.eq(item.last | (place == sorter.capacity - 1)),
+            sorter.chunks.valid.eq(self.groups.valid & cuts.w_rdy),
+            self.groups.ready.eq(sorter.chunks.ready & cuts.w_rdy),
+            put.number.eq(number),
+            put.last.eq(item.last),
+            cuts.w_en.eq(taken & chunk.last & (more | ~item.last)),
+            dispatch.cuts.valid.eq(cuts.r_rdy),
+            dispatch.cuts.payload.eq(cuts.r_data),
+            cuts.r_en.eq(dispatch.cuts.ready),
+        ]
+        with m.If(taken):
+            m.d.sync += [place.eq(Mux(chunk.last, 0, place + 1)), number.eq(number + chunk.last)]
+            with m.If(chunk.last):
+                m.d.sync += more.eq(~item.last)
+
+    def _parts(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, there: Value) -> None:
+        """Parts to the plan, as soon as memory has them."""
+        m.submodules.parts = parts = SyncFIFOBuffered(width=part_layout(self.config).size, depth=_PARTS)
+        visible = Signal(range(16))
+        gone = plan.parts.valid & plan.parts.ready
+        m.d.comb += [
+            parts.w_en.eq(dispatch.parts.valid),
+            parts.w_data.eq(dispatch.parts.payload),
+            dispatch.parts.ready.eq(parts.w_rdy),
+            plan.parts.valid.eq(parts.r_rdy & visible.any()),
+            plan.parts.payload.eq(parts.r_data),
+            parts.r_en.eq(gone),
+        ]
+        m.d.sync += visible.eq(visible + there - gone)
+
+    def _leave(
+        self, m: Module, dispatch: SpillDispatch, plan: MergePlan, tree: MergeTree, packer: BeatPacker,
+    ) -> None:
+        """Merged entries out or back to memory; chunks where nothing is to be merged."""
+        merge = merge_layout(self.config)
+        m.submodules.merges = merges = SyncFIFOBuffered(width=merge.size, depth=_MERGES)
+        goal, head, out, back = data.View(merge, merges.r_data), tree.source.payload, self.sorted.payload, packer.sink.payload
+        fields = [out[f.name] for f in tile_entry(self.config).fields]
+        there, ready = tree.source.valid & merges.r_rdy, Mux(goal.back, packer.sink.ready, self.sorted.ready)
+        ends = there & ready & head.last
+        m.d.comb += [
+            merges.w_en.eq(plan.merges.valid),
+            merges.w_data.eq(plan.merges.payload),
+            plan.merges.ready.eq(merges.w_rdy),
+            merges.r_en.eq(ends),
+            tree.source.ready.eq(merges.r_rdy & ready),
+            packer.begin.eq(goal.beat),
+            packer.sink.valid.eq(there & goal.back),
+            back.word.eq(head.word),
+            back.last.eq(head.last),
+            back.fence.eq(head.last),
+            dispatch.freed.eq(ends & ~goal.back),
+            dispatch.freed_runs.eq(goal.runs),
+        ]
+        with m.If(dispatch.active):
+            m.d.comb += [
+                self.sorted.valid.eq(there & ~goal.back),
+                Cat(fields).eq(head.word),
+                out.last.eq(head.last & goal.last),
+            ]
+        with m.Else():
+            m.d.comb += [
+                self.sorted.valid.eq(dispatch.direct.valid), out.eq(dispatch.direct.payload),
+                dispatch.direct.ready.eq(self.sorted.ready),
+            ]
+
+
+def emit_hierarchical_sorter(config: AcceleratorConfig) -> str:
+    """Verilog of module `hierarchical_sorter`."""
+    return to_verilog(HierarchicalSorter(config), "hierarchical_sorter")

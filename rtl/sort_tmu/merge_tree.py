@@ -1,0 +1,109 @@
+"""A tree of two-way comparators: sorted runs at its leaves to one sorted run, an entry a cycle.
+
+Every leaf brings one run for each merge, in the order of the merges; a leaf without one brings a blank. The tree knows no
+merge from the next but by the ends of runs, so that merges follow each other without a pause::
+
+    cycle         0    1    2    3    4    5    6                one node
+    sink 0     < 2 >< 7.>< 1 ....                                7. is the last of its run
+    sink 1     < 5 >< 5 >< 5 >< 9.><  blank  >< 3 ....
+    source          < 2 >< 5 >< 7 >< 9.>     < 1 >               the blank takes a cycle
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+
+def run_layout(width: int) -> data.StructLayout:
+    """An entry of a run as one number, the end of the run, and whether there is no entry: a blank, which ends its run, too."""
+    return data.StructLayout({"word": width, "last": 1, "blank": 1})
+
+
+class MergeNode(wiring.Component):
+    """Two runs to one.
+
+    Parameters:
+        width: bits of an entry; entries are ordered as unsigned numbers.
+
+    Ports:
+        sinks: runs, one of each for every run at the source.
+        source: merged runs; a blank where both are.
+
+    Storage: one entry. Throughput: an entry a cycle, and a cycle more where just one of the two runs is blank. Latency: 1.
+    """
+
+    def __init__(self, width: int):
+        self._layout = run_layout(width)
+        items = stream.Signature(self._layout)
+        super().__init__({"sinks": In(items).array(2), "source": Out(items)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        heads, gone = [sink.payload for sink in self.sinks], Signal(2)  # gone: the side's run has ended, the other has not
+        free, moves, side = Signal(), Signal(), Signal()
+        here = [gone[i] | sink.valid & ~sink.payload.blank for i, sink in enumerate(self.sinks)]
+        head = data.View(self._layout, Mux(side, heads[1], heads[0]))
+        blank, ends = gone.all(), Signal()  # only blanks make both gone: otherwise the second to end, ends the merged run
+        m.d.comb += [
+            free.eq(~self.source.valid | self.source.ready),
+            moves.eq(here[0] & here[1] & free),
+            side.eq(gone[0] | ~gone[1] & (heads[1].word < heads[0].word)),
+            ends.eq(blank | head.last & gone.any()),
+        ]
+        for i, sink in enumerate(self.sinks):
+            skips = sink.valid & sink.payload.blank & ~gone[i]
+            m.d.comb += sink.ready.eq(skips | moves & ~blank & (side == i))
+            with m.If(moves & ends):
+                m.d.sync += gone[i].eq(0)
+            with m.Elif(skips | moves & head.last & (side == i)):
+                m.d.sync += gone[i].eq(1)
+        with m.If(free):
+            m.d.sync += self.source.valid.eq(moves)
+        with m.If(moves):
+            m.d.sync += [
+                self.source.payload.word.eq(head.word),
+                self.source.payload.last.eq(ends),
+                self.source.payload.blank.eq(blank),
+            ]
+        return m
+
+
+class MergeTree(wiring.Component):
+    """Runs of `ways` leaves to one run.
+
+    Parameters:
+        width: bits of an entry.
+        ways: leaves; a power of two, at least 2.
+
+    Ports:
+        sinks: a run, or a blank, of every leaf for every merge.
+        source: merged runs.
+
+    Storage: ways - 1 entries. Throughput: an entry a cycle. Latency: log2(ways), and as much again at a merge's begin where
+    leaves are blank.
+    """
+
+    def __init__(self, width: int, ways: int):
+        if not isinstance(ways, int) or isinstance(ways, bool):
+            raise TypeError(f"ways must be an integer, not {ways!r}")
+        if ways < 2 or ways & (ways - 1):
+            raise ValueError(f"ways must be a power of two from 2 on, not {ways!r}")
+        self._width, self._ways = width, ways
+        items = stream.Signature(run_layout(width))
+        super().__init__({"sinks": In(items).array(ways), "source": Out(items)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        runs = [wiring.flipped(sink) for sink in self.sinks]
+        while len(runs) > 1:
+            merged = []
+            for i in range(0, len(runs), 2):
+                m.submodules[f"node_{len(runs)}_{i // 2}"] = node = MergeNode(self._width)
+                wiring.connect(m, runs[i], node.sinks[0])
+                wiring.connect(m, runs[i + 1], node.sinks[1])
+                merged.append(node.source)
+            runs = merged
+        wiring.connect(m, runs[0], wiring.flipped(self.source))
+        return m

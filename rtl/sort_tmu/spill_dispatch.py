@@ -1,0 +1,135 @@
+"""Where sorted chunks go: out at once, or as runs into the spill region's ring."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from rtl.sort_tmu.chunk_sorter import chunk_capacity
+from rtl.sort_tmu.merge_plan import part_layout, run_beats, run_bits
+from rtl.sort_tmu.run_writer import written_entry
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, BEAT_ENTRIES
+from spec.records import chunk_entry, tile_entry
+
+
+def cut_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A chunk that is not a whole group: its number, modulo more than the sorter holds, and whether its group ends with it."""
+    return data.StructLayout({"number": (4 * chunk_capacity(config) - 1).bit_length(), "last": 1})
+
+
+class SpillDispatch(wiring.Component):
+    """Sorted chunks to the output or to memory.
+
+    A whole group goes out as soon as nothing is spilled before it. Others wait for room for a run in the ring. A part is what
+    will be merged: a group's runs; where the ring is full of the open part alone, the part ends there and the group goes on as
+    another one, or, in a region without room for any run, chunk by chunk: not in order, but nothing is lost and nothing waits
+    for ever.
+
+    Ports:
+        chunks: sorted chunks.
+        cuts: which of them are not whole groups; there before the chunk.
+        direct: entries of what goes out at once.
+        run_entries, run_begin: entries for memory, and where the run of the first of them begins.
+        parts: parts as they end; their last run's fence tells when they may be merged.
+        ring_base, ring_runs: the ring's place, its size in runs.
+        freed: strobe, a part is merged and out, and `freed_runs` are free again.
+        overflow: strobe, the ring is too small for a group.
+        active: a part is open or not yet out.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self._config = config
+        bits, items = run_bits(config), stream.Signature(layout(chunk_entry(config)))
+        super().__init__({
+            "chunks": In(items),
+            "cuts": In(stream.Signature(cut_layout(config))),
+            "direct": Out(items),
+            "run_entries": Out(stream.Signature(written_entry(config))),
+            "run_begin": Out(BEAT_BITS),
+            "parts": Out(stream.Signature(part_layout(config))),
+            "ring_base": In(BEAT_BITS), "ring_runs": In(bits),
+            "freed": In(1), "freed_runs": In(bits),
+            "overflow": Out(1), "active": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        bits, config = run_bits(self._config), self._config
+        shift = run_beats(config).bit_length() - 1
+        number, inside = Signal(cut_layout(config)["number"].shape), Signal()  # of the chunk; its first entry is gone
+        used, following, first, runs = (  # runs of the ring in use; the next, the open part's first, how many it has
+            Signal(bits, name=name) for name in ("used", "following", "first", "runs"))
+        parts, count = Signal(4), Signal(range(chunk_capacity(config)))  # closed parts; entries of the run before this one
+        item, opened, taken = self.chunks.payload, runs != 0, self.chunks.valid & self.chunks.ready
+        cut = self.cuts.valid & (self.cuts.payload.number == number)
+        names = ("spills", "ends", "closes", "splits", "admitted")
+        spills, ends, closes, splits, admitted = (Signal(name=name) for name in names)
+        room, idle = used != self.ring_runs, parts == 0
+        few = ~parts.all()
+        m.d.comb += [
+            spills.eq(cut & (self.ring_runs != 0)),
+            ends.eq(item.last & self.cuts.payload.last),
+            splits.eq(self.chunks.valid & spills & ~inside & ~room & opened & idle),
+            self.active.eq(opened | ~idle),
+            self.overflow.eq(splits & self.parts.ready & self.run_entries.ready | taken & cut & ~spills),
+            # A part may end with this entry: then there must be a place for it.
+            admitted.eq((inside | room) & (~ends | self.parts.ready & few)),
+            self.run_begin.eq(self.ring_base + (following << shift)),
+        ]
+        self._out(m, cut, spills, admitted, splits, ends)
+        self._close(m, ends, splits, closes, count, Mux(opened, first, following), runs)
+        m.d.comb += self.cuts.ready.eq(taken & item.last & cut)
+        with m.If(taken):
+            m.d.sync += [inside.eq(~item.last), number.eq(number + item.last), count.eq(Mux(item.last, 0, count + 1))]
+        begins = taken & spills & ~inside
+        with m.If(begins):
+            m.d.sync += [following.eq(Mux(following == self.ring_runs - 1, 0, following + 1)), runs.eq(runs + 1)]
+            with m.If(~opened):
+                m.d.sync += first.eq(following)
+        with m.Elif(~self.active):
+            m.d.sync += following.eq(0)  # the region may change where nothing is in it
+        with m.If(closes):
+            m.d.sync += runs.eq(0)
+        m.d.sync += [
+            used.eq(used + begins - Mux(self.freed, self.freed_runs, 0)),
+            parts.eq(parts + closes - self.freed),
+        ]
+        return m
+
+    def _out(self, m: Module, cut: Signal, spills: Signal, admitted: Signal, splits: Signal, ends: Signal) -> None:
+        """The two ways."""
+        item, out, run = self.chunks.payload, self.direct.payload, self.run_entries.payload
+        m.d.comb += [
+            self.direct.valid.eq(self.chunks.valid & ~spills & ~self.active),
+            out.eq(item),
+            out.last.eq(item.last & (~cut | self.cuts.payload.last)),
+            self.run_entries.valid.eq(Mux(splits, self.parts.ready, self.chunks.valid & spills & admitted)),
+            run.last.eq(item.last | splits),
+            run.fence.eq(ends | splits),
+            run.nothing.eq(splits),
+            run.word.eq(item.as_value()[: tile_entry(self._config).width]),
+            self.chunks.ready.eq(Mux(
+                spills, self.run_entries.ready & admitted & ~splits, self.direct.ready & ~self.active)),
+        ]
+
+    def _close(
+        self, m: Module, ends: Signal, splits: Signal, closes: Signal, count: Signal, first: Value, runs: Signal,
+    ) -> None:
+        """The part that ends with this entry, or has ended with the run before."""
+        part, shift, places = self.parts.payload, run_beats(self._config).bit_length() - 1, (BEAT_ENTRIES - 1).bit_length()
+        inside, all_runs = Signal(), Signal.like(runs)
+        final = self.run_entries.valid & self.run_entries.ready & ends & ~splits
+        m.d.comb += [
+            inside.eq(count != 0),
+            all_runs.eq(Mux(splits | inside, runs, runs + 1)),
+            closes.eq(final | splits & self.run_entries.ready & self.parts.ready),
+            self.parts.valid.eq(closes),
+            part.offset.eq(first << shift),
+            part.runs.eq(all_runs),
+            part.beats.eq(Mux(splits, runs << shift, ((all_runs - 1) << shift) + (count >> places) + 1)),
+            part.tail.eq(Mux(splits, BEAT_ENTRIES - 1, count[:places])),
+            part.last.eq(~splits),
+        ]

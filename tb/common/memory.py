@@ -1,0 +1,131 @@
+"""A memory at a unit's ports, of test benches: it answers late, in fits and starts, and as unkindly as its rules allow.
+
+`with_memory` wraps a unit, so that `Playback` sees what remains. What was written becomes visible `latency` cycles after it was
+taken, and `writes_idle` is low from the cycle after a write was taken until all are visible. A read sees memory as it is when
+it is taken (`early`) or as it is when it is answered: a unit must be right with both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tb.common.playback import Playback
+
+SETTINGS = (("latency", 10), ("read_pauses", 8), ("write_pauses", 8), ("early", 1), ("bad_beat", 28))
+"""Plain inputs of the wrapper: cycles to an answer and of a write; 256ths of the cycles in which reads, or writes, pause
+(taking and answering, each by itself); when reads look; a beat whose reads are answered with an error."""
+
+NO_BAD_BEAT = 1 << 27
+"""`bad_beat` of a memory without one."""
+
+_QUEUE = 2048
+"""Reads or writes that may be on their way."""
+
+_MEMORY = """\
+module memory_model (
+  input clk, input rst, input [9:0] latency, input [7:0] read_pauses, input [7:0] write_pauses, input early,
+  input [27:0] bad_beat,
+  input [26:0] reads__payload, input reads__valid, output reads__ready,
+  output reg [256:0] data__payload = 0, output reg data__valid = 0, input data__ready,
+  input [290:0] writes__payload, input writes__valid, output writes__ready, output writes_idle
+);
+  reg [255:0] ram [0:(1<<{bits})-1];
+  reg [31:0] now = 0, chance = 1;
+  wire [31:0] once = chance ^ (chance << 13), twice = once ^ (once >> 17);
+  always @(posedge clk) begin
+    now <= now + 1;
+    chance <= twice ^ (twice << 5);
+  end
+  // Reads wait with their address, their time and what was there when they were taken.
+  reg [26:0] asked [0:{queue}-1];
+  reg [31:0] asked_at [0:{queue}-1];
+  reg [255:0] seen [0:{queue}-1];
+  reg [{top}:0] asks = 0, answers = 0;
+  wire [{top}:0] asking = asks - answers;
+  wire [{low}:0] newest = asks[{low}:0], oldest = answers[{low}:0];
+  wire answering = asking != 0 && now - asked_at[oldest] >= {{22'b0, latency}} && chance[15:8] >= read_pauses;
+  assign reads__ready = ~asking[{top}] & chance[7:0] >= read_pauses;
+  always @(posedge clk) begin
+    if (rst) begin
+      asks <= 0;
+      answers <= 0;
+      data__valid <= 0;
+    end else begin
+      if (reads__valid & reads__ready) begin
+        asked[newest] <= reads__payload;
+        asked_at[newest] <= now;
+        seen[newest] <= ram[reads__payload[{bits}-1:0]];
+        asks <= asks + 1;
+      end
+      if (~data__valid | data__ready) begin
+        data__valid <= answering;
+        data__payload <= {{{{1'b0, asked[oldest]}} == bad_beat, early ? seen[oldest] : ram[asked[oldest][{bits}-1:0]]}};
+        if (answering) answers <= answers + 1;
+      end
+    end
+  end
+  // Writes wait with their time.
+  reg [290:0] given [0:{queue}-1];
+  reg [31:0] given_at [0:{queue}-1];
+  reg [{top}:0] gifts = 0, stored = 0;
+  wire [{top}:0] giving = gifts - stored;
+  wire [{low}:0] latest = gifts[{low}:0], first = stored[{low}:0];
+  wire [290:0] next = given[first];
+  wire storing = giving != 0 && now - given_at[first] >= {{22'b0, latency}} && chance[31:24] >= write_pauses;
+  assign writes__ready = ~giving[{top}] & chance[23:16] >= write_pauses;
+  assign writes_idle = giving == 0;
+  integer i;
+  always @(posedge clk) begin
+    if (rst) begin
+      gifts <= 0;
+      stored <= 0;
+    end else begin
+      if (writes__valid & writes__ready) begin
+        given[latest] <= writes__payload;
+        given_at[latest] <= now;
+        gifts <= gifts + 1;
+      end
+      if (storing) begin
+        for (i = 0; i < 8; i = i + 1) if (next[283 + i]) ram[next[{bits}-1:0]][32 * i +: 32] <= next[27 + 32 * i +: 32];
+        stored <= stored + 1;
+      end
+    end
+  end
+endmodule
+"""
+
+_PORTS = (("reads__payload", 27), ("reads__valid", 1), ("reads__ready", 1), ("data__payload", 257), ("data__valid", 1),
+          ("data__ready", 1), ("writes__payload", 291), ("writes__valid", 1), ("writes__ready", 1), ("writes_idle", 1))
+
+
+def with_memory(playback: Playback, bits: int) -> Playback:
+    """The unit with a memory of 1 << bits beats at `reads`, `data`, `writes` and `writes_idle`; further settings are SETTINGS.
+
+    Higher bits of an address are ignored, but for `bad_beat`.
+    """
+    name = f"{playback.module}_with_memory"
+    ports, passed = ["input clk", "input rst"], ["clk", "rst"]
+    for stream, (there, back) in (
+            *((s, ("input", "output")) for s in playback.inputs), *((s, ("output", "input")) for s in playback.outputs)):
+        ports += [f"{there} [{stream.record.width - 1}:0] {stream.name}__payload", f"{there} {stream.name}__valid",
+                  f"{back} {stream.name}__ready"]
+        passed += [f"{stream.name}__{wire}" for wire in ("payload", "valid", "ready")]
+    ports += [f"input [{width - 1}:0] {port}" for port, width in (*playback.settings, *SETTINGS)]
+    ports += [f"output [{width - 1}:0] {port}" for port, width in playback.observed]
+    passed += [port for port, _ in (*playback.settings, *playback.observed)]
+    wires = [port for port, _ in _PORTS]
+    top = "\n".join([
+        f"module {name} (", ",\n".join(f"  {port}" for port in ports), ");",
+        *(f"  wire [{width - 1}:0] {port};" for port, width in _PORTS),
+        _instance(playback.module, "unit", [*passed, *wires]),
+        _instance("memory_model", "memory", ["clk", "rst", *(port for port, _ in SETTINGS), *wires]),
+        "endmodule\n"])
+    low = (_QUEUE - 1).bit_length() - 1
+    memory = _MEMORY.format(bits=bits, queue=_QUEUE, top=low + 1, low=low)
+    return replace(
+        playback, name=f"{playback.name}-memory-{bits}", module=name, verilog="\n".join([playback.verilog, memory, top]),
+        settings=(*playback.settings, *SETTINGS))
+
+
+def _instance(module: str, name: str, ports: list[str]) -> str:
+    return f"  {module} {name} ({', '.join(f'.{port}({port})' for port in ports)});"
