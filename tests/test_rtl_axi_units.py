@@ -7,11 +7,12 @@ from collections import Counter, deque
 
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
+from amaranth.lib import wiring
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected
 
 from rtl.axi.arbiter import RoundRobin
-from rtl.axi.bus import join
+from rtl.axi.bus import Response, axi_lite_slave_ports, join
 from rtl.axi.counters import PerformanceCounters, StageCounters
 from rtl.axi.lite import LiteSlave
 from rtl.axi.master import AxiMaster, id_bits
@@ -213,6 +214,41 @@ def test_performance_counters_count_what_their_names_say():
                 wanted.clear()
         for name in dut.counters.shape().members:
             assert ctx.get(dut.counters[name]) == wanted[name], name
+
+    simulate(dut, bench)
+
+
+class Outer(wiring.Component):
+    """A slave under another prefix; a register's value is its number."""
+
+    def __init__(self) -> None:
+        super().__init__(axi_lite_slave_ports("s_other"))
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.slave = slave = LiteSlave()
+        join(m, self, slave, "s_axi", "s_other")
+        m.d.comb += [slave.read_data.eq(slave.read_index), slave.read_refused.eq(slave.read_index[0])]
+        return m
+
+
+def test_a_bus_may_bear_another_prefix_outside():
+    dut = Outer()
+
+    async def bench(ctx):
+        ctx.set(dut.s_other_rready, 1)
+        for index in (0, 5, 1023, 6):
+            ctx.set(dut.s_other_araddr, 4 * index)
+            ctx.set(dut.s_other_arvalid, 1)
+            assert ctx.get(dut.s_other_arready)
+            await ctx.tick()
+            ctx.set(dut.s_other_arvalid, 0)
+            assert not ctx.get(dut.s_other_rvalid)
+            await ctx.tick()
+            answer = (1, index, Response.SLVERR if index % 2 else Response.OKAY)
+            assert (ctx.get(dut.s_other_rvalid), ctx.get(dut.s_other_rdata), ctx.get(dut.s_other_rresp)) == answer
+            await ctx.tick()
+            assert not ctx.get(dut.s_other_rvalid)
 
     simulate(dut, bench)
 
