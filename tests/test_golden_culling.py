@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from golden_samples import SH_C0, map_for, random_model, splats, turned_view, view
 
-from golden.msv2_ref.culling import VISIBLE
+from golden.msv2_ref.culling import VISIBLE, culling_constants, projected_splats
 from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.quantise import quantise_model
 from golden.msv2_ref.registers import depth_far, frame_registers
@@ -121,6 +121,26 @@ def test_boxes_hold_every_list(scene):
     assert ((x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1)).all()
 
 
+def test_boxes_hold_the_ellipse_and_little_more(scene):
+    """The tiles of pixel centres that the factors' own ellipse reaches, from its exact extents; a pixel and 1 % more."""
+    _, _, frame, _, _ = scene
+    p, k, r = frame.projected, culling_constants(DEFAULT), frame.registers
+    rows = np.flatnonzero(p.reason == VISIBLE)
+    l1, l2, l3 = p.conic[rows].T
+    limit = np.minimum(frame.words.decoded.opacity[rows] - k.faintest, k.widest) * k.cut_ulp
+    reach = np.sqrt(limit)[:, None] * np.stack([np.hypot(1 / l1, l2 / (l1 * l3)), 1 / l3], axis=1)
+    mean, size = N.mean2d.to_float(p.mean2d[rows]), np.array([r.width, r.height])
+    for reached, holds in ((reach, True), (reach * 1.01 + 1 + np.sqrt(2.0**-5) * reach / np.sqrt(limit)[:, None], False)):
+        first = np.clip(np.ceil(mean - reached - 0.5), 0, size) // 16
+        last = np.clip(np.floor(mean + reached - 0.5), -1, size - 1) // 16
+        some = (first <= last).all(axis=1)
+        inner, outer = (p.box[rows][:, [0, 2]] <= first), (p.box[rows][:, [1, 3]] >= last)
+        if holds:
+            assert some.sum() > 100 and inner[some].all() and outer[some].all()
+        else:
+            assert (p.box[rows][:, [0, 2]] >= first).all() and (p.box[rows][:, [1, 3]] <= last).all()
+
+
 def test_depths_and_keys(scene):
     model, camera, frame, exact, rows = scene
     far = frame.registers.depth_far
@@ -131,6 +151,19 @@ def test_depths_and_keys(scene):
     assert (np.diff(key_order[order].astype(np.int64)) >= -8).all()  # an inversion is a matter of ulps
     z = (model.means @ camera.rotation.T + camera.translation)[rows, 2]
     assert z == pytest.approx(exact.depth)
+
+
+def test_projected_splats_are_the_visible_in_order(scene):
+    model, camera, frame, _, _ = scene
+    splats = projected_splats(DEFAULT, frame.words, frame.registers)
+    rows = np.flatnonzero(frame.projected.reason == VISIBLE)
+    assert np.array_equal(splats["index"][:-1], rows) and splats["end"].tolist() == [0] * len(rows) + [1]
+    assert np.array_equal(splats["mean2d"][:-1], frame.projected.mean2d[rows])
+    assert np.array_equal(N.conic.to_float(splats["conic"][:-1]), frame.projected.conic[rows])
+    offset = N.view.to_float(splats["offset"][:-1])
+    assert offset == pytest.approx(model.means[rows] - camera.position, abs=1e-4)
+    assert np.array_equal(np.stack([splats[name][:-1] for name in ("first_x", "last_x", "first_y", "last_y")], 1),
+                          frame.projected.box[rows])
 
 
 @pytest.mark.parametrize("sh", range(4))

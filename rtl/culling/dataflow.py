@@ -72,6 +72,7 @@ class Node:
         operator: the unit's kind, for an operation.
         subtract: of FloatAdd, whether b is taken away.
         fn: of logic and views.
+        lets: fn's first argument is `let`, which names intermediate values (`rtl.float.number.Let`).
         kind: "input", "setting", "constant", "operation", "logic" or "view".
     """
 
@@ -82,6 +83,7 @@ class Node:
     operator: Operator | None = None
     subtract: bool = False
     fn: Logic | None = None
+    lets: bool = False
 
     @cached_property
     def shape(self) -> Shape | ShapeCastable:
@@ -195,9 +197,12 @@ class Dataflow:
         """Fixed-point a as a small float."""
         return self._operation(FixedToFloat, (a,), to, of=Fixed)
 
-    def logic(self, name: str, to: Format | ShapeLike, fn: Logic, *operands: Node) -> Node:
-        """Combinational `fn` of the operands' Values, registered at its end. Numbers of fixed point are integers there."""
-        return self._new(name, "logic", to, operands, fn=fn)
+    def logic(self, name: str, to: Format | ShapeLike, fn: Logic, *operands: Node, lets: bool = False) -> Node:
+        """Combinational `fn` of the operands' Values, registered at its end. Numbers of fixed point are integers there.
+
+        With `lets`, fn is called with `let` before the operands: what it uses more than once it should name.
+        """
+        return self._new(name, "logic", to, operands, fn=fn, lets=lets)
 
     def view(self, name: str, to: Format | ShapeLike, fn: Logic, operand: Node) -> Node:
         """`fn` of the operand's Value wherever it is wanted: wiring, without a register and without a cycle."""

@@ -11,6 +11,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.dataflow import Dataflow, Node, Operator, as_value
 from rtl.culling.schedule import Schedule, schedule
 from rtl.emit import add_shared
+from rtl.float.number import Let
 from rtl.float.unit import FloatUnit
 
 
@@ -135,10 +136,19 @@ class _Elaboration:
                 value = self.unit.sink.payload[node.name]
             else:
                 value = Signal(node.shape, name=node.name)
-                start = self.plan.start[node]
-                self.m.d.comb += value.eq(node.fn(*(self.read(operand, start) for operand in node.operands)))
+                operands = [self.read(operand, self.plan.start[node]) for operand in node.operands]
+                lets = (self.namer(node.name),) if node.lets else ()
+                self.m.d.comb += value.eq(node.fn(*lets, *operands))
             self.origin[node] = value
         return self.origin[node]
+
+    def namer(self, prefix: str) -> Let:
+        """Gives an intermediate value of a node's logic a wire."""
+        def let(name: str, value: Value) -> Signal:
+            wire = Signal(value.shape(), name=f"{prefix}_{name}")
+            self.m.d.comb += wire.eq(value)
+            return wire
+        return let
 
     def operators(self) -> None:
         """The instances, and what they read in each phase."""

@@ -12,6 +12,7 @@ from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatt
 from rtl.culling.near import limit_format, survivor_layout
 from rtl.culling.values import at_least_smallest, clamp, doubled, rescale, widen
 from rtl.fixed import as_integer, saturate
+from rtl.float.number import Let
 from rtl.shapes import layout
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -60,7 +61,7 @@ class _Projection:
 
     def narrow(self, name: str, x: Node) -> Node:
         """x in the `work` format."""
-        return self.g.logic(name, self.n.work, lambda v: rescale(v, x.to, self.n.work), x)
+        return self.g.logic(name, self.n.work, lambda let, v: rescale(let, v, x.to, self.n.work), x, lets=True)
 
     def jacobian_row(self, i: int, slope: Node) -> Triple:
         """Row i of J R times z."""
@@ -105,19 +106,23 @@ class _Projection:
         root_yy = g.rsqrt(cov_yy, work)
         factor = g.mul(root_yy, g.rsqrt(det, work), work)
 
-        def positive(v: Value) -> Value:
-            return at_least_smallest(rescale(v, work, to), to)
+        def positive(let: Let, v: Value) -> Value:
+            return at_least_smallest(rescale(let, v, work, to), to)
 
-        g.output("conic_0", g.logic("l1", to, positive, g.mul(cov_yy, factor, work)))
-        g.output("conic_1", g.logic("l2", to, lambda v: rescale(v, work, to, negate=True), g.mul(cov_xy, factor, work)))
-        g.output("conic_2", g.logic("l3", to, positive, root_yy))
+        def negative(let: Let, v: Value) -> Value:
+            return rescale(let, v, work, to, negate=True)
+
+        g.output("conic_0", g.logic("l1", to, positive, g.mul(cov_yy, factor, work), lets=True))
+        g.output("conic_1", g.logic("l2", to, negative, g.mul(cov_xy, factor, work), lets=True))
+        g.output("conic_2", g.logic("l3", to, positive, root_yy, lets=True))
         return cov_xx, cov_yy
 
     def pixels(self, i: int, slope: Node) -> Node:
         """Outputs the projected mean: the slope with a bit more, and the principal point."""
         g, to = self.g, self.n.mean2d
         raw = g.to_fixed(slope, SQ(to.int_bits + 1, to.frac_bits))
-        mean = g.logic(f"mean2d_{i}", to, lambda x, c: saturate(x + c, to), raw, self.settings["centre"][i])
+        mean = g.logic(
+            f"mean2d_{i}", to, lambda let, x, c: saturate(let("total", x + c), to), raw, self.settings["centre"][i], lets=True)
         g.output(f"mean2d_{i}", mean)
         return mean
 

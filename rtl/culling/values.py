@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Cat, Const, Mux, Value
 
-from rtl.float.number import fields, round_and_pack
+from rtl.float.number import Let, fields, round_and_pack
 from spec.formats import SmallFloat
 
 
@@ -19,13 +19,12 @@ def clamp(x: Value, low: Value, high: Value) -> Value:
     return Mux(order(x) < order(low), low, Mux(order(x) > order(high), high, x))
 
 
-def rescale(x: Value, number: SmallFloat, to: SmallFloat, *, negate: bool = False) -> Value:
+def rescale(let: Let, x: Value, number: SmallFloat, to: SmallFloat, *, negate: bool = False) -> Value:
     """x, or -x, in another format: rounded HALF_EVEN, flushed, saturating."""
     f = fields(x, number)
     exponent = f.exponent - number.bias + to.bias
-    rounded = round_and_pack(
-        lambda _, value: value, to, f.significand, exponent, negative=f.negative ^ negate, nonzero=f.nonzero)
-    return rounded[: to.width]
+    rounded = round_and_pack(let, to, f.significand, exponent, negative=f.negative ^ negate, nonzero=f.nonzero)
+    return let("rescaled", rounded[: to.width])
 
 
 def widen(x: Value, number: SmallFloat, to: SmallFloat) -> Value:

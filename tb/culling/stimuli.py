@@ -194,6 +194,12 @@ def _flipped(config, rng, rows, c):
     rows["quat"] = rng.choice([to.raw_min, to.raw_max, 0, 0, 1, -1], (len(rows), 4))
 
 
+def _giants(config, rng, rows, c):
+    """So near, under a camera that has hardly a near plane, that they are too wide for the conic's smallest factors."""
+    place(config, rows, c, rng.uniform(0, 200, (len(rows), 2)), 10.0 ** rng.uniform(-11.9, -9, len(rows)))
+    rows["scale"] = config.formats.scale.quantise(10.0 ** rng.uniform(-12, 7, (len(rows), 3)))
+
+
 def _any_bits(config, rng, rows, c):
     """Every field anything."""
     for f in gaussian_geometry(config).fields:
@@ -212,7 +218,7 @@ EDITS: dict[str, Edit] = {
     "ordinary": lambda *_: None, "behind the camera": _behind, "on the near plane": _near_plane, "faintest opacities": _faint,
     "extreme opacities": _opacities, "zero scales": _zero_scales, "huge scales": _huge_scales, "needles": _needles,
     "saturating means": _saturating_means, "saturating depths": _depths, "edges of the frame": _edges,
-    "extreme rotations": _flipped, "any bits": _any_bits, "any bits in view": _any_bits_in_view}
+    "extreme rotations": _flipped, "giants": _giants, "any bits": _any_bits, "any bits in view": _any_bits_in_view}
 """What is done to ordinary points in view, by name."""
 
 
@@ -221,7 +227,9 @@ def case_of(
     frames: int = 1, turned: bool = True,
 ) -> Case:
     """Frames of points of one of EDITS."""
-    c = camera(*size, turned=turned and EDITS[name] is not _near_plane)
+    c = camera(*size, turned=turned and EDITS[name] not in (_near_plane, _giants))
+    if EDITS[name] is _giants:
+        c = replace(c, near=1e-12)
     return Case(f"{name}, {size[0]}x{size[1]}", config, tuple(
         words_of(config, edited(config, rng, name, c, count)) for _ in range(frames)), view(config, c))
 
