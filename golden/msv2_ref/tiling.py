@@ -93,7 +93,7 @@ def _columns(block, scene, k):
     right_edge, height = scene.width - 1.0, float(scene.height)
     for j in range(_BLOCK):
         mx, my, l1, l2, l3 = block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j]
-        limit = max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN
+        limit = rnd(max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN, W)
         narrow, rise, slant = _shape(l1, l2, l3, k)
         root = rnd(np.sqrt(limit), W)
         rim, steep = rnd(root * rise, V), rnd(root * slant, V)

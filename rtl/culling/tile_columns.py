@@ -33,7 +33,7 @@ def falloff_format(config: AcceleratorConfig) -> Fixed:
     n, support = config.formats, tables.support_exponent(config)
     strongest = n.log2_opacity.raw_max - tables.log2_alpha_min(n)
     most = (strongest if support is None else min(strongest, support)) + _raw(TILE_REACH_MARGIN, n.cut)
-    return Fixed(most.bit_length() - n.cut.frac_bits, n.cut.frac_bits, False)
+    return Fixed(max(0, most.bit_length() - n.cut.frac_bits), n.cut.frac_bits, False)
 
 
 def _raw(x: float, number: Fixed) -> int:

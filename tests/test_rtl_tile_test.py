@@ -1,0 +1,225 @@
+"""The tile test: its parts in Amaranth's simulator, the whole in Verilator against the golden renderer.
+
+A run every cycle and one every eight are quick; PAPER and DEFAULT, and scenes, are long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from rtl_streams import assert_rejected, exchange
+
+from golden.msv2_ref.tiling import tile_test
+from rtl.culling.level_table import GROUP, LevelTable
+from rtl.culling.schedule import cost, schedule
+from rtl.culling.tile_columns import falloff_format, tile_columns
+from rtl.culling.tile_expand import PLAN, TileExpand
+from rtl.culling.tile_runs import TileRuns, run_layout
+from rtl.culling.tile_test import TileTest
+from spec import tables
+from spec.config import DEFAULT, PAPER, TINY, NumberFormats
+from spec.constants import TILE
+from spec.formats import SmallFloat
+from spec.records import entry_item, projected_splat, tile_level
+from tb.common.exact import problems
+from tb.tiles import suite
+from tb.tiles.stimuli import Case, random_case, random_levels, random_splats
+
+FAST = TINY.with_(culling_units=8, row_width=288)  # a run a cycle, rows of two groups of tiles and an odd one
+
+NARROW = NumberFormats(
+    position=SmallFloat(sig_bits=14, exp_bits=8, bias=127), view=SmallFloat(sig_bits=14, exp_bits=8, bias=127),
+    work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=10, exp_bits=6, bias=63))
+
+
+class _Walk(wiring.Component):
+    """Table and walk as the unit wires them; splats wait for the table."""
+
+    def __init__(self, config, width, height):
+        self._config, self._size = config, (-(-width // TILE), -(-height // TILE))
+        self._runs, self._levels = TileRuns(config), LevelTable(config)
+        super().__init__({
+            "splats": In(self._runs.splats.signature.flip()), "table": In(self._levels.table.signature.flip()),
+            "runs": Out(self._runs.runs.signature)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.walk, m.submodules.levels = walk, levels = self._runs, self._levels
+        wiring.connect(m, wiring.flipped(self.table), levels.table)
+        wiring.connect(m, walk.runs, wiring.flipped(self.runs))
+        m.d.comb += [
+            levels.enable.eq(walk.enable), levels.row.eq(walk.row), levels.group.eq(walk.group), walk.codes.eq(levels.codes),
+            levels.tiles_x.eq(self._size[0]), levels.tiles_y.eq(self._size[1]),
+            walk.splats.payload.eq(self.splats.payload), walk.splats.valid.eq(self.splats.valid & levels.filled),
+            self.splats.ready.eq(walk.splats.ready & levels.filled)]
+        return m
+
+
+def runs_of(splats: np.ndarray, levels: np.ndarray, tiles_x: int) -> list[tuple]:
+    """(index, row, first column, last column, level, blend, last of the splat) of every run, one column at a time."""
+    found = []
+    for splat in splats:
+        rows = range(splat["first_y"], splat["last_y"] + 1)
+        for row in rows:
+            columns = range(splat["first_x"], splat["last_x"] + 1)
+            codes = {column: tuple(levels[row * tiles_x + column].tolist()) for column in columns}
+            begin = columns[0]
+            for column in columns:
+                if column == columns[-1] or column % GROUP == GROUP - 1 or codes[column] != codes[column + 1]:
+                    ends = int(column == columns[-1] and row == rows[-1])
+                    found.append((int(splat["bound"]), row, begin, column, *codes[column], ends))
+                    begin = column + 1
+    return found
+
+
+@pytest.mark.parametrize("pauses", [0, 0.5])
+@pytest.mark.parametrize("kind", ["one", "alternating", "random", "stretches"])
+def test_walk_cuts_boxes_into_runs_one_a_cycle(kind, pauses):
+    rng, width, height = np.random.default_rng(len(kind)), 288, 70
+    splats, levels = random_splats(FAST, rng, 40, width, height, "discs"), random_levels(rng, 18, 5, kind)
+    table = np.zeros(len(levels), tile_level(FAST).dtype)
+    table["level"], table["blend"] = levels.T
+    end = np.zeros(1, splats.dtype)
+    end["end"] = 1
+    dut, shape = _Walk(FAST, width, height), run_layout(FAST)
+    words = [projected_splat(FAST).pack(row) for row in np.concatenate([splats, end])]
+    expected = runs_of(splats, levels, 18)
+    got, cycles = exchange(
+        dut, {dut.splats: words, dut.table: [tile_level(FAST).pack(row) for row in table]}, dut.runs, len(expected) + 1,
+        pauses=pauses)
+    runs = [shape.from_bits(word) for word in got]
+    assert [(r.splat.bound, r.row, r.group * GROUP + r.begin, r.group * GROUP + r.stop, r.code.level, r.code.blend, r.last)
+            for r in runs[:-1]] == expected
+    assert [r.end for r in runs] == [0] * len(expected) + [1]
+    if not pauses:
+        assert cycles[-1] - cycles[0] == len(expected)
+
+
+def test_expansion_costs_a_cycle_an_entry_and_a_cycle_a_run_without():
+    """One splat: two runs of three tiles, of which the ellipse leaves two and none, a rejected one, and one that passes."""
+    dut, columns = TileExpand(FAST), 18
+    plan = {"row": 2, "group": 0, "begin": 4, "stop": 6, "level": 1, "passes": 1, "last": 0, "end": 0}
+    runs = [
+        {"first": 5, "last": 17, "none": 0, "carried": plan},
+        {"first": 9, "last": 17, "none": 0, "carried": plan},
+        {"first": 0, "last": 0, "none": 1, "carried": plan},
+        {"first": 0, "last": 17, "none": 0, "carried": plan | {"passes": 0, "level": 3}},
+        {"first": 0, "last": 17, "none": 0, "carried": plan | {"group": 1, "begin": 1, "stop": 1, "last": 1}},
+        {"first": 0, "last": 0, "none": 0, "carried": plan | {"end": 1}}]
+    shape = dut.runs.payload.shape()
+
+    def setup(ctx):
+        ctx.set(dut.tiles_x, columns)
+        ctx.set(dut.survivors.ready, 1)
+
+    got, cycles = exchange(
+        dut, {dut.runs: [shape.const(run).as_bits() for run in runs], dut.splats: [1]}, dut.entries, 4, setup=setup)
+    entries = [entry_item(FAST).unpack(word) for word in got]
+    assert [entry["tile"] for entry in entries] == [2 * columns + 5, 2 * columns + 6, 2 * columns + 17, 0]
+    assert [entry["end"] for entry in entries] == [0, 0, 0, 1]
+    assert np.diff(cycles).tolist() == [1, 4, 1]
+
+
+@pytest.fixture(scope="module", params=[TINY, FAST], ids=["tiny", "fast"])
+def played(request, tmp_path_factory):
+    """A machine, its plan and outcome."""
+    plan = suite.unit_plan(request.param, 0)
+    return request.param, plan, suite.run_plan(request.param, plan, tmp_path_factory.mktemp("tiles"))
+
+
+def test_every_entry_and_survivor_is_the_golden_ones_and_no_cycle_is_lost(played):
+    _, plan, outcome = played
+    assert outcome.failures == {}
+    assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 30_000
+    assert sum(item.most_cycles is not None for item in plan) == 8
+
+
+def test_faults_are_found(played):
+    _, plan, outcome = played
+    item = next(item for item in plan if item.name == "discs in rings")
+    recording = outcome.recordings[item.name]
+    assert problems(item, recording) == []
+    for port in ("entries", "survivors"):
+        for name in item.expected[port].dtype.names:
+            rows = item.expected[port].copy()
+            rows[name][3] ^= 1
+            wrong = problems(replace(item, expected=item.expected | {port: rows}), recording)
+            assert len(wrong) == 1 and wrong[0].startswith(f"{port} 3: ")
+    for name, value in item.observed.items():
+        assert problems(replace(item, observed={name: value + 1}), recording) == [f"{name} is {value}, not {value + 1}"]
+
+
+@pytest.mark.parametrize("shape", ["discs", "needles", "giants"])
+def test_stimuli_reach_what_they_are_meant_to(shape):
+    """Rejected pairs, runs without tiles, runs of several, splats without entries: all of them often."""
+    case = random_case(FAST, np.random.default_rng(1), "", 280, 100, 300, frames=1, shape=shape, kind="rings")
+    (cost,), (golden,) = case.costs(), case.golden
+    assert cost.runs > 1.2 * cost.emitting and cost.entries > 1.2 * cost.emitting
+    assert 100 < golden.filtered < golden.touched - 100 and 50 < len(golden.survivors) < 250
+    levels = golden.survivors["levels"][:-1]
+    assert all((levels >> k & 1).any() for k in range(4)) and (levels & levels - 1).any()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER], ids=lambda config: config.name)
+def test_scenes_are_exact(config, tmp_path):
+    """The embedded scene always, trained ones where they are; rates are held by the plan."""
+    plan = suite.full_plan(config, 1)
+    outcome = suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and len(suite.figures(config, plan, outcome)) >= 4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("change", [
+    {"support_sigma": None}, {"support_sigma": 8.0, "culling_units": 3}, {"row_width": 16},
+    {"support_sigma": 0.5, "row_width": 4096, "culling_units": 64}, {"formats": NARROW},
+], ids=["no support", "wide support", "one tile", "wide frame", "narrow formats"])
+def test_other_machines_are_exact(change, tmp_path):
+    config = TINY.with_(**change)
+    assert suite.run_plan(config, suite.unit_plan(config, 2), tmp_path).failures == {}
+
+
+def test_figures_of_the_embedded_scene(monkeypatch, tmp_path):
+    monkeypatch.setenv("MSV2_DATA", str(tmp_path / "absent"))
+    plan = suite.traced_plan(FAST, "96x64")
+    outcome = suite.run_plan(FAST, plan, tmp_path / "run")
+    lines = suite.figures(FAST, plan, outcome)
+    assert outcome.failures == {} and len(plan) == len(lines) == 4
+    assert all("entries a cycle" in line for line in lines)
+
+
+def test_operators_are_shared_where_runs_come_seldom():
+    """14 multiplications and 3 roots: where a run has eight cycles, by one unit for each format of results."""
+    found = {config.name: cost(schedule(tile_columns(config), config.point_interval)).operators for config in (TINY, PAPER)}
+    assert found["paper"]["FloatMul"] == 14 and found["tiny"]["FloatMul"] == 2
+    assert found["paper"]["FloatSqrt"] == 3 and found["tiny"]["FloatSqrt"] == found["tiny"]["FloatReciprocal"] == 1
+
+
+@pytest.mark.parametrize("support", [None, 0.5, 3.0, 8.0])
+def test_a_falloff_limit_fits_its_format_and_the_work_formats_significand(support):
+    config = PAPER.with_(support_sigma=support)
+    n, number = config.formats, falloff_format(config)
+    most = n.log2_opacity.raw_max - tables.log2_alpha_min(n)
+    most = min(most, tables.support_exponent(config) or most) + (1 << n.cut.frac_bits - 5)
+    assert number.raw_max >= most and number.width <= n.work.sig_bits
+    assert most > number.raw_max // 2 or number.int_bits == 0
+
+
+def test_tiles_of_a_plan_word_are_counted_in_four_bits():
+    assert PLAN["begin"].width == PLAN["stop"].width == GROUP.bit_length() - 1
+
+
+def test_bad_parameters_are_rejected():
+    for unit in (TileTest, TileRuns, LevelTable, TileExpand):
+        assert_rejected(lambda unit=unit: unit("paper"), TypeError, "paper")
+
+
+def test_a_case_of_no_splats_costs_nothing():
+    none, levels = np.zeros(0, projected_splat(TINY).dtype), np.zeros((6, 2), np.int64)
+    case = Case("", TINY, 40, 20, ((none, levels),))
+    assert case.costs()[0] == (0, 0, 0) and tile_test(TINY, none, levels, 40, 20).touched == 0
