@@ -9,12 +9,12 @@ an entry lies at origin + place, with nothing to cut off. Places and origins are
 that each is read, changed and written back within two cycles, and only an entry on the same tile in the very next cycle
 must take the value from the register behind the adder (as `rtl.sort_tmu.tile_counters` does)::
 
-    cycle        0        1        2        3        4        5
+    cycle        0        1        2        3        4      ...      7          8
     entries  < tile 7 >
-    place             <   64  >                                  new page: 64 is a power of two
-    origin                     <  free page less 64  >           two cycles, as the page costs a write of its own
-    writes                              (two registers) <directory><  entry  >
-    hits                                        < tile 7 >
+    place             <   64   >                                                        new page: 64 is a power of two
+    origin                     < free page less 64 >                                    two cycles, as the page is a write, too
+    hits                                         < tile 7 >
+    writes                                                    <directory><  entry  >
 
 Pages are handed out in units of a first page, FIRST_PAGE_BEATS.
 """
@@ -84,7 +84,7 @@ class EntryWriter(wiring.Component):
 
     Storage: for every tile of the largest frame a place of 23 bits and an origin of 24; for PAPER 14,400 x 47 bits.
     Throughput: one entry a cycle whatever the tiles, and one cycle more for each page but first ones. Latency: 3 cycles to
-    `hits`, 6 to `writes`. Behind a frame's `end`, one cycle a tile of the frame is spent on clearing, while its lists are read;
+    `hits`, 7 to `writes`. Behind a frame's `end`, one cycle a tile of the frame is spent on clearing, while its lists are read;
     the next frame's entries would wait for it. After a reset, one cycle a tile of the largest frame.
 
     Entries of a splat lie in different tiles, so that each is a write of its own, of a quarter of a beat. Beats that wait for

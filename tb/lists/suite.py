@@ -117,7 +117,8 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
             (f"a page in {LOOKAHEAD} tiles", np.where(np.arange(320) % LOOKAHEAD, 4, 40))):
         frames = [mixed_tiles(rng, counts), np.repeat(np.arange(len(counts)), counts)]
         item = case(config, rng, f"rate, {name}", len(counts) // 4, 4, frames, gaussians=2000)
-        plan.append(plan_of(config, item, reset=False, quiet=300, most_cycles=most_cycles(item)))
+        clears = 0 if plan else frame_tiles(config)
+        plan.append(plan_of(config, item, reset=not plan, quiet=300, most_cycles=most_cycles(item) + clears))
     return plan
 
 
