@@ -19,5 +19,5 @@ def test_bandwidth_becomes_credits():
 
 
 def test_sizes_and_errors():
-    assert [beats_log2(beats) for beats in (1, 1 << 14, (1 << 14) + 1, 1 << 20)] == [14, 14, 15, 20]
+    assert [beats_log2(beats) for beats in (1, 1 << 18, (1 << 18) + 1, 1 << 20)] == [18, 18, 19, 20]
     assert broken_rules(5) == (ERRORS[1], ERRORS[4]) and broken_rules(0) == ()

@@ -18,8 +18,8 @@ ERRORS = {
 }
 """Bits of the memory's `errors`."""
 
-LEAST_LOG2 = 14
-"""Memories have 1 << LEAST_LOG2 beats or more: small frames share a build."""
+LEAST_LOG2 = 18
+"""Memories have 1 << LEAST_LOG2 beats (8 MiB) or more: frames of small models and of the embedded scene share a build."""
 
 _FINEST = 1000  # denominators of bandwidths
 
