@@ -28,7 +28,16 @@ from rtl.tile_lists.table_loader import TableLoader
 from rtl.tile_lists.tile_settings import TileSettings
 from spec.config import PAPER, TINY
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, read_data, tile_setting, write_request
-from spec.records import entry_item, gaussian_geometry, tile_group, tile_hit, tile_level
+from spec.records import (
+    chunk_entry,
+    entry_item,
+    gaussian_geometry,
+    tile_group,
+    tile_header,
+    tile_hit,
+    tile_level,
+    tile_use,
+)
 
 SMALL = TINY.with_(row_width=64)  # 16 tiles
 ITEM, HIT, WRITE, GROUP = entry_item(SMALL), tile_hit(SMALL), write_request(SMALL), tile_group(SMALL)
@@ -38,12 +47,12 @@ Moves = dict[str, list[tuple[int, int]]]
 
 def play(
     dut, feeds: Mapping[str, Sequence[int]], takes: Mapping[str, float], cycles: int, *, seed: int = 0, pauses: float = 0.0,
-    setup: Mapping[str, int] | None = None, each: Callable | None = None, design=None,
+    setup: Mapping[str, int] | None = None, each: Callable | None = None, design=None, late: int = 0,
 ) -> Moves:
     """Words into streams of `dut` and out of others, each output held back in a share of the cycles: what moved when.
 
-    `each(ctx, cycle)` is called in every cycle, before it. Words of `data` answer one transfer of `reads` each. Checks that
-    what is offered stays as it is.
+    `each(ctx, cycle)` is called in every cycle, before it. Words of `data` answer one transfer of `reads` each, at least
+    `late` cycles after it. Checks that what is offered stays as it is.
     """
     rng, moves, left = random.Random(seed), {name: [] for name in (*feeds, *takes)}, {n: list(w) for n, w in feeds.items()}
 
@@ -56,7 +65,8 @@ def play(
                 each(ctx, cycle)
             for name, words in left.items():
                 port = getattr(dut, name)
-                asked = name != "data" or len(moves["reads"]) > len(moves["data"])
+                asked = name != "data" or (
+                    len(moves["reads"]) > len(moves["data"]) and moves["reads"][len(moves["data"])][0] + late < cycle)
                 offered[name] = bool(words) and asked and (offered[name] or rng.random() >= pauses)
                 ctx.set(port.valid, offered[name])
                 if offered[name]:
@@ -259,6 +269,22 @@ def test_a_tiles_beats_and_pointers_are_those_of_its_pages():
     assert cycles[-1] - cycles[0] <= len(got) + 12
 
 
+def test_latency_of_a_list():
+    """A first page's first entry, and one that the group's next tile lets go; then an entry a cycle."""
+    rng, record = random.Random(3), chunk_entry(SMALL)
+    rows = [{"tile": 2, "count": 11, "group": 0, "last": 1}, {"tile": 3, "count": 1, "group": 1, "last": 0},
+            {"tile": 4, "count": 0, "group": 1, "last": 1}]
+    entries = [rng.getrandbits(record.width - 2) for _ in range(12)]
+    data = [*beats_of(entries[:11], 4), *beats_of(entries[11:], 4)]
+    moves = play(ListReader(SMALL), {"tiles": [GROUP.pack(row) for row in rows], "data": data}, {"reads": 0.0, "groups": 0.0},
+                 60, setup={key: SETTINGS[key] for key in ("directory_base", "entries_base")})
+    last = 1 << record.width - 2
+    assert words_of(moves, "groups") == [*entries[:10], entries[10] | last, entries[11] | last]
+    assert words_of(moves, "reads") == [SETTINGS["entries_base"] + beat for beat in (16, 17, 18, 24)]
+    start = moves["reads"][0][0]
+    assert (start, moves["groups"][0][0] - start) == (6, 2) and cycles_of(moves, "groups") == list(range(start + 2, start + 14))
+
+
 @pytest.mark.parametrize("pauses", [0.0, 0.5])
 def test_a_fork_gives_every_item_to_each_at_its_pace(pauses):
     dut, got = Fork(8, 3), [[], [], []]
@@ -314,6 +340,37 @@ def test_headers_wait_for_a_whole_group():
     moves = play(dut, {"tiles": rows}, {"reads": 1.0, "headers": 1.0, "levels": 1.0}, 300,
                  setup={"tiles_base": 5, "tiles_x": 32, "tile_count": 1024})
     assert len(moves["tiles"]) == waiting_tiles(TINY) >= 2 * 32
+
+
+@pytest.mark.parametrize("late", [0, 40, 100])
+def test_a_header_and_a_use_a_cycle(late):
+    """Two frames of different shapes behind each other, the second's table read afresh; an error is raised and lowered."""
+    rng, setting, header, use = random.Random(late), tile_setting(TINY), tile_header(TINY), tile_use(TINY)
+    dut, record, errors = HeaderMaker(TINY), tile_group(TINY), []
+    tiles, tiles_x = 130, 11
+    table = [{"plane": [rng.randrange(-2**18, 2**18) for _ in range(3)], "level": rng.randrange(4), "blend": rng.randrange(2)}
+             for _ in range(tiles)]
+    counts = [rng.randrange(1 << 24) for _ in range(2 * tiles)]
+    rows = [record.pack({"tile": i % tiles, "count": count, "group": 0, "last": 1}) for i, count in enumerate(counts)]
+    words = [setting.pack(row) for row in table]
+
+    def each(ctx, cycle):
+        errors.append(ctx.get(dut.error))
+        ctx.set(dut.clear, cycle == 330 + late)
+
+    moves = play(
+        dut, {"tiles": rows, "data": [*beats_of(words, 4), *beats_of(words, 4, (3,))]},
+        {"reads": 0.0, "headers": 0.0, "levels": 0.0}, 600, setup={"tiles_base": 99, "tiles_x": tiles_x, "tile_count": tiles},
+        each=each, late=late)
+    full = [{**table[i % tiles], "tile_y": i % tiles // tiles_x, "tile_x": i % tiles % tiles_x, "count": count,
+             "outer": int(table[i % tiles]["level"] > 0)} for i, count in enumerate(counts)]
+    assert words_of(moves, "headers") == [header.pack(row) for row in full]
+    assert words_of(moves, "levels") == [use.pack(row) for row in full]
+    assert words_of(moves, "reads") == [99 + i for i in range(33)] * 2
+    for port in ("headers", "levels"):
+        cycles = cycles_of(moves, port)
+        assert cycles[0] <= 9 + late and cycles[-1] - cycles[0] <= 2 * tiles + late
+    assert errors[329 + late] and not errors[60] and not any(errors[332 + late :])
 
 
 def beats_of(words: Sequence[int], per_beat: int, error: Sequence[int] = ()) -> list[int]:

@@ -39,7 +39,8 @@ class ListReader(wiring.Component):
     Storage: `page_walk.LOOKAHEAD` tiles, 64 pointers, IN_FLIGHT descriptors of beats, two beats. Throughput: one entry a cycle
     while memory keeps up, IN_FLIGHT beats ahead; for a latency of 100 cycles wherever 32 neighbouring tiles with entries have
     more than about 130 of them. At a frame's beginning a latency more, if its first tiles need their directory.
-    Latency: 8 cycles and memory's from a tile to its first entry, if that is known to be, or not to be, its group's last.
+    Latency: 6 cycles from a tile to its first request, one from a beat to its entry; a tile that may be its group's last with
+    entries waits for those behind it.
     """
 
     def __init__(self, config: AcceleratorConfig):
