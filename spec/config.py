@@ -40,7 +40,7 @@ class NumberFormats:
     view: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
     """View transform and perspective division."""
     work: SmallFloat = SmallFloat(sig_bits=18, exp_bits=8, bias=127)
-    """Covariance, conic, support and colour arithmetic of the culling unit."""
+    """Covariance, conic and support arithmetic of the culling unit."""
     extent: SmallFloat = SmallFloat(sig_bits=9, exp_bits=5, bias=8, signed=False)
     """Reach of a footprint's bounding box in pixels, before it is widened."""
     mean2d: Fixed = SQ(14, 10)
