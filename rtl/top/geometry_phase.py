@@ -1,0 +1,120 @@
+"""The units of the geometry phase: Gaussians in memory to tile entries and splat views in memory."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.colour import ColourUnit
+from rtl.culling.projection_unit import ProjectionUnit
+from rtl.culling.tile_test import TileTest
+from rtl.shapes import layout
+from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.geometry_reader import GeometryReader
+from rtl.tile_lists.table_loader import TableLoader
+from rtl.top.ports import connect_settings, memory_ports, watch
+from spec.config import AcceleratorConfig
+from spec.memory import frame_settings
+from spec.records import frame_tiles, tile_hit
+
+READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
+"""Its memory clients, by the names of `spec.registers`."""
+
+STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
+"""Its stages whose input streams are watched."""
+
+_COUNTS = ("points", "culled_near", "culled_faint", "culled_outside", "survivors", "entries", "filtered")
+
+
+class GeometryPhase(wiring.Component):
+    """Reader, culling, tile test, colour, entry writer::
+
+        geometry ─► GeometryReader ─► ProjectionUnit ─► TileTest ─► EntryWriter ─► entries
+                                                          ▲   │         └─► hits
+        tiles ─► TableLoader ─────────────────────────────┘   └─► ColourUnit ─► views
+                                                        colour ─────┘
+
+    Parameters:
+        config: the machine.
+
+    Ports:
+        settings, tiles_x, tile_count: of the frame.
+        clear: strobe before a frame. start_table, start: strobes, in this order, the second when `table_done`.
+        reads_NAME, data_NAME: memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: TileHits for the tile merge unit, the frame's `end` behind the last write of an entry.
+        table_done: the table has been read since `clear`.
+        done: all of the frame's views are in memory since `clear`; that its entries are, the end of `hits` says.
+        full: entries need more room than there is.
+        ready: nothing is being cleared.
+        stage_valid, stage_ready: of the streams into STAGES, a bit each.
+        points, culled_near, culled_faint, culled_outside, survivors, entries, filtered: counts of the frame.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        tiles = In(range(frame_tiles(config) + 1))
+        super().__init__({
+            "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles,
+            "clear": In(1), "start_table": In(1), "start": In(1),
+            **memory_ports(config, READERS, WRITERS),
+            "hits": Out(stream.Signature(layout(tile_hit(config)))),
+            "table_done": Out(1), "done": Out(1), "full": Out(1), "ready": Out(1),
+            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)),
+            **{name: Out(32) for name in _COUNTS},
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.reader = reader = GeometryReader(self.config)
+        m.submodules.loader = loader = TableLoader(self.config)
+        m.submodules.projection = projection = ProjectionUnit(self.config)
+        m.submodules.tile_test = tile_test = TileTest(self.config)
+        m.submodules.colour = colour = ColourUnit(self.config)
+        m.submodules.writer = writer = EntryWriter(self.config)
+        for unit in (reader, loader, projection, tile_test, colour, writer):
+            connect_settings(m, self, unit)
+        wiring.connect(m, loader.levels, tile_test.table)
+        wiring.connect(m, reader.points, projection.sink)
+        wiring.connect(m, projection.source, tile_test.splats)
+        wiring.connect(m, tile_test.survivors, colour.survivors)
+        wiring.connect(m, tile_test.entries, writer.entries)
+        wiring.connect(m, writer.hits, wiring.flipped(self.hits))
+        for name, unit in (("geometry", reader), ("tiles", loader), ("colour", colour)):
+            wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
+        for name, unit in (("entries", writer), ("views", colour)):
+            wiring.connect(m, unit.writes, wiring.flipped(getattr(self, f"writes_{name}")))
+        m.d.comb += [
+            reader.start.eq(self.start), loader.start.eq(self.start_table), writer.writes_idle.eq(self.idle_entries),
+            self.full.eq(writer.full), self.ready.eq(~writer.busy),
+        ]
+        watch(m, self, (reader.data, projection.sink, tile_test.splats, colour.survivors, writer.entries))
+        self._follow(m, loader, tile_test, colour)
+        if self.config.counters:
+            self._count(m, reader, projection, tile_test)
+        return m
+
+    def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
+        """Ends of table and frame. A write counts as on its way only in the cycle after it was taken: hence `settled`."""
+        survivors, ended, settled = tile_test.survivors, Signal(), Signal()
+        m.d.sync += settled.eq(ended & colour.finished)
+        m.d.comb += self.done.eq(ended & settled & colour.finished & self.idle_views)
+        with m.If(loader.done):
+            m.d.sync += self.table_done.eq(1)
+        with m.If(survivors.valid & survivors.ready & survivors.payload.end):
+            m.d.sync += ended.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [self.table_done.eq(0), ended.eq(0)]
+
+    def _count(self, m: Module, reader: GeometryReader, projection: ProjectionUnit, tile_test: TileTest) -> None:
+        for name, items in (("points", reader.points), ("survivors", tile_test.survivors), ("entries", tile_test.entries)):
+            with m.If(items.valid & items.ready & ~items.payload.end):
+                m.d.sync += getattr(self, name).eq(getattr(self, name) + 1)
+            with m.If(self.clear):
+                m.d.sync += getattr(self, name).eq(0)
+        m.d.comb += [
+            self.culled_near.eq(projection.culled_near), self.culled_faint.eq(projection.culled_faint),
+            self.culled_outside.eq(projection.culled_outside), self.filtered.eq(tile_test.filtered)]

@@ -1,0 +1,156 @@
+"""The whole machine: registers, frame controller, the units of both phases, the memory bus."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, DomainRenamer, Module, Mux, ResetSignal, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import Out
+
+from rtl.axi import bus
+from rtl.axi.counters import PerformanceCounters
+from rtl.axi.master import AxiMaster, id_bits
+from rtl.axi.read_port import ReadQueue
+from rtl.axi.registers import RegisterFile
+from rtl.emit import to_verilog
+from rtl.top import geometry_phase, render_phase
+from rtl.top.controller import FrameController
+from spec.config import AcceleratorConfig
+from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, ErrorCode
+
+READ_DEPTHS = {"geometry": 128, "tiles": 16, "colour": 128, "entries": 64, "spill": 64, "views": 128}
+"""Most beats of each read client on their way or waiting for it: what a latency of 100 cycles takes at the client's rate."""
+
+
+class Machine(wiring.Component):
+    """The accelerator: an AXI4-Lite slave to command it, an AXI4 master to memory, an interrupt.
+
+    A frame goes through the phases of `FrameController`; docs/machine.md says what the host does, docs/registers.md what it
+    writes where. Bus and registers are reset by `rst` alone; everything else also by the way out of a failed frame.
+
+    Parameters:
+        config: the machine.
+
+    Ports:
+        s_axil_*: AXI4-Lite slave, 32 bits.
+        m_axi_*: AXI4 master, 256 bits, bursts of one beat.
+        interrupt: level.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            **bus.axi_lite_slave_ports("s_axil"),
+            **bus.axi_master_ports("m_axi", id_bits(len(READ_CLIENTS), len(WRITE_CLIENTS))),
+            "interrupt": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.registers = registers = RegisterFile(self.config)
+        m.submodules.controller = controller = FrameController(self.config)
+        m.submodules.master = master = AxiMaster(self.config, len(READ_CLIENTS), len(WRITE_CLIENTS))
+        m.domains.units = ClockDomain(local=True)
+        m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
+        renamed = DomainRenamer("units")
+        geometry, render = geometry_phase.GeometryPhase(self.config), render_phase.RenderPhase(self.config)
+        m.submodules.geometry, m.submodules.render = renamed(geometry), renamed(render)
+
+        bus.join(m, self, registers, "s_axi", "s_axil")
+        bus.join(m, self, master, "m_axi")
+        m.d.comb += self.interrupt.eq(registers.interrupt)
+        self._control(m, registers, controller, master, geometry, render)
+        self._memory(m, renamed, master, geometry, render)
+        if self.config.counters:
+            self._count(m, registers, controller, master, geometry, render)
+        return m
+
+    def _control(
+        self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
+        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+    ) -> None:
+        """Who starts whom, and which failure goes before which: what a bad answer breaks must not hide it."""
+        for unit in (geometry, render):
+            m.d.comb += [
+                unit.settings.eq(registers.settings), unit.tiles_x.eq(controller.tiles_x),
+                unit.tile_count.eq(controller.tile_count), unit.clear.eq(controller.clear)]
+        wiring.connect(m, geometry.hits, render.hits)
+        failures = [
+            (master.read_errors.any(), ErrorCode.READ_ERROR), (master.write_errors.any(), ErrorCode.WRITE_ERROR),
+            (geometry.full, ErrorCode.ENTRIES_FULL), (render.saturated, ErrorCode.COUNT_SATURATED),
+            (render.overflow, ErrorCode.SPILL_FULL)]
+        failure: Value | int = ErrorCode.NONE
+        for condition, code in reversed(failures):
+            failure = Mux(condition, code, failure)
+        m.d.comb += [
+            controller.start.eq(registers.start), controller.abort.eq(registers.abort), controller.failure.eq(failure),
+            controller.width.eq(registers.settings.width), controller.height.eq(registers.settings.height),
+            controller.units_ready.eq(geometry.ready & render.ready), controller.bus_quiet.eq(master.quiet),
+            controller.progress.eq(master.read_beats.any() | master.write_beats.any()),
+            controller.table_done.eq(geometry.table_done), controller.geometry_done.eq(geometry.done & render.counted),
+            controller.render_done.eq(render.done),
+            geometry.start_table.eq(controller.start_table), geometry.start.eq(controller.start_geometry),
+            render.start.eq(controller.start_render),
+            master.abort.eq(controller.abort_bus), master.clear_errors.eq(controller.clear),
+            registers.finished.eq(controller.finished), registers.error.eq(controller.error),
+            registers.busy.eq(controller.busy), registers.phase.eq(controller.phase),
+            registers.read_errors.eq(master.read_errors), registers.write_errors.eq(master.write_errors),
+        ]
+
+    def _memory(
+        self, m: Module, renamed: DomainRenamer, master: AxiMaster,
+        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+    ) -> None:
+        """Clients to the bus. Both phases read the table of tiles, one after the other: they share a client."""
+        for place, name in enumerate(READ_CLIENTS):
+            queue = ReadQueue(self.config, READ_DEPTHS[name])
+            m.submodules[f"queue_{name}"] = renamed(queue)
+            phases = ((geometry, geometry_phase.READERS), (render, render_phase.READERS))
+            users = [unit for unit, names in phases if name in names]
+            self._connect_readers(m, name, queue, users)
+            wiring.connect(m, queue.requests, master.reads[place])
+            wiring.connect(m, master.beats[place], queue.beats)
+        for place, name in enumerate(WRITE_CLIENTS):
+            unit = geometry if name in geometry_phase.WRITERS else render
+            wiring.connect(m, getattr(unit, f"writes_{name}"), master.writes[place])
+            m.d.comb += getattr(unit, f"idle_{name}").eq(master.writes_idle[place])
+
+    def _connect_readers(self, m: Module, name: str, queue: ReadQueue, users: list) -> None:
+        if len(users) == 1:
+            wiring.connect(m, getattr(users[0], f"reads_{name}"), queue.reads)
+            wiring.connect(m, queue.data, getattr(users[0], f"data_{name}"))
+            return
+        first, second = (getattr(unit, f"reads_{name}") for unit in users)
+        late = Signal(name=f"{name}_second")  # whose beats come: nothing of the first's is left when the second asks
+        m.d.comb += [
+            queue.reads.valid.eq(first.valid | second.valid),
+            queue.reads.payload.eq(Mux(first.valid, first.payload, second.payload)),
+            first.ready.eq(queue.reads.ready), second.ready.eq(queue.reads.ready & ~first.valid)]
+        with m.If(first.valid | second.valid):
+            m.d.sync += late.eq(~first.valid)
+        ports = [getattr(unit, f"data_{name}") for unit in users]
+        m.d.comb += [queue.data.ready.eq(Mux(late, ports[1].ready, ports[0].ready))]
+        for port, mine in zip(ports, (~late, late), strict=True):
+            m.d.comb += [port.payload.eq(queue.data.payload), port.valid.eq(queue.data.valid & mine)]
+
+    def _count(
+        self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
+        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+    ) -> None:
+        m.submodules.counters = counters = PerformanceCounters()
+        if STAGES != geometry_phase.STAGES + render_phase.STAGES:
+            raise ValueError(f"STAGES must be those of both phases, in order, not {STAGES!r}")
+        m.d.comb += [
+            counters.phase.eq(controller.phase), counters.clear.eq(registers.clear),
+            counters.finished.eq(controller.finished),
+            counters.stage_valid.eq(Cat(geometry.stage_valid, render.stage_valid)),
+            counters.stage_ready.eq(Cat(geometry.stage_ready, render.stage_ready)),
+            counters.read_beats.eq(master.read_beats), counters.write_beats.eq(master.write_beats),
+            registers.counters.eq(counters.counters),
+            *(counters.events[name].eq(getattr(geometry if hasattr(geometry, name) else render, name)) for name in EVENTS)]
+
+
+def emit_msv2_top(config: AcceleratorConfig) -> str:
+    """Verilog of module `msv2_top`."""
+    return to_verilog(Machine(config), "msv2_top")

@@ -1,0 +1,43 @@
+"""What the halves of the machine have in common: memory clients by name, settings by name, watched streams."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from amaranth.hdl import Cat, Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Member, Out
+
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.memory import read_data, read_request, write_request
+
+
+def memory_ports(config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str]) -> dict[str, Member]:
+    """`reads_NAME` and `data_NAME` of every reader, `writes_NAME` and `idle_NAME` of every writer."""
+    members = {}
+    for name in readers:
+        members[f"reads_{name}"] = Out(stream.Signature(layout(read_request(config))))
+        members[f"data_{name}"] = In(stream.Signature(layout(read_data(config))))
+    for name in writers:
+        members[f"writes_{name}"] = Out(stream.Signature(layout(write_request(config))))
+        members[f"idle_{name}"] = In(1)
+    return members
+
+
+def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:
+    """Gives a unit those of the frame's settings, and of its tiles, that it has an input of the same name for."""
+    fields = outer.settings.shape().members
+    for name, member in unit.signature.members.items():
+        if name in fields:
+            m.d.comb += getattr(unit, name).eq(outer.settings[name])
+        elif name in ("tiles_x", "tile_count"):
+            m.d.comb += getattr(unit, name).eq(getattr(outer, name))
+        if name in fields and member.flow is not In:
+            raise ValueError(f"{name} must be an input of {type(unit).__name__}, not {member!r}")
+
+
+def watch(m: Module, outer: Any, streams: Sequence[Any]) -> None:
+    """Brings out the handshakes of stages' input streams as `stage_valid` and `stage_ready`."""
+    m.d.comb += [outer.stage_valid.eq(Cat(s.valid for s in streams)), outer.stage_ready.eq(Cat(s.ready for s in streams))]

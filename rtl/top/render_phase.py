@@ -1,0 +1,141 @@
+"""The units of the render phase: tile entries and splat views in memory to pixels in memory."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from rtl.sort_tmu.handover import handover
+from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
+from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.stream import Fork
+from rtl.tile_lists.header_maker import HeaderMaker
+from rtl.tile_lists.list_reader import ListReader
+from rtl.top.ports import connect_settings, memory_ports, watch
+from rtl.vrc_array.array import VrcArray
+from rtl.vrc_array.pixel_writer import PixelWriter
+from rtl.vrc_array.splat_fetch import SplatFetch
+from spec.config import AcceleratorConfig
+from spec.memory import frame_settings
+from spec.records import frame_tiles, tile_hit
+
+READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
+"""Its memory clients, by the names of `spec.registers`."""
+
+STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
+"""Its stages whose input streams are watched."""
+
+_COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "pixels")
+
+
+class RenderPhase(wiring.Component):
+    """Tile merging, list reader, sorter, splat fetch, array, pixel writer::
+
+                                              entries           spill                     views
+                                                 ▼                ▼                         ▼
+        hits ─► TileMergeUnit ─gate─► Fork ─► ListReader ─► HierarchicalSorter ─► handover ─► SplatFetch ─┐
+                                       └────► HeaderMaker ─────────── levels ─────────────────▲           │
+                                         tiles ▲    └──────────────── headers ─────────► VrcArray ◄───────┘
+                                                                                            └─► PixelWriter ─► frame
+
+    Parameters:
+        config: the machine; `incremental` chooses how stages hand over.
+
+    Ports:
+        settings, tiles_x, tile_count: of the frame.
+        clear: strobe before a frame. start: strobe: what the geometry phase writes is in memory.
+        reads_NAME, data_NAME: memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: the tile of every entry, during the geometry phase.
+        counted: all of the frame's hits have come since `clear`.
+        done: all of the frame's pixels are in memory.
+        overflow: a group did not fit the spill region. saturated: a tile has more entries than can be counted.
+        ready: nothing is being cleared.
+        stage_valid, stage_ready: of the streams into STAGES, a bit each.
+        groups, spilled_entries, fetch_hits, fetch_misses, pixels: counts of the frame.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        tiles = In(range(frame_tiles(config) + 1))
+        super().__init__({
+            "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles,
+            "clear": In(1), "start": In(1),
+            **memory_ports(config, READERS, WRITERS),
+            "hits": In(stream.Signature(layout(tile_hit(config)))),
+            "counted": Out(1), "done": Out(1), "overflow": Out(1), "saturated": Out(1), "ready": Out(1),
+            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)),
+            **{name: Out(32) for name in _COUNTS},
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.tile_merge = merge = TileMergeUnit(self.config)
+        m.submodules.fork = fork = Fork(merge.groups.payload.shape())
+        m.submodules.reader = reader = ListReader(self.config)
+        m.submodules.headers = headers = HeaderMaker(self.config)
+        m.submodules.sorter = sorter = HierarchicalSorter(self.config)
+        m.submodules.handover = buffer = handover(self.config)
+        m.submodules.fetch = fetch = SplatFetch(self.config)
+        m.submodules.array = array = VrcArray(self.config)
+        m.submodules.writer = writer = PixelWriter(self.config)
+        for unit in (merge, reader, headers, sorter, fetch, array, writer):
+            connect_settings(m, self, unit)
+        m.d.comb += merge.auto.eq(self.settings.auto_beta)
+        m.d.comb += [unit.clear.eq(self.clear) for unit in (reader, headers, sorter, fetch)]
+        wiring.connect(m, wiring.flipped(self.hits), merge.hits)
+        self._gate(m, merge, fork)
+        wiring.connect(m, fork.sources[0], reader.tiles)
+        wiring.connect(m, fork.sources[1], headers.tiles)
+        wiring.connect(m, reader.groups, sorter.groups)
+        wiring.connect(m, sorter.sorted, buffer.sink)
+        wiring.connect(m, buffer.source, fetch.sorted)
+        wiring.connect(m, headers.levels, fetch.tiles)
+        wiring.connect(m, headers.headers, array.tiles)
+        wiring.connect(m, fetch.entries, array.entries)
+        wiring.connect(m, array.pixels, writer.rows)
+        for name, unit in (("tiles", headers), ("entries", reader), ("spill", sorter), ("views", fetch)):
+            wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
+        for name, unit in (("spill", sorter), ("frame", writer)):
+            wiring.connect(m, unit.writes, wiring.flipped(getattr(self, f"writes_{name}")))
+            m.d.comb += unit.writes_idle.eq(getattr(self, f"idle_{name}"))
+        m.d.comb += [
+            writer.begin.eq(self.start), self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
+            self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy),
+        ]
+        watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows))
+        if self.config.counters:
+            self._count(m, merge, sorter, fetch, writer)
+        return m
+
+    def _gate(self, m: Module, merge: TileMergeUnit, fork: Fork) -> None:
+        """Groups wait for the phase: their lists are complete with the last hit, the views perhaps not yet."""
+        counted, open_ = Signal(), Signal()
+        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+            m.d.sync += counted.eq(1)
+        with m.If(self.start):
+            m.d.sync += open_.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [counted.eq(0), open_.eq(0)]
+        m.d.comb += [
+            self.counted.eq(counted),
+            fork.sink.payload.eq(merge.groups.payload),
+            fork.sink.valid.eq(merge.groups.valid & open_),
+            merge.groups.ready.eq(fork.sink.ready & open_),
+        ]
+
+    def _count(
+        self, m: Module, merge: TileMergeUnit, sorter: HierarchicalSorter, fetch: SplatFetch, writer: PixelWriter,
+    ) -> None:
+        groups = merge.groups
+        with m.If(groups.valid & groups.ready & groups.payload.last):
+            m.d.sync += self.groups.eq(self.groups + 1)
+        with m.If(self.clear):
+            m.d.sync += self.groups.eq(0)
+        m.d.comb += [
+            self.spilled_entries.eq(sorter.spilled), self.fetch_hits.eq(fetch.hits), self.fetch_misses.eq(fetch.misses),
+            self.pixels.eq(writer.pixels)]
