@@ -497,8 +497,14 @@
 /* views read from memory (read) */
 #define MSV2_FETCH_MISSES 0x500u
 
+/* ops of the array: splats at a level and backgrounds, once for every block of a tile (read) */
+#define MSV2_OPS 0x504u
+
+/* entries that the array skipped because their tile's pixels had all stopped (read) */
+#define MSV2_SKIPPED 0x508u
+
 /* pixels written (read) */
-#define MSV2_PIXELS 0x504u
+#define MSV2_PIXELS 0x50Cu
 
 /* What the machine is doing. */
 enum msv2_phase {

@@ -218,9 +218,11 @@ EVENTS = {
     "spilled_entries": "entries written to memory once more, in sorted runs",
     "fetch_hits": "views found in the splat cache",
     "fetch_misses": "views read from memory",
+    "ops": "ops of the array: splats at a level and backgrounds, once for every block of a tile",
+    "skipped": "entries that the array skipped because their tile's pixels had all stopped",
     "pixels": "pixels written",
 }
-"""What the units report, by name."""
+"""What the units report of a frame that has ended, by name."""
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:

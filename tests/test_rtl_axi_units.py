@@ -191,7 +191,7 @@ def test_performance_counters_count_what_their_names_say():
             phase = rng.choice(list(Phase))
             valid, ready = rng.getrandbits(len(STAGES)), rng.getrandbits(len(STAGES))
             reader, writer = rng.randrange(len(READ_CLIENTS) + 1), rng.randrange(len(WRITE_CLIENTS) + 1)
-            events = {name: rng.randrange(17) for name in EVENTS}
+            events = {name: rng.getrandbits(16) for name in EVENTS}
             ctx.set(dut.phase, phase)
             ctx.set(dut.stage_valid, valid)
             ctx.set(dut.stage_ready, ready)
@@ -202,7 +202,7 @@ def test_performance_counters_count_what_their_names_say():
             ctx.set(dut.clear, step == 100)
             await ctx.tick()
             active = phase != Phase.IDLE
-            wanted.update(events)
+            wanted.update(events if step % 3 == 0 else {})
             wanted.update({"cycles_total": active, "frames": step % 3 == 0, f"cycles_{phase.name.lower()}": 1})
             for i, stage in enumerate(STAGES):
                 what = "starved" if not valid >> i & 1 else "busy" if ready >> i & 1 else "blocked"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal, Value, unsigned
+from amaranth.hdl import Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -10,8 +10,8 @@ from rtl.axi.registers import counters_layout
 from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, Phase
 
 STAGE_COUNTER_BITS = 32
-EVENT_BITS = 5
-"""Of an event's number in one cycle: up to a row of pixels."""
+EVENT_BITS = 32
+"""Of an event's count in one frame."""
 
 
 class StageCounters(wiring.Component):
@@ -49,12 +49,12 @@ class StageCounters(wiring.Component):
 
 
 def events_layout() -> data.StructLayout:
-    """How often every event happens in a cycle."""
+    """How often every event happened in a frame."""
     return data.StructLayout(dict.fromkeys(EVENTS, EVENT_BITS))
 
 
 class PerformanceCounters(wiring.Component):
-    """All counters of the machine. Cycles and stages count in all phases but IDLE, the rest always.
+    """All counters of the machine. Cycles and stages count in all phases but IDLE, beats always, events when a frame ends.
 
     Ports:
         phase: the machine's.
@@ -62,7 +62,7 @@ class PerformanceCounters(wiring.Component):
         finished: strobe: a frame has ended.
         stage_valid, stage_ready: of the stages' input streams, in the order of `STAGES`.
         read_beats, write_beats: a bit a client, strobes.
-        events: see `events_layout`.
+        events: of the frame, final when it ends; see `events_layout`.
         counters: all, as the register file takes them; a cycle behind. They wrap.
     """
 
@@ -89,7 +89,7 @@ class PerformanceCounters(wiring.Component):
         steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
         steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
         steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(WRITE_CLIENTS)}
-        steps |= {name: self.events[name] for name in EVENTS}
+        steps |= {name: Mux(self.finished, self.events[name], 0) for name in EVENTS}
         steps["read_beats"] = self.read_beats.any()  # one bus: at most one a cycle
         steps["write_beats"] = self.write_beats.any()
         for name, step in steps.items():

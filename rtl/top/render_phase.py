@@ -27,7 +27,7 @@ READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
 STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
 """Its stages whose input streams are watched."""
 
-_COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "pixels")
+_COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "ops", "skipped", "pixels")
 
 
 class RenderPhase(wiring.Component):
@@ -53,7 +53,7 @@ class RenderPhase(wiring.Component):
         overflow: a group did not fit the spill region. saturated: a tile has more entries than can be counted.
         ready: nothing is being cleared.
         stage_valid, stage_ready: of the streams into STAGES, a bit each.
-        groups, spilled_entries, fetch_hits, fetch_misses, pixels: counts of the frame.
+        groups, spilled_entries, fetch_hits, fetch_misses, ops, skipped, pixels: counts of the frame.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -109,7 +109,7 @@ class RenderPhase(wiring.Component):
         ]
         watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows))
         if self.config.counters:
-            self._count(m, merge, sorter, fetch, writer)
+            self._count(m, merge, sorter, fetch, array, writer)
         return m
 
     def _gate(self, m: Module, merge: TileMergeUnit, fork: Fork) -> None:
@@ -129,13 +129,16 @@ class RenderPhase(wiring.Component):
         ]
 
     def _count(
-        self, m: Module, merge: TileMergeUnit, sorter: HierarchicalSorter, fetch: SplatFetch, writer: PixelWriter,
+        self, m: Module, merge: TileMergeUnit, sorter: HierarchicalSorter, fetch: SplatFetch, array: VrcArray,
+        writer: PixelWriter,
     ) -> None:
         groups = merge.groups
         with m.If(groups.valid & groups.ready & groups.payload.last):
             m.d.sync += self.groups.eq(self.groups + 1)
+        ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # of the frames before
         with m.If(self.clear):
-            m.d.sync += self.groups.eq(0)
+            m.d.sync += [self.groups.eq(0), ops.eq(array.ops), skipped.eq(array.skipped)]
         m.d.comb += [
+            self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped),
             self.spilled_entries.eq(sorter.spilled), self.fetch_hits.eq(fetch.hits), self.fetch_misses.eq(fetch.misses),
             self.pixels.eq(writer.pixels)]
