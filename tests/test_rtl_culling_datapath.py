@@ -10,10 +10,12 @@ import pytest
 from amaranth.hdl import Mux, unsigned
 from rtl_streams import assert_rejected, exchange
 
+from rtl.culling import compare
 from rtl.culling.dataflow import Dataflow
 from rtl.culling.datapath import Datapath
 from rtl.culling.schedule import cost, schedule
-from spec.config import NumberFormats
+from spec.config import PAPER, NumberFormats
+from spec.errors import InputError
 from spec.formats import SQ, Rounding, SmallFloat
 
 N = NumberFormats()
@@ -146,6 +148,23 @@ def test_no_two_operations_meet():
         for users in plan.instances.values():
             for nodes in users:
                 assert len({plan.start[node] % interval for node in nodes}) == len(nodes) <= interval
+
+
+def test_one_unit_for_every_cycle_needs_less_than_eight_that_take_turns(capsys):
+    """The reason for the projection unit's shape."""
+    assert compare.main([]) == 0
+    printed = capsys.readouterr().out
+    costs = compare.comparison(PAPER)
+    assert list(costs) == [(1, 1), (2, 2), (4, 4), (8, 8)] and len(printed.splitlines()) == 2 + 4
+    one, eight = costs[1, 1], costs[8, 8]
+    assert f"{eight.register_bits:,}" in printed
+    assert one.register_bits < eight.register_bits and one.mux_bits == 0 < eight.mux_bits
+    assert one.queue_bits < eight.queue_bits
+    assert all(count <= eight.operators[kind] for kind, count in one.operators.items())
+    assert one == compare.unit_cost(PAPER, 1)
+    for wrong in ("1/3", "0", "much"):
+        with pytest.raises(InputError, match=f"'{wrong}' is not accepted"):
+            compare.main(["--points-per-cycle", wrong])
 
 
 def test_bad_parameters_are_rejected():
