@@ -12,7 +12,7 @@ from pathlib import Path
 
 import cocotb
 from cocotb.clock import Clock
-from cocotb.triggers import FallingEdge, ReadOnly
+from cocotb.triggers import Combine, FallingEdge, ReadOnly, SimTimeoutError, with_timeout
 from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
 
@@ -25,6 +25,9 @@ from tb.common.runner import CLOCK_NS
 
 START, ABORT, RESET, CLEAR, ENABLE_DONE, ENABLE_ERROR = 1, 2, 4, 8, 0x100, 0x200
 BUSY, DONE, ERROR = 1, 2, 4
+
+PATIENCE = 20_000
+"""Cycles until accesses asked for at once must be answered."""
 
 
 class Host:
@@ -75,13 +78,14 @@ class Host:
 
     async def read(self, name: str) -> int:
         """A read that must be answered OKAY."""
-        answer = await self._bus.read(self.map[name].offset, 4)
-        assert answer.resp == AxiResp.OKAY, name
-        return int.from_bytes(answer.data, "little")
+        resp, value = await self.answer(self.map[name].offset)
+        assert resp == AxiResp.OKAY, name
+        return value
 
-    async def read_at(self, address: int) -> AxiResp:
-        """The answer to a read."""
-        return (await self._bus.read(address, 4)).resp
+    async def answer(self, address: int) -> tuple[AxiResp, int]:
+        """How a read is answered; a refused one counts as 0."""
+        answer = await self._bus.read(address, 4)
+        return answer.resp, 0 if answer.resp != AxiResp.OKAY else int.from_bytes(answer.data, "little")
 
     async def wait(self, cycles: int = 8) -> None:
         """Until what was written has had its effect."""
@@ -147,7 +151,7 @@ async def unmapped(host: Host) -> None:
     mapped = {r.offset for r in host.map.values()}
     free = [address for address in range(0, 1 << registers.REGISTER_ADDRESS_BITS, 4) if address not in mapped]
     for address in (*host.rng.sample(free, 40), free[0], free[-1]):
-        assert await host.read_at(address) == AxiResp.SLVERR, address
+        assert (await host.answer(address))[0] == AxiResp.SLVERR, address
         assert await host.write_at(address, b"\x01\0\0\0") == AxiResp.SLVERR, address
     assert not host.starts
 
@@ -167,6 +171,30 @@ async def settings(host: Host) -> None:
         merged = patterns[name] & ~mask | int.from_bytes(data, "little") << 8 * first
         patterns[name] = merged & (1 << host.map[name].format.width) - 1
         assert await host.read(name) == read_back(host.map[name], patterns[name]), name
+
+
+async def crowd(host: Host) -> None:
+    """Many accesses asked for at once, reads and writes, answers taken late: each gets its own, in order."""
+    numbers = {s.name: host.rng.getrandbits(s.field.format.width) for s in registers.settings(host.config)}
+    readable = {**registers.identity(host.config), "status": 0}
+    wrong = 1 << registers.REGISTER_ADDRESS_BITS
+    writing = [(host.map[name].offset, AxiResp.OKAY, name) for name in numbers]
+    writing += [(host.map[name].offset, AxiResp.SLVERR, name) for name in readable] + [(wrong - 4, AxiResp.SLVERR, "")] * 9
+    host.rng.shuffle(writing)
+    reading = [(host.map[name].offset, AxiResp.OKAY, value) for name, value in readable.items()] * 6
+    reading += [(wrong - 8, AxiResp.SLVERR, 0)] * 20
+    host.rng.shuffle(reading)
+    writes = [cocotb.start_soon(host.write_at(at, numbers.get(name, 0).to_bytes(4, "little"))) for at, _, name in writing]
+    reads = [cocotb.start_soon(host.answer(at)) for at, _, _ in reading]
+    for tasks in (writes, reads):
+        try:
+            await with_timeout(Combine(*tasks), PATIENCE * CLOCK_NS, "ns")
+        except SimTimeoutError:
+            raise AssertionError(f"{sum(not task.done() for task in tasks)} accesses were never answered") from None
+    assert [task.result() for task in writes] == [resp for _, resp, _ in writing]
+    assert [task.result() for task in reads] == [(resp, value) for _, resp, value in reading]
+    for name, pattern in numbers.items():
+        assert await host.read(name) == read_back(host.map[name], pattern), name
 
 
 async def frames(host: Host) -> None:
@@ -310,7 +338,7 @@ async def counters(host: Host) -> None:
     assert await host.read("error_clients") == reads | writes << 16
 
 
-SCENARIOS = {f.__name__: f for f in (identity, unmapped, settings, frames, bad_settings, interrupts, aborts, counters)}
+SCENARIOS = {f.__name__: f for f in (identity, unmapped, settings, crowd, frames, bad_settings, interrupts, aborts, counters)}
 
 
 async def restart(dut: object) -> None:

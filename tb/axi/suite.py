@@ -19,7 +19,7 @@ VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "without_counters": TINY
 
 DISTINCT = ("tiny", "without_counters")
 
-REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "frames", "bad_settings", "interrupts", "aborts", "counters")
+REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
 """Of `tb.axi.registers`."""
 
 FULL_RATE = 0.98
