@@ -18,7 +18,7 @@ from golden.msv2_ref.tiling import tile_test
 from rtl.culling.level_table import GROUP, LevelTable
 from rtl.culling.schedule import cost, schedule
 from rtl.culling.tile_columns import falloff_format, tile_columns
-from rtl.culling.tile_expand import PLAN, TileExpand
+from rtl.culling.tile_expand import TileExpand
 from rtl.culling.tile_runs import TileRuns, run_layout
 from rtl.culling.tile_test import TileTest
 from spec import tables
@@ -54,7 +54,7 @@ class _Walk(wiring.Component):
         wiring.connect(m, walk.runs, wiring.flipped(self.runs))
         m.d.comb += [
             levels.enable.eq(walk.enable), levels.row.eq(walk.row), levels.group.eq(walk.group), walk.codes.eq(levels.codes),
-            levels.tiles_x.eq(self._size[0]), levels.tiles_y.eq(self._size[1]),
+            walk.row_start.eq(levels.row_start), levels.tiles_x.eq(self._size[0]), levels.tiles_y.eq(self._size[1]),
             walk.splats.payload.eq(self.splats.payload), walk.splats.valid.eq(self.splats.valid & levels.filled),
             self.splats.ready.eq(walk.splats.ready & levels.filled)]
         return m
@@ -95,6 +95,7 @@ def test_walk_cuts_boxes_into_runs_one_a_cycle(kind, pauses):
     runs = [shape.from_bits(word) for word in got]
     assert [(r.splat.bound, r.row, r.group * GROUP + r.begin, r.group * GROUP + r.stop, r.code.level, r.code.blend, r.last)
             for r in runs[:-1]] == expected
+    assert all(r.tile == r.row * 18 + r.group * GROUP for r in runs[:-1])
     assert [r.end for r in runs] == [0] * len(expected) + [1]
     if not pauses:
         assert cycles[-1] - cycles[0] == len(expected)
@@ -102,25 +103,24 @@ def test_walk_cuts_boxes_into_runs_one_a_cycle(kind, pauses):
 
 def test_expansion_costs_a_cycle_an_entry_and_a_cycle_a_run_without():
     """One splat: two runs of three tiles, of which the ellipse leaves two and none, a rejected one, and one that passes."""
-    dut, columns = TileExpand(FAST), 18
-    plan = {"row": 2, "group": 0, "begin": 4, "stop": 6, "level": 1, "passes": 1, "last": 0, "end": 0}
+    dut = TileExpand(FAST)
+    plan = {"tile": 36, "group": 0, "begin": 4, "stop": 6, "level": 1, "passes": 1, "last": 0, "end": 0}
     runs = [
         {"first": 5, "last": 17, "none": 0, "carried": plan},
         {"first": 9, "last": 17, "none": 0, "carried": plan},
         {"first": 0, "last": 0, "none": 1, "carried": plan},
         {"first": 0, "last": 17, "none": 0, "carried": plan | {"passes": 0, "level": 3}},
-        {"first": 0, "last": 17, "none": 0, "carried": plan | {"group": 1, "begin": 1, "stop": 1, "last": 1}},
+        {"first": 0, "last": 17, "none": 0, "carried": plan | {"tile": 52, "group": 1, "begin": 1, "stop": 1, "last": 1}},
         {"first": 0, "last": 0, "none": 0, "carried": plan | {"end": 1}}]
     shape = dut.runs.payload.shape()
 
     def setup(ctx):
-        ctx.set(dut.tiles_x, columns)
         ctx.set(dut.survivors.ready, 1)
 
     got, cycles = exchange(
         dut, {dut.runs: [shape.const(run).as_bits() for run in runs], dut.splats: [1]}, dut.entries, 4, setup=setup)
     entries = [entry_item(FAST).unpack(word) for word in got]
-    assert [entry["tile"] for entry in entries] == [2 * columns + 5, 2 * columns + 6, 2 * columns + 17, 0]
+    assert [entry["tile"] for entry in entries] == [36 + 5, 36 + 6, 36 + 17, 0]
     assert [entry["end"] for entry in entries] == [0, 0, 0, 1]
     assert np.diff(cycles).tolist() == [1, 4, 1]
 
@@ -176,9 +176,9 @@ def test_scenes_are_exact(config, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("change", [
-    {"support_sigma": None}, {"support_sigma": 8.0, "culling_units": 3}, {"row_width": 16},
+    {"support_sigma": None}, {"support_sigma": 8.0, "culling_units": 3}, {"row_width": 112},
     {"support_sigma": 0.5, "row_width": 4096, "culling_units": 64}, {"formats": NARROW},
-], ids=["no support", "wide support", "one tile", "wide frame", "narrow formats"])
+], ids=["no support", "wide support", "seven tiles", "wide frames", "narrow formats"])
 def test_other_machines_are_exact(change, tmp_path):
     config = TINY.with_(**change)
     assert suite.run_plan(config, suite.unit_plan(config, 2), tmp_path).failures == {}
@@ -208,10 +208,6 @@ def test_a_falloff_limit_fits_its_format_and_the_work_formats_significand(suppor
     most = min(most, tables.support_exponent(config) or most) + (1 << n.cut.frac_bits - 5)
     assert number.raw_max >= most and number.width <= n.work.sig_bits
     assert most > number.raw_max // 2 or number.int_bits == 0
-
-
-def test_tiles_of_a_plan_word_are_counted_in_four_bits():
-    assert PLAN["begin"].width == PLAN["stop"].width == GROUP.bit_length() - 1
 
 
 def test_bad_parameters_are_rejected():

@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.records import TILE_BITS, tile_level
+from spec.records import TILE_BITS, tile_index, tile_level
 
 GROUP = 16
 """Tiles of a word of the table: neighbours in a row, the first in a column that is a multiple."""
@@ -33,8 +33,9 @@ class LevelTable(wiring.Component):
         tiles_x, tiles_y: the frame's.
         enable, row, group: read the tiles 16 group, 16 group + 1, ... of a tile row.
         codes: what they are, a cycle after `enable`; it stays until the next. Tiles beyond the row's end are undefined.
+        row_start: the number of the row's first tile, likewise: kept, lest somebody multiply.
 
-    Storage: a memory of 48 bits for 16 tiles: for PAPER 960 words in use.
+    Storage: a memory of 48 bits for 16 tiles and one of a tile number a row: for PAPER 960 and 120 words.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -52,6 +53,7 @@ class LevelTable(wiring.Component):
             "row": In(TILE_BITS),
             "group": In(TILE_BITS - GROUP_PLACES),
             "codes": Out(data.ArrayLayout(CODE, GROUP)),
+            "row_start": Out(tile_index(config).width),
         })
 
     def _address(self, row: Signal, group: Signal):
@@ -61,7 +63,9 @@ class LevelTable(wiring.Component):
         m = Module()
         m.submodules.words = words = memory.Memory(
             shape=data.ArrayLayout(CODE, GROUP), depth=self._rows * self._groups, init=[])
+        m.submodules.starts = starts = memory.Memory(shape=self.row_start.shape(), depth=self._rows, init=[])
         write, read = words.write_port(granularity=1), words.read_port()
+        write_start, read_start, tile = starts.write_port(), starts.read_port(), Signal.like(self.row_start)
         row, column, item = Signal(TILE_BITS), Signal(TILE_BITS), self.table.payload
         last_column, last_row = column + 1 == self.tiles_x, row + 1 == self.tiles_y
         taken = self.table.valid & self.table.ready
@@ -72,15 +76,21 @@ class LevelTable(wiring.Component):
             read.en.eq(self.enable),
             read.addr.eq(self._address(self.row, self.group)),
             self.codes.eq(read.data),
+            write_start.addr.eq(row),
+            write_start.en.eq(taken & (column == 0)),
+            write_start.data.eq(tile),
+            read_start.addr.eq(self.row),
+            read_start.en.eq(self.enable),
+            self.row_start.eq(read_start.data),
         ]
         for code in write.data:
             m.d.comb += [code.level.eq(item.level), code.blend.eq(item.blend)]
         with m.If(taken):
-            m.d.sync += column.eq(column + 1)
+            m.d.sync += [column.eq(column + 1), tile.eq(tile + 1)]
             with m.If(last_column):
                 m.d.sync += [column.eq(0), row.eq(row + 1)]
                 with m.If(last_row):
-                    m.d.sync += [row.eq(0), self.filled.eq(1)]
+                    m.d.sync += [row.eq(0), tile.eq(0), self.filled.eq(1)]
         with m.If(self.clear):
             m.d.sync += self.filled.eq(0)
         return m

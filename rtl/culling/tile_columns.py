@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Mux, Value
+from amaranth.hdl import Cat, Const, Mux, Value, signed
 
 from rtl.culling.dataflow import Dataflow, Node
 from spec import tables
@@ -79,16 +79,16 @@ class _Ellipse:
     def limit(self, opacity: Node, other: Node) -> tuple[Node, Node]:
         """The falloff limit of the stronger opacity in the work format, and whether that is too faint to be seen."""
         g, n, number = self.g, self.formats, falloff_format(self.config)
-        faintest, support = tables.log2_alpha_min(n), tables.support_exponent(self.config)
-        margin = _raw(TILE_REACH_MARGIN, n.cut)
+        faintest, margin = tables.log2_alpha_min(n), _raw(TILE_REACH_MARGIN, n.cut)
+        most = number.raw_max - margin if self.config.support_sigma is None else tables.support_exponent(self.config)
 
         def bounded(x: Value) -> Value:
-            above = Mux(x < faintest, 0, x - faintest)
-            return (above if support is None else Mux(above > support, support, above)) + margin
+            return Mux(x[-1], margin, Mux(x > most, most + margin, x + margin))
 
         strongest = g.logic("strongest", n.log2_opacity, lambda a, b: Mux(a > b, a, b), opacity, other)
-        return g.to_float(g.logic("limit", number, bounded, strongest), self.work), g.logic(
-            "faint", 1, lambda x: x < faintest, strongest)
+        falloff = g.logic("falloff", signed(n.log2_opacity.width + 1), lambda x: x - faintest, strongest)
+        limit = g.to_float(g.logic("limit", number, bounded, falloff), self.work)
+        return limit, g.logic("faint", 1, lambda x: x[-1], falloff)
 
     def rows(self, row: Node, mean_y: Node, height: Node) -> tuple[Node, Node]:
         """The heights of the row's first and last pixel centres over the mean, margins added, in the view format."""
@@ -99,12 +99,13 @@ class _Ellipse:
         def low(row: Value, mean: Value) -> Value:
             return Cat(Const(0, frac + _TILE_PLACES), row, Const(0, 1)).as_signed() - mean + inset
 
-        def high(row: Value, mean: Value, height: Value) -> Value:
+        def end(row: Value, height: Value) -> Value:
             last = (row + 1) << _TILE_PLACES
-            return (Mux(last < height, last, height) << frac) - mean - inset
+            return Mux(last < height, last, height)
 
-        return (g.to_float(g.logic("low", n.reach, low, row, mean_y), self.view),
-                g.to_float(g.logic("high", n.reach, high, row, mean_y, height), self.view))
+        after = g.logic("row_end", height.to, end, row, height)
+        high = g.logic("high", n.reach, lambda after, mean: (after << frac) - mean - inset, after, mean_y)
+        return g.to_float(g.logic("low", n.reach, low, row, mean_y), self.view), g.to_float(high, self.view)
 
     def reach(self, y: Node, narrow: Node, l2: Node, l3: Node, limit: Node) -> Node:
         """How far the ellipse reaches to the left at height y, and to the right at -y."""

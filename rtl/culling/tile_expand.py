@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal, unsigned
+from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -16,22 +16,23 @@ from spec.records import TILE_BITS, Record, entry_item, projected_splat, survivi
 COUNTER_BITS = 32
 """Of a frame's counters."""
 
-PLAN = data.StructLayout({
-    "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES), "begin": PLACE, "stop": PLACE,
-    "level": unsigned(2), "passes": 1, "last": 1, "end": 1})
-"""A run as it passes the ellipse test: where it is, whether the foveation filter lets it pass, and the marks of TileRuns."""
-
-
 def kept_record(config: AcceleratorConfig) -> Record:
     """What entries and survivors want of a splat."""
     wanted = {f.name for f in surviving_splat(config).fields} - {"end"} | {"depth_key"}
     return Record("KeptSplat", kept_record.__doc__, tuple(f for f in projected_splat(config).fields if f.name in wanted))
 
 
-def tested_run() -> data.StructLayout:
+def carried_run(config: AcceleratorConfig) -> data.StructLayout:
+    """A run as it passes the ellipse test: as `run_layout`, and whether the foveation filter lets it pass."""
+    return data.StructLayout({
+        "tile": unsigned(tile_index(config).width), "group": unsigned(TILE_BITS - GROUP_PLACES), "begin": PLACE, "stop": PLACE,
+        "level": unsigned(2), "passes": 1, "last": 1, "end": 1})
+
+
+def tested_run(config: AcceleratorConfig) -> data.StructLayout:
     """A run and what the ellipse test found: first and last tile column, whether any."""
     return data.StructLayout({
-        "first": unsigned(TILE_BITS), "last": unsigned(TILE_BITS), "none": 1, "carried": PLAN})
+        "first": unsigned(TILE_BITS), "last": unsigned(TILE_BITS), "none": 1, "carried": carried_run(config)})
 
 
 class TileExpand(wiring.Component):
@@ -44,9 +45,9 @@ class TileExpand(wiring.Component):
         runs: `tested_run` items.
         splats: `kept_record` items, one per splat; taken with its last run.
         entries: EntryItem items; survivors: SurvivingSplat items. Both end with a frame's `end`.
-        tiles_x: tiles of a row.
         obb: all tiles of a run, whatever the ellipse test found.
-        touched, filtered: tiles of the runs that touch, and of those among them that are rejected, since `clear`; a cycle late.
+        touched, filtered: tiles of the runs that touch, and of those among them that are rejected, since `clear`; two cycles
+            late.
         clear: strobe, counts begin at 0.
         done: strobe, a frame's `end` has left for both streams.
 
@@ -58,11 +59,10 @@ class TileExpand(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
         super().__init__({
-            "runs": In(stream.Signature(tested_run())),
+            "runs": In(stream.Signature(tested_run(config))),
             "splats": In(stream.Signature(layout(kept_record(config)))),
             "entries": Out(stream.Signature(layout(entry_item(config)))),
             "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
-            "tiles_x": In(TILE_BITS + 1),
             "obb": In(1),
             "touched": Out(COUNTER_BITS),
             "filtered": Out(COUNTER_BITS),
@@ -72,10 +72,9 @@ class TileExpand(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        tile = tile_index(self.config).width
         clipped = Signal(data.StructLayout({
-            "row_start": unsigned(tile), "first": unsigned(TILE_BITS), "rest": PLACE, "nothing": 1,
-            "level": unsigned(2), "passes": 1, "last": 1, "end": 1}), reset_less=True)
+            "tile": unsigned(tile_index(self.config).width), "begin": PLACE, "rest": PLACE, "nothing": 1, "level": unsigned(2),
+            "passes": 1, "last": 1, "end": 1}), reset_less=True)
         clipped_valid, load = Signal(), Signal()
         m.d.comb += self.runs.ready.eq(load | ~clipped_valid)
         with m.If(self.runs.ready):
@@ -86,7 +85,7 @@ class TileExpand(wiring.Component):
         return m
 
     def _clip(self, m: Module, clipped: data.View) -> None:
-        """The tiles that the run and the ellipse have in common, counted from the tile row's start."""
+        """The tiles that the run and the ellipse have in common."""
         run, plan = self.runs.payload, self.runs.payload.carried
         group_first, group_last = run.first[GROUP_PLACES:], run.last[GROUP_PLACES:]
         places = slice(0, GROUP_PLACES)
@@ -99,11 +98,10 @@ class TileExpand(wiring.Component):
             outside.eq((group_first > plan.group) | (group_last < plan.group) | (begin > stop)),
         ]
         m.d.sync += [
-            clipped.row_start.eq(plan.row * self.tiles_x),
-            clipped.first.eq((plan.group << GROUP_PLACES) | begin),
+            clipped.begin.eq(begin),
             clipped.rest.eq(stop - begin),
             clipped.nothing.eq(~self.obb & (run.none | outside)),
-            *(clipped[name].eq(plan[name]) for name in ("level", "passes", "last", "end")),
+            *(clipped[name].eq(plan[name]) for name in ("tile", "level", "passes", "last", "end")),
         ]
 
     def _expand(self, m: Module, clipped: data.View, clipped_valid: Signal, load: Signal) -> None:
@@ -140,14 +138,16 @@ class TileExpand(wiring.Component):
         with m.If(load):
             m.d.sync += valid.eq(clipped_valid)
             with m.If(clipped_valid):
-                m.d.sync += [run.eq(clipped), tile.eq(clipped.row_start + clipped.first)]
+                m.d.sync += [run.eq(clipped), tile.eq(clipped.tile + clipped.begin)]
         self._count(m, go & ~run.end & ~run.nothing, emits, run.rest)
 
     def _count(self, m: Module, touches: Signal, emits: Signal, rest: Signal) -> None:
         """Adds up tiles: an entry at a time, a rejected run at once."""
         more, rejected = Signal(GROUP_PLACES + 1), Signal()
         m.d.sync += [more.eq(Mux(touches, Mux(emits, 1, rest + 1), 0)), rejected.eq(~emits)]
-        with m.If(self.clear):
-            m.d.sync += [self.touched.eq(0), self.filtered.eq(0)]
-        with m.Else():
-            m.d.sync += [self.touched.eq(self.touched + more), self.filtered.eq(self.filtered + Mux(rejected, more, 0))]
+        for total, amount in ((self.touched, more), (self.filtered, Mux(rejected, more, 0))):
+            half = len(total) // 2  # the upper half follows a cycle later: no carry runs through both
+            carry = Signal(name=f"{total.name}_carry")
+            m.d.sync += [Cat(total[:half], carry).eq(total[:half] + amount), total[half:].eq(total[half:] + carry)]
+            with m.If(self.clear):
+                m.d.sync += [total.eq(0), carry.eq(0)]

@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.level_table import CODE, GROUP, GROUP_PLACES
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
-from spec.records import TILE_BITS, Record, projected_splat
+from spec.records import TILE_BITS, Record, projected_splat, tile_index
 
 PLACE = unsigned(GROUP_PLACES)
 """A tile of a group."""
@@ -23,13 +23,13 @@ _TESTED = ("bound", "mean2d", "conic", "log2_opacity")
 
 
 def run_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A run: its splat, its tiles `group` * GROUP + `begin` to `stop` of tile row `row`, what they are.
+    """A run: its splat, its tiles `begin` to `stop` of a group, which is number `group` in tile row `row`; what they are.
 
-    `last`: the splat's last run. `end`: no run, all of the frame have come.
+    `tile`: the number of the group's first tile. `last`: the splat's last run. `end`: no run, all of the frame have come.
     """
     return data.StructLayout({
-        "splat": _tested(config), "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES), "begin": PLACE,
-        "stop": PLACE, "code": CODE, "last": 1, "end": 1})
+        "splat": _tested(config), "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES),
+        "tile": unsigned(tile_index(config).width), "begin": PLACE, "stop": PLACE, "code": CODE, "last": 1, "end": 1})
 
 
 def _tested(config: AcceleratorConfig) -> data.StructLayout:
@@ -56,7 +56,7 @@ class TileRuns(wiring.Component):
 
     Ports:
         splats: ProjectedSplat items.
-        enable, row, group, codes: the read port of `LevelTable`.
+        enable, row, group, codes, row_start: the read port of `LevelTable`.
         runs: `run_layout` items: of each splat row by row, then by column; and an item with `end` for each one that comes.
 
     Throughput: a run a cycle, between rows and splats, too. Latency: 4 cycles, a stage each: the walk, which addresses the
@@ -77,6 +77,7 @@ class TileRuns(wiring.Component):
             "row": Out(TILE_BITS),
             "group": Out(TILE_BITS - GROUP_PLACES),
             "codes": In(data.ArrayLayout(CODE, GROUP)),
+            "row_start": In(tile_index(config).width),
             "runs": Out(stream.Signature(run_layout(config))),
         })
 
@@ -84,7 +85,7 @@ class TileRuns(wiring.Component):
         m = Module()
         walked = _Stage("walked", self.config, {"begin": PLACE, "stop": PLACE})
         cut = _Stage("cut", self.config, {
-            "begin": PLACE, "stops": unsigned(GROUP), "codes": data.ArrayLayout(CODE, GROUP)})
+            "tile": self.row_start.shape(), "begin": PLACE, "stops": unsigned(GROUP), "codes": data.ArrayLayout(CODE, GROUP)})
         self._walk(m, walked)
         self._cut(m, walked, cut)
         self._pick(m, cut)
@@ -131,7 +132,8 @@ class TileRuns(wiring.Component):
             m.d.sync += cut.valid.eq(walked.valid)
             with m.If(walked.valid):
                 m.d.sync += [*(out[name].eq(item[name]) for name in shown), out.codes.eq(self.codes),
-                             out.stops.eq(Mux(item.end, 1, stops))]
+                             out.stops.eq(Mux(item.end, 1, stops)),
+                             out.tile.eq(self.row_start + (item.group << GROUP_PLACES))]
 
     def _pick(self, m: Module, cut: _Stage) -> None:
         """One run after the other: the lowest of the stops that are left."""
@@ -140,15 +142,16 @@ class TileRuns(wiring.Component):
         place = Cat(Cat(lowest[i] for i in range(GROUP) if i >> k & 1).any() for k in range(GROUP_PLACES))
         code = reduce(or_, (Mux(lowest[i], Value.cast(item.codes[i]), 0) for i in range(GROUP)))
         m.d.comb += [
-            rest.eq(item.stops & (item.stops - 1)),
-            lowest.eq(item.stops & ~rest),
+            lowest.eq(Cat(item.stops[i] & ~item.stops[:i].any() for i in range(GROUP))),  # trees, not a borrow's chain
+            rest.eq(item.stops & ~lowest),
             free.eq(runs.ready | ~runs.valid),
             cut.ready.eq(free & (rest == 0)),
         ]
         with m.If(free):
             m.d.sync += runs.valid.eq(cut.valid)
             with m.If(cut.valid):
-                m.d.sync += [*(runs.payload[name].eq(item[name]) for name in ("splat", "row", "group", "begin", "end")),
+                m.d.sync += [*(runs.payload[name].eq(item[name]) for name in (
+                                 "splat", "row", "group", "tile", "begin", "end")),
                              runs.payload.stop.eq(place), Value.cast(runs.payload.code).eq(code),
                              runs.payload.last.eq(item.last & (rest == 0))]
         with m.If(free & cut.valid & (rest != 0)):

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.datapath import Datapath
 from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
-from rtl.culling.tile_expand import COUNTER_BITS, PLAN, TileExpand, kept_record
+from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
 from rtl.emit import to_verilog
 from rtl.shapes import layout, shape
@@ -47,14 +47,14 @@ class TileTest(wiring.Component):
 
     Throughput: a run every `point_interval` cycles, an entry a cycle; a run without entries takes the cycle of one. Between
     frames the unit runs empty. Latency: 8 cycles and the schedule's length of the ellipse test, for PAPER 66 in all. Storage:
-    the table, 48 bits for 16 tiles of a row, and a queue of splats, for PAPER 70 of 324 bits.
+    `LevelTable`, and a queue of splats, for PAPER 70 of 324 bits.
     """
 
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        self._ellipse = Datapath(tile_columns(config), interval=config.point_interval, carried=PLAN)
+        self._ellipse = Datapath(tile_columns(config), interval=config.point_interval, carried=carried_run(config))
         settings = {f.name: shape(f.format) for f in frame_settings(config).fields}
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))),
@@ -76,9 +76,9 @@ class TileTest(wiring.Component):
         wiring.connect(m, wiring.flipped(self.table), levels.table)
         wiring.connect(m, expand.entries, wiring.flipped(self.entries))
         wiring.connect(m, expand.survivors, wiring.flipped(self.survivors))
-        for source, sink in ((runs.enable, levels.enable), (runs.row, levels.row), (runs.group, levels.group),
-                             (levels.codes, runs.codes), (self.width, ellipse.width), (self.height, ellipse.height)):
-            m.d.comb += sink.eq(source)
+        m.d.comb += [
+            levels.enable.eq(runs.enable), levels.row.eq(runs.row), levels.group.eq(runs.group), runs.codes.eq(levels.codes),
+            runs.row_start.eq(levels.row_start), ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
         self._settings(m, levels, expand)
         self._enter(m, levels, runs, expand)
         self._test(m, runs, ellipse, expand)
@@ -91,8 +91,7 @@ class TileTest(wiring.Component):
         tiles_x, tiles_y = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1)
         places = TILE.bit_length() - 1
         m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places)]
-        m.d.comb += [
-            levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.tiles_x.eq(tiles_x), expand.obb.eq(self.obb)]
+        m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.obb.eq(self.obb)]
 
     def _enter(self, m: Module, levels: LevelTable, runs: TileRuns, expand: TileExpand) -> None:
         """A frame's splats: into the walk, and into the queue for the expansion."""
@@ -135,7 +134,7 @@ class TileTest(wiring.Component):
             operands.other_opacity.eq(splat.log2_opacity[(code.level + Mux(blends, 1, 0))[:2]]),
             plan.passes.eq(code.level <= splat.bound),
             plan.level.eq(code.level),
-            *(plan[name].eq(run[name]) for name in ("row", "group", "begin", "stop", "last", "end")),
+            *(plan[name].eq(run[name]) for name in ("tile", "group", "begin", "stop", "last", "end")),
             expand.runs.valid.eq(ellipse.source.valid),
             ellipse.source.ready.eq(expand.runs.ready),
             *(expand.runs.payload[name].eq(ellipse.source.payload[name]) for name in ("first", "last", "none", "carried")),

@@ -63,15 +63,16 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """By hand and at random; every pattern on every port; cut off by resets; back to back without one, at full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(case) for case in corner_cases(config, rng)]
-    case = random_case(config, rng, "streams", 170, 90, 120, frames=3)
+    size = min(config.row_width, 170), 90
+    case = random_case(config, rng, "streams", *size, 120, frames=3)
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(plan_of(case, name, patterns=patterns, reset=False))
-    tiles = -(-170 // TILE) * -(-90 // TILE)
+    tiles = -(-size[0] // TILE) * -(-size[1] // TILE)
     for cycles in (3, tiles - 1, tiles + 3, tiles + 40, tiles + 70, tiles + 200, 2 * tiles + 700):
         plan.append(plan_of(case, f"cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(case, f"frames after a reset at {cycles}"))
     for k in range(8):
-        width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 700), 200)))
+        width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 700), min(config.row_width, 200))))
         case = random_case(config, rng, f"back to back {k}", width, height, 150, obb=k % 4 == 3)
         plan.append(plan_of(case, reset=False, quiet=20, most_cycles=most_cycles(case)))
     return plan
