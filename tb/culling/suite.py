@@ -68,6 +68,11 @@ def most_cycles(case: Case) -> int:
     return case.config.point_interval * (case.points + len(case.frames)) + _SETTLING
 
 
+def least_rate(config: AcceleratorConfig) -> dict[str, float]:
+    """Points a cycle in which one is offered, but for rounding."""
+    return {"sink": (1 - 1e-9) / config.point_interval}
+
+
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Each kind of point; frames of every size; patterns of pauses; cut off by resets; back to back."""
     rng = np.random.default_rng(seed)
@@ -92,7 +97,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     rng, plan = np.random.default_rng(seed), []
     for fate in (*REASONS, "visible"):
         case = uniform_case(config, rng, fate, _RATE_POINTS)
-        plan.append(plan_of(case, most_cycles=most_cycles(case)))
+        plan.append(plan_of(case, most_cycles=most_cycles(case), least_rate=least_rate(config)))
     return plan
 
 
@@ -102,7 +107,7 @@ def traced_plan(config: AcceleratorConfig, size: str, most: int | None = None) -
     for name, frame in traced_frames(config, size).items():
         case = traced_case(frame, f"traced {name}")
         case = case if most is None else shortened(case, most)
-        plan.append(plan_of(case, reset=not plan, most_cycles=most_cycles(case)))
+        plan.append(plan_of(case, reset=not plan, most_cycles=most_cycles(case), least_rate=least_rate(config)))
     return plan
 
 
