@@ -16,7 +16,7 @@ from rtl_streams import assert_rejected, exchange
 
 from rtl.emit import to_rtlil, to_verilog
 from rtl.vrc_array.splat_fetch import LATENCY, SplatFetch, emit_splat_fetch
-from rtl.vrc_array.splat_tags import SplatTags
+from rtl.vrc_array.splat_tags import WAYS, SplatTags
 from spec.config import PAPER, TINY
 from spec.memory import read_data
 from spec.records import array_entry, chunk_entry, tile_use
@@ -27,7 +27,7 @@ from tb.fetch.device import FetchBench, playback
 from tb.fetch.miss_rates import find_misses
 from tb.fetch.stimuli import DIRECTED, random_case
 
-SMALL = TINY.with_(splat_cache_lines=8)
+SMALL = TINY.with_(splat_cache_lines=32)
 
 
 def quick_plan(config):
@@ -71,12 +71,15 @@ def test_faults_are_found(tiny):
     assert problems(replace(item, most_cycles=recording.cycles - 1), recording)
 
 
-def test_a_cache_of_another_size_is_told_apart(tiny):
-    plan, outcome = tiny
-    other = {item.name: item for item in quick_plan(TINY.with_(splat_cache_lines=128))}
-    caught = [item.name for item in plan if item.name in outcome.recordings and item.name.startswith("conflicts")
-              and problems(other[item.name], outcome.recordings[item.name])]
-    assert len(caught) == 4
+@pytest.mark.parametrize(("name", "lines", "ways", "keep_used"), [
+    ("every line", 128, WAYS, False), ("every line", 32, WAYS, False), ("conflicts", 64, 2, False), ("conflicts", 64, 8, False),
+    ("conflicts", 64, WAYS, True),
+])
+def test_another_cache_is_told_apart(tiny, name, lines, ways, keep_used):
+    case = next(case for case in (make(TINY) for make in DIRECTED) if case.name == name)
+    reads = tiny[1].recordings[f"{name}, 0 cycles"].outputs["reads"]
+    assert len(reads) == find_misses(case.index, case.level, TINY.splat_cache_lines, WAYS, False, False).sum()
+    assert len(reads) != find_misses(case.index, case.level, lines, ways, keep_used, False).sum()
 
 
 def test_a_tag_written_in_the_cycle_of_its_reading_must_be_seen(monkeypatch, tmp_path):
@@ -94,7 +97,7 @@ def test_a_tag_written_in_the_cycle_of_its_reading_must_be_seen(monkeypatch, tmp
 
 def small(case) -> tuple[list[int], list[int], list[int], list[int]]:
     """Sorted items, tiles, data and entries of a case as bit patterns."""
-    missed = find_misses(case.index, case.level, SMALL.splat_cache_lines, 1, False, False)
+    missed = find_misses(case.index, case.level, SMALL.splat_cache_lines, WAYS, False, False)
     data = suite.beats_of(SMALL, case.views[missed], np.random.default_rng(0))
     return tuple([record(SMALL).pack(row) for row in rows] for record, rows in (
         (chunk_entry, case.sorted), (tile_use, case.tiles), (read_data, data), (array_entry, case.entries)))
@@ -112,7 +115,7 @@ def test_every_depth_of_pending(pending, pauses):
 
 
 def test_latency_and_the_cycles_of_clearing():
-    """A hit takes LATENCY cycles; after `clear`, as after a reset, nothing is taken for a cycle a line."""
+    """A hit takes LATENCY cycles; after `clear`, as after a reset, nothing is taken for a cycle a set."""
     dut, waits, latencies, missed = SplatFetch(SMALL), [], [], []
 
     async def send(ctx) -> None:
@@ -160,8 +163,8 @@ def test_latency_and_the_cycles_of_clearing():
 
 def test_storage():
     memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(SplatFetch(PAPER), "fetch"))
-    assert {(int(width), int(depth)) for width, depth in memories} >= {(222, 1024), (17, 1024)}
-    assert sum(int(width) * int(depth) for width, depth in memories) < 1024 * 239 + 256 * 15
+    assert {(int(width), int(depth)) for width, depth in memories} >= {(222, 1024), (78, 256)}
+    assert sum(int(width) * int(depth) for width, depth in memories) < 1024 * 222 + 256 * (78 + 15)
 
 
 def test_verilog():

@@ -9,15 +9,17 @@ tags are looked up and changed as entries come, misses go to memory at once, and
 At its end, in order, the data of a miss enter its line, and a hit reads its line. So an entry finds in its line what the tags
 had said, however many misses on that line are pending, and nothing is compared twice.
 
-Direct-mapped by the index' low bits, because little else pays. Views are wanted once or twice: in scenes' frames 40 to 70 % of
-the entries are the first to want theirs, and the next to want it is a tile's list away. Misses of 1,024 lines, share of
-entries, from `python -m tb.fetch.miss_rates`, whose whole output is reports/splat_cache.md:
+Views are wanted once or twice: in scenes' frames 20 to 70 % of the entries are the first to want theirs, and the next to want
+it is a tile's list away. Four ways, of which the one filled first is filled again, miss as little as a direct-mapped cache of
+twice the lines where tiles' lists are short, and cost tags but no lines; what was used last does not matter, nor which bits of
+the index choose the set. Misses of 1,024 lines, share of entries (`python -m tb.fetch.miss_rates`, reports/splat_cache.md):
 
-                                  direct    folded index    2 ways    4 ways    first wants
-    embedded 128x128               0.829           0.831     0.808     0.792          0.621
-    truck 640x360                  0.796           0.799     0.773     0.757          0.399
-    truck 640x360, foveated        0.835           0.838     0.815     0.800          0.442
-    garden_large 320x180           0.959           0.958     0.954     0.951          0.632
+                               direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first wants
+    embedded 128x128            0.829     0.807     0.792                  0.796                  0.763          0.621
+    truck 640x360               0.796     0.773     0.757                  0.765                  0.721          0.399
+    truck 1280x720              0.603     0.546     0.508                  0.512                  0.522          0.219
+    truck 1280x720, foveated    0.647     0.592     0.553                  0.556                  0.563          0.247
+    garden_large 320x180        0.959     0.954     0.951                  0.954                  0.929          0.632
 """
 
 from __future__ import annotations
@@ -57,8 +59,8 @@ class SplatFetch(wiring.Component):
         entries: as many as the counts of `tiles`, in order.
         reads, data: the memory's; a beat for every miss, in order.
         views_base, view_shift: settings of the frame.
-        clear: strobe between frames: views in memory change from here on. Entries are taken again `splat_cache_lines` cycles
-            later, and so after a reset.
+        clear: strobe between frames: views in memory change from here on. Entries are taken again a cycle a set later, and so
+            after a reset; for PAPER 256.
         hits, misses: entries since `clear`; 0 for ever without `config.counters`.
         error: the memory answered with an error since `clear`. The entry came, with a view that means nothing.
         busy: entries are inside, or wanted for a tile that was taken, or tags are being cleared.
@@ -131,7 +133,7 @@ class SplatFetch(wiring.Component):
         m.d.comb += [
             tags.found.ready.eq(fifo.w_rdy & requests.sink.ready),
             fifo.w_en.eq(moves),
-            pending.line.eq(wanted.index[: line_bits(self.config)]),
+            pending.line.eq(found.line),
             pending.missed.eq(found.missed),
             pending.level.eq(wanted.level),
             pending.blend.eq(wanted.blend),

@@ -7,23 +7,25 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numba
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.files import atomic_output
 from golden.scenes.request import resolve
 from spec.config import PAPER, AcceleratorConfig
+from spec.constants import MAX_LEVELS
 from spec.errors import run_command_line
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
 from spec.records import ENTRY_BYTES
 from tb.common.runner import ROOT
 
 SCENES = (
-    ("embedded", "128x128"), ("truck.splat", "256x144"), ("truck.splat", "640x360"), ("garden_large", "320x180"),
-    ("rock_sh3", "320x180"))
+    ("embedded", "128x128"), ("truck.splat", "256x144"), ("truck.splat", "640x360"), ("truck.splat", "1280x720"),
+    ("garden_large", "320x180"), ("rock_sh3", "320x180"))
 """Scenes, the trained ones where they are, and their sizes."""
 
 ORGANISATIONS = (
@@ -52,7 +54,7 @@ def find_misses(index: np.ndarray, level: np.ndarray, lines: int, ways: int, kee
         place = index[i]
         if fold and bits:
             place = place ^ place >> bits ^ place >> 2 * bits
-        line, key, way = tags[place & sets - 1], index[i] * 4 + level[i], 0
+        line, key, way = tags[place & sets - 1], index[i] * MAX_LEVELS + level[i], 0
         while way < ways and line[way] != key:
             way += 1
         missed = way == ways
@@ -84,7 +86,7 @@ def cycles_per_entry(share: float) -> float:
     return (ENTRY_BYTES + BEAT_BYTES * share) / DRAM_BYTES_PER_CYCLE
 
 
-def _frames(config: AcceleratorConfig):
+def _frames(config: AcceleratorConfig) -> Iterator[tuple[str, Frame]]:
     folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
     for scene, size in SCENES:
         path = scene if scene == "embedded" else str(folder / scene)
@@ -98,18 +100,41 @@ def _frames(config: AcceleratorConfig):
             yield name, render(request.model, request.camera, config=config, foveation=request.foveation)
 
 
+def report(name: str, frame: Frame) -> list[str]:
+    """A frame's table in Markdown."""
+    index, level = accesses(frame)
+    entries, views = len(index), len(np.unique(index * MAX_LEVELS + level))
+    rates, direct = table(frame), (1, "-", "low")
+    lines = [
+        f"## {name}", "",
+        f"{entries:,} entries in {len(frame.registers.header)} tiles, {views:,} views: at least {views / entries:.3f}.",
+        "", "| lines | " + " | ".join(f"{lines:,}" for lines in LINES) + " |", "|---" * (len(LINES) + 1) + "|"]
+    for organisation in ORGANISATIONS:
+        ways, policy, place = organisation
+        kind = f"{ways} ways, {policy}" if ways > 1 else f"direct, {'low bits' if place == 'low' else 'folded'}"
+        lines.append(f"| {kind} | " + " | ".join(f"{share:.3f}" for share in rates[organisation]) + " |")
+    cycles = " | ".join(f"{cycles_per_entry(share):.2f}" for share in rates[direct])
+    return [*lines, f"| direct: memory cycles an entry | {cycles} |", ""]
+
+
+_HEAD = f"""# Splat cache: misses, share of entries
+
+Written by `python -m tb.fetch.miss_rates`. A miss is a beat of {BEAT_BYTES} bytes, an entry's place in its list {ENTRY_BYTES};
+cycles are those of {DRAM_BYTES_PER_CYCLE} bytes each.
+"""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the tables."""
-    argparse.ArgumentParser(prog="python -m tb.fetch.miss_rates", description=__doc__).parse_args(argv)
+    """Writes the tables."""
+    parser = argparse.ArgumentParser(prog="python -m tb.fetch.miss_rates", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "splat_cache.md", metavar="FILE")
+    args = parser.parse_args(argv)
+    lines = [_HEAD]
     for name, frame in _frames(PAPER):
-        entries, tiles = len(frame.entries.splat), len(frame.registers.header)
-        views = len(np.unique(np.stack(accesses(frame)), axis=1).T)
-        print(f"\n{name}: {entries:,} entries in {tiles} tiles, {views:,} views, {views / entries:.3f} a view read once only")
-        print("lines               " + "".join(f"{lines:>8}" for lines in LINES))
-        for (ways, policy, place), shares in table(frame).items():
-            print(f"{ways} way{'s' * (ways > 1):<2}{policy:>5} {place:>5}  " + "".join(f"{share:8.3f}" for share in shares))
-            if (ways, policy) == (1, "-") and place == "low":
-                print("memory cycles/entry " + "".join(f"{cycles_per_entry(share):8.3f}" for share in shares), flush=True)
+        lines += report(name, frame)
+    with atomic_output(args.out) as file:
+        file.write(("\n".join(lines).rstrip() + "\n").encode())
+    print(f"{args.out}: {sum(line.startswith('## ') for line in lines)} frames")
     return 0
 
 

@@ -106,10 +106,13 @@ def _again(config: AcceleratorConfig) -> Case:
 
 
 def _conflicts(config: AcceleratorConfig) -> Case:
-    """Views that take each other's line, alternating, with and without hits between."""
+    """Views that take each other's line: 2 to 8 of a set in turn, with and without hits between; at random."""
     lines = config.splat_cache_lines
-    pairs = [Tile([5, 5 + lines] * 20), Tile([5, 5, 5 + lines, 5 + lines] * 10), Tile([9 + k * lines for k in range(8)] * 4)]
-    return case_of(config, "conflicts", [*pairs, Tile([INDICES - 1, lines - 1, INDICES - 1, 0, lines, INDICES - lines])], 2)
+    turns = [Tile([n + k * lines for k in range(n)] * 6) for n in range(2, 9)]
+    twice = [Tile(np.repeat([n + k * lines for k in range(n)], 2).tolist() * 3) for n in range(2, 9)]
+    mixed = [Tile((9 + lines * np.random.default_rng(2).integers(0, 7, 200)).tolist())]
+    ends = [Tile([INDICES - 1, lines - 1, INDICES - 1, 0, lines, INDICES - lines])]
+    return case_of(config, "conflicts", [*turns, *twice, *mixed, *ends], 2)
 
 
 def _levels(config: AcceleratorConfig) -> Case:
@@ -126,9 +129,10 @@ def _empty(config: AcceleratorConfig) -> Case:
 
 
 def _every_line(config: AcceleratorConfig) -> Case:
-    """Every line filled, then hit, in another order; then the same lines by other splats."""
+    """Every line filled, then hit, in another order; then the same lines by other splats; the first again."""
     rng, lines = np.random.default_rng(5), config.splat_cache_lines
-    ups = (np.arange(lines), rng.permutation(lines), lines + rng.permutation(lines), lines + np.arange(lines)[::-1])
+    first, other = np.arange(lines), lines + rng.permutation(lines)
+    ups = (first, rng.permutation(lines), other, np.sort(other)[::-1], first)
     return case_of(config, "every line", [Tile(up) for up in ups], 5)
 
 

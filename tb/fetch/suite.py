@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rtl.vrc_array.splat_fetch import LATENCY
+from rtl.vrc_array.splat_tags import WAYS
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
 from tb.common import codec, exact
@@ -63,7 +64,7 @@ class Plan:
             self._accesses, self._counted, self._wrong = self._accesses[:, :0], [0, 0], 0
         before = self._accesses.shape[1]
         self._accesses = np.concatenate([self._accesses, [case.index, case.level]], axis=1)
-        missed = find_misses(*self._accesses, self._config.splat_cache_lines, 1, False, False)[before:]
+        missed = find_misses(*self._accesses, self._config.splat_cache_lines, WAYS, False, False)[before:]
         self._counted[0] += int((~missed).sum())
         self._counted[1] += int(missed.sum())
         self._wrong |= bool(wrong)
@@ -106,7 +107,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.add(case, name, patterns=patterns, reset=False, clear=True, delay=len(plan.runs) % 20)
     lines = config.splat_cache_lines
-    for cycles in (3, lines // 2, lines + 40, lines + 150, lines + 151):
+    for cycles in (3, lines // 8, lines // 4 + 40, lines // 4 + 150, lines // 4 + 151):
         plan.add(random_case(config, "", seed), f"cut off after {cycles} cycles", abort=cycles)
         plan.add(random_case(config, "", seed + 1), f"whole frame after a reset at {cycles}")
     for k in range(4):
