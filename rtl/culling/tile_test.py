@@ -38,6 +38,7 @@ class TileTest(wiring.Component):
         width, height, obb: as `frame_settings`.
         touched: (splat, tile) pairs of the frame that touch. filtered: those of them that the foveation filter rejects; the
             others are entries. From 0 at the frame's first item; they hold from its `end` in both streams to the next's first.
+        filled: the frame's table is full; until its `end` has left for both streams.
         busy: high from a frame's last table item until its last items are taken: whenever splats or entries are inside.
 
     A pair touches if the ellipse on which the splat is just visible, widened by margins, meets a pixel centre of the tile, at
@@ -64,6 +65,7 @@ class TileTest(wiring.Component):
             **{name: In(settings[name]) for name in ("width", "height", "obb")},
             "touched": Out(COUNTER_BITS),
             "filtered": Out(COUNTER_BITS),
+            "filled": Out(1),
             "busy": Out(1),
         })
 
@@ -83,7 +85,7 @@ class TileTest(wiring.Component):
         self._enter(m, levels, runs, expand)
         self._test(m, runs, ellipse, expand)
         m.d.comb += [self.touched.eq(expand.touched), self.filtered.eq(expand.filtered),
-                     self.busy.eq(levels.filled | self.survivors.valid)]
+                     self.filled.eq(levels.filled), self.busy.eq(levels.filled | self.survivors.valid)]
         return m
 
     def _settings(self, m: Module, levels: LevelTable, expand: TileExpand) -> None:
