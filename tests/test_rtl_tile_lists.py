@@ -282,7 +282,7 @@ def test_latency_of_a_list():
     assert words_of(moves, "groups") == [*entries[:10], entries[10] | last, entries[11] | last]
     assert words_of(moves, "reads") == [SETTINGS["entries_base"] + beat for beat in (16, 17, 18, 24)]
     start = moves["reads"][0][0]
-    assert (start, moves["groups"][0][0] - start) == (6, 2) and cycles_of(moves, "groups") == list(range(start + 2, start + 14))
+    assert (start, moves["groups"][0][0] - start) == (8, 2) and cycles_of(moves, "groups") == list(range(start + 2, start + 14))
 
 
 @pytest.mark.parametrize("pauses", [0.0, 0.5])

@@ -48,6 +48,14 @@ _PAGE_LOW, _BEAT_LOW = (FIRST_PAGE_ENTRIES - 1).bit_length(), (BEAT_ENTRIES - 1)
 """Bits of a place inside its unit, and inside its beat."""
 
 
+def _several(value: Value) -> Value:
+    """More than one bit is set; no carry chain."""
+    if len(value) == 1:
+        return Const(0, 1)
+    low, high = value[: len(value) // 2], value[len(value) // 2 :]
+    return _several(low) | _several(high) | low.any() & high.any()
+
+
 class _Slot(NamedTuple):
     """An entry where its page is chosen."""
 
@@ -164,7 +172,7 @@ class EntryWriter(wiring.Component):
             m.d.sync += [valid.eq(taken), entry.eq(item), inside.eq(taken & ~item.end & (item.tile < self.tile_count))]
             m.d.sync += [again.eq(inside & (entry.tile == item.tile)), summed.eq(place + 1)]
             m.d.sync += [slot.valid.eq(valid), slot.item.eq(entry), slot.inside.eq(inside), slot.place.eq(place)]
-            m.d.sync += slot.begins.eq(((place & (place - 1)) == 0) & ~place[_PAGE_LOW])
+            m.d.sync += slot.begins.eq(~_several(place) & ~place[_PAGE_LOW])
             m.d.sync += slot.again.eq(slot.inside & (slot.item.tile == entry.tile))
         return slot
 
@@ -175,8 +183,9 @@ class EntryWriter(wiring.Component):
         units = slot.place[_PAGE_LOW:]
         free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # first unit not handed out, and how many there are
         fits, works, links, linked = Signal(), Signal(), Signal(), Signal()
+        roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k fit: no carry chain
         m.d.comb += [
-            fits.eq(~self.full & (left >= 0) & ~(slot.begins & (units[-1] | (units > left)))),
+            fits.eq(~self.full & ~left[-1] & (~slot.begins | roomy)),
             works.eq(slot.inside & fits),
             links.eq(works & slot.begins & ~linked),
         ]
@@ -245,8 +254,8 @@ class EntryWriter(wiring.Component):
         linked_at = p.data("linked_at", slot.item.tile * DIRECTORY_BEATS + sum(part.any() * i for i, part in enumerate(parts)))
         low = p.data("low", slot.place[_BEAT_LOW:_PAGE_LOW])
         relative = p.reg("relative", lambda link, at, unit, low: Mux(link, at, Cat(low, unit)), linking, linked_at, unit, low)
-        beat = p.reg("beat", lambda link, x: (Mux(link, self.directory_base, self.entries_base) + x)[:BEAT_BITS],
-                     linking, relative)
+        base = p.reg("base", lambda link: Mux(link, self.directory_base, self.entries_base), linking.to(unit.stage))
+        beat = p.reg("beat", lambda base, x: (base + x)[:BEAT_BITS], base, relative)
         end = beat.stage
         m.d.comb += [
             writes.sink.valid.eq(valid.at(end)), request.beat.eq(beat.value), request.strobe.eq(strobe.at(end)),

@@ -8,6 +8,7 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
+from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config, read_port
@@ -39,7 +40,7 @@ class ListReader(wiring.Component):
     Storage: `page_walk.LOOKAHEAD` tiles, 64 pointers, IN_FLIGHT descriptors of beats, two beats. Throughput: one entry a cycle
     while memory keeps up, IN_FLIGHT beats ahead; for a latency of 100 cycles wherever 32 neighbouring tiles with entries have
     more than about 130 of them. At a frame's beginning a latency more, if its first tiles need their directory.
-    Latency: 6 cycles from a tile to its first request, one from a beat to its entry; a tile that may be its group's last with
+    Latency: 8 cycles from a tile to its first request, one from a beat to its entry; a tile that may be its group's last with
     entries waits for those behind it.
     """
 
@@ -72,11 +73,13 @@ class ListReader(wiring.Component):
         """A wanted beat's address to memory, what it will be to the queue."""
         m.submodules.requests = requests = Buffer(self.reads.payload.shape())
         wiring.connect(m, requests.source, wiring.flipped(self.reads))
-        want = wanted.payload
-        base = Mux(want.directory, self.directory_base, self.entries_base)
+        want, valid = wanted.payload, wanted.valid & flight.w_rdy
+        p = Pipeline(m, load=valid, advance=requests.sink.ready)
+        base = p.reg("base", lambda x: x, p.data("its_base", Mux(want.directory, self.directory_base, self.entries_base)))
+        beat = p.reg("beat", lambda x, y: (x + y)[:BEAT_BITS], base, p.data("relative", want.beat))
         m.d.comb += [
-            requests.sink.payload.beat.eq(base + want.beat),
-            requests.sink.valid.eq(wanted.valid & flight.w_rdy),
+            requests.sink.payload.beat.eq(beat.value),
+            requests.sink.valid.eq(p.control("valid", valid).at(beat.stage)),
             wanted.ready.eq(requests.sink.ready & flight.w_rdy),
             flight.w_en.eq(wanted.valid & requests.sink.ready),
             flight.w_data.eq(Cat(want.directory, want.more, want.last)),

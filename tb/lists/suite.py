@@ -112,7 +112,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Whole frames at full rate: long tiles, tiles of about two pages, tiles that the look-ahead just covers."""
     rng, plan = np.random.default_rng(seed), []
     for name, counts in (
-            ("long tiles", rng.integers(500, 3000, 12)), ("tiles of two pages", rng.integers(33, 97, 120)),
+            ("long tiles", rng.integers(500, 3000, 8)), ("tiles of two pages", rng.integers(33, 97, 80)),
             ("short tiles", rng.choice([1, 2, 3, 33, 34], 400)), ("full beats", np.full(200, 8)),
             (f"a page in {LOOKAHEAD} tiles", np.where(np.arange(320) % LOOKAHEAD, 4, 40))):
         frames = [mixed_tiles(rng, counts), np.repeat(np.arange(len(counts)), counts)]
