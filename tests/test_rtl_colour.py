@@ -14,15 +14,19 @@ import pytest
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected
 
+from golden.msv2_ref.colour import survivor_views
 from rtl.culling.colour import LEAST_INTERVAL, ColourUnit, splat_interval
 from rtl.culling.colour_sum import record_steps
 from rtl.culling.fixed_multiply import FixedMul
 from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import cost, schedule
+from rtl.emit import to_verilog
+from spec import harmonics
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY
 from spec.formats import SQ, UQ
-from tb.colour import suite
-from tb.colour.stimuli import random_case
+from tb.colour import device, suite
+from tb.colour.stimuli import fine_case
+from tb.common import exact
 from tb.common.exact import problems
 
 
@@ -55,12 +59,14 @@ def test_faults_are_found(tiny):
 
 
 def test_the_stimuli_reach_every_end(tiny):
-    """Colours at both ends and between, at every channel; every mask of levels."""
+    """Every mask of levels; colours at both ends, and most of them between."""
     plan, _ = tiny
     item = next(item for item in plan if item.name == "extremes of degree 3")
     assert set(item.run.inputs["survivors"]["levels"]) == set(range(16))
-    colours = np.concatenate([case.expected(TINY)["writes"]["word"] for case in (random_case(TINY, 0, 3, [300]),)])
-    assert len(np.unique(colours[:, 4])) > 250
+    case = fine_case(TINY, 0, 3, 1500)
+    colour = survivor_views(TINY, case.frames[0], case.records[0], 3, case.view_shift)[0]["colour"]
+    top = TINY.formats.colour.raw_max
+    assert len(np.unique(colour)) > top * 0.95 and 0.4 < ((colour > 0) & (colour < top)).mean() < 0.95
 
 
 @pytest.mark.long
@@ -79,6 +85,22 @@ def test_units_of_lower_degrees_and_other_intervals(sh_degree, units, tmp_path):
     config = TINY.with_(culling_units=units)
     outcome = suite.run_plan(config, suite.unit_plan(config, 2, sh_degree), tmp_path, sh_degree=sh_degree)
     assert outcome.failures == {}
+
+
+@pytest.mark.long
+def test_faults_in_the_rtl_are_caught(monkeypatch, tmp_path):
+    """A factor, and a table's entry, off by their last bit."""
+    clean, plan = device.playback(TINY), [suite.plan_of(TINY, fine_case(TINY, 7, 3, 20_000))]
+    factors, (roots, inverses) = harmonics.factors(TINY.formats), harmonics.root_seeds(TINY.formats)
+    inverses[40] -= 1
+    faults = {"factors": factors._replace(polar=factors.polar + 1), "root_seeds": (roots, inverses)}
+    for name, fault in faults.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(harmonics, name, lambda formats, fault=fault: fault)
+            broken = replace(clean, verilog=to_verilog(device.ColourBench(TINY), "colour_bench"))
+        assert broken.verilog != clean.verilog
+        failures = exact.run_plan(broken, plan, tmp_path / name).failures
+        assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
 
 
 @pytest.mark.parametrize(("a", "b", "result"), [

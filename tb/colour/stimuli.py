@@ -144,6 +144,16 @@ def extreme_case(config: AcceleratorConfig, sh_degree: int) -> Case:
     return Case(f"extremes of degree {sh_degree}", [rows], [records], sh_degree)
 
 
+def fine_case(config: AcceleratorConfig, seed: int, sh_degree: int, count: int) -> Case:
+    """Large coefficients about a grey, so that colours show what functions are to the last bit, and few of them saturate."""
+    case, n = random_case(config, seed, sh_degree, [count], name=f"fine, degree {sh_degree}", levels=(1, 4)), config.formats
+    rng, (records,) = np.random.default_rng(seed), case.records
+    records["dc"] = rng.integers(1 << n.sh_dc.frac_bits - 1, 3 << n.sh_dc.frac_bits - 1, records["dc"].shape)
+    if sh_degree:
+        records["rest"] = rng.integers(n.sh_rest.raw_min, n.sh_rest.raw_max + 1, records["rest"].shape)
+    return case
+
+
 def frame_case(name: str, frame: Frame) -> Case:
     """A traced frame's survivors, with the colours its model has."""
     config, registers, words = frame.config, frame.registers, frame.words

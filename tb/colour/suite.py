@@ -10,7 +10,7 @@ from rtl.culling.colour import splat_interval
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from tb.colour.device import MOST_DELAY, playback
-from tb.colour.stimuli import Case, extreme_case, frame_case, random_case
+from tb.colour.stimuli import Case, extreme_case, fine_case, frame_case, random_case
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.runner import ROOT, Waves
@@ -43,6 +43,7 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
     for degree in range(sh_degree + 1):
         plan.append(plan_of(config, random_case(config, seed + degree, degree, [150])))
         plan.append(plan_of(config, extreme_case(config, degree)))
+        plan.append(plan_of(config, fine_case(config, seed, degree, 1500)))
         frames = random_case(config, seed + degree, degree, [0, 1, 0, 0, 7, 30, 0], name=f"frames, {degree}")
         plan.append(plan_of(config, frames))
         bad = random_case(config, seed, degree, [20, 20], name=f"errors of memory, {degree}", bad=[5, 6, 17])
