@@ -157,6 +157,11 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k, (name, patterns) in enumerate(every_pattern(PORTS, seed).items()):
         plan.append(plan_of(
             config, name, groups, patterns=patterns, latency=60, read_pauses=64 * (k % 3), early=k % 2, fresh=False))
+    far = ways * ways + 4  # its merged runs of the second round cross the ring's end where they begin behind the first group
+    lengths = [6 * top, far * top, 2 * top + 1, far * top - 5, top + 1, (far - 3) * top]
+    plan.append(plan_of(
+        config, "merged runs across the ring's end", [random_chunk(config, rng, n, "random") for n in lengths],
+        beats=2 * unit * (far + 1), early=1))
     full = ways + 3  # runs of the largest group
     for runs in (0, 1, 2, 3, full - 1, full, full + 1, 2 * full):
         for rest in (0, 2 * unit - 1):
