@@ -5,6 +5,8 @@ It has the machine's ports and registers, keeps many reads on their way, and doe
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from spec.config import AcceleratorConfig
 from spec.registers import ErrorCode, register_map
 from tb.top.device import MODULE, Machine
@@ -30,6 +32,11 @@ module {module} (
   output m_axi_rready
 );
   reg [31:0] file [0:1023];
+  integer preset;
+  initial begin
+    preset = $fopen("counters.hex", "r");
+    if (preset != 0) $readmemh("counters.hex", file);
+  end
   wire [31:0] geometry = file[{geometry_base}], frame = file[{frame_base}], fault = file[{beta}];
   wire [31:0] pixels = file[{width}] * file[{height}], beats = (pixels + 1) >> 1;
   reg busy, done, error, aborts, address_sent, data_sent;
@@ -68,7 +75,7 @@ module {module} (
         {error}: s_axil_rdata <= aborts ? {aborted} : error ? {read_error} : 0;
         {cycles_low}: s_axil_rdata <= cycles;
         {cycles_high}: s_axil_rdata <= 7;
-{counters}        default: s_axil_rdata <= file[s_axil_araddr[11:2]];
+        default: s_axil_rdata <= file[s_axil_araddr[11:2]];
       endcase
     end
     if (s_axil_awready & s_axil_awaddr == {interrupt} * 4) file[{interrupt}] <= 0;
@@ -110,8 +117,15 @@ endmodule
 """
 
 
-def stand_in(config: AcceleratorConfig, counters: dict[str, int] | None = None) -> Machine:
-    """The stand-in with the registers of a configuration; counters that are always so high."""
+def preset(config: AcceleratorConfig, folder: Path, counters: dict[str, int]) -> None:
+    """What counters always read in simulations that run in `folder`."""
+    words = {register.name: register.offset // 4 for register in register_map(config)}
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "counters.hex").write_text("".join(f"@{words[name]:x} {value:x}\n" for name, value in counters.items()))
+
+
+def stand_in(config: AcceleratorConfig) -> Machine:
+    """The stand-in with the registers of a configuration."""
     words = {register.name: register.offset // 4 for register in register_map(config)}
     names = ("geometry_base", "frame_base", "beta", "width", "height", "interrupt", "control", "status", "error")
     faults = {
@@ -119,5 +133,4 @@ def stand_in(config: AcceleratorConfig, counters: dict[str, int] | None = None) 
         "wrong_pixel": WRONG_PIXEL}
     return Machine("stand-in", _TEXT.format(
         module=MODULE, **{name: words[name] for name in names}, **faults, cycles_low=words["cycles_total_low"],
-        counters="".join(f"        {words[name]}: s_axil_rdata <= {value};\n" for name, value in (counters or {}).items()),
         cycles_high=words["cycles_total_high"], aborted=int(ErrorCode.ABORTED), read_error=int(ErrorCode.READ_ERROR)))

@@ -27,8 +27,8 @@ Writes OUT/frame.png and OUT/frame.json; exit status 1 where a bit or a counter 
   bit_exact, mismatches, first_mismatches   every pixel against the golden renderer
   counter_errors        counters of the machine that differ from what the golden frame says
   frame_cycles          of these table_cycles, geometry_cycles and render_cycles; cycles: as the host sees them
-  bound_cycles          the largest of `bounds`: least cycles of the rendering phase by sorting (an entry a cycle), array (an op
-                        a cycle), pixel rows (one a cycle), memory (beats of the rendering phase at its bandwidth)
+  bound_cycles          the largest of `bounds`: least cycles of the rendering phase by sorting (an entry a cycle), array (an
+                        entry a level and cycle, an op a cycle), pixel rows (one a cycle), memory (its beats at its bandwidth)
   utilisation           bound_cycles / render_cycles
   stage_cycles          by stage: busy, starved (nothing to take), blocked (could not take it); stalls are the blocked ones
   dram_bytes            read and write in all, reads and writes by client

@@ -10,20 +10,26 @@ from spec.memory import BEAT_BYTES
 
 
 def array_ops(frame: Frame) -> int:
-    """Ops of the array: an entry is one a level that uses it, the background one a level; each for every block of a tile."""
+    """Most ops of the array: one a level that uses an entry, one a level for the background; each for every block of a tile."""
     blend = frame.registers.header[:, 1]
     return frame.config.blocks * int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
 
 
-def bound_cycles(frame: Frame, read_beats: int, write_beats: int, bytes_per_cycle: float | None) -> dict[str, int]:
+def bound_cycles(
+    frame: Frame, ops: int, read_beats: int, write_beats: int, bytes_per_cycle: float | None,
+) -> dict[str, int]:
     """Least cycles of the rendering phase, by what sets them.
+
+    The array takes an entry a cycle and level, even if it then skips it, and issues an op a cycle.
 
     Args:
         frame: the golden frame.
+        ops: what the array issued; less than `array_ops` where entries were skipped or dropped.
         read_beats, write_beats: of the rendering phase.
         bytes_per_cycle: memory's; None: a beat read and a beat written in every cycle.
     """
     rows = len(frame.registers.header) * TILE * (TILE // frame.config.cores_x)
     memory = max(read_beats, write_beats) if bytes_per_cycle is None else (
         (read_beats + write_beats) * BEAT_BYTES / bytes_per_cycle)
-    return {"sort": len(frame.entries.splat), "array": array_ops(frame), "pixel_rows": rows, "memory": int(np.ceil(memory))}
+    array = max(array_ops(frame) // frame.config.blocks, ops)
+    return {"sort": len(frame.entries.splat), "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}

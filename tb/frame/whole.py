@@ -15,7 +15,7 @@ from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 from spec.registers import READ_CLIENTS, STAGES, WRITE_CLIENTS
 from tb.common.runner import SimulationError, Waves, build
-from tb.frame.bound import array_ops, bound_cycles
+from tb.frame.bound import bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
 from tb.top.image import FramePixels
@@ -51,7 +51,8 @@ def simulate_machine(
         "tiles": len(frame.registers.header),
         "entries": len(frame.entries.splat),
         "groups": int(frame.groups[-1]) + 1,
-        "ops": array_ops(frame),
+        "ops": result.registers["ops"],
+        "skipped": result.registers["skipped"],
         "mismatches": len(wrong),
         "first_mismatches": wrong[:_SHOWN],
         "stream_errors": result.errors,
@@ -67,7 +68,7 @@ def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[s
     r = result.registers
     stages = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in STAGES}
     bounds = bound_cycles(
-        frame, _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES), speed.bytes_per_cycle)
+        frame, r["ops"], _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES), speed.bytes_per_cycle)
     render = r["cycles_render"]
     return {
         "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
@@ -76,7 +77,7 @@ def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[s
         "utilisation": round(max(bounds.values()) / render, 4) if render else None,
         "stage_cycles": stages, "stalls": {stage: cycles["blocked"] for stage, cycles in stages.items()},
         "events": {name: r[name] for name in (*expected_events(frame), "culled_outside", "spilled_entries", "fetch_hits",
-                                              "fetch_misses")},
+                                              "fetch_misses", "ops", "skipped")},
         "dram_bytes": {
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in READ_CLIENTS},
