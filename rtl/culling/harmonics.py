@@ -134,8 +134,11 @@ class _Harmonics:
     def degrees_2_and_3(self, x: Node, y: Node, z: Node, sh_degree: int) -> None:
         g, first, factor = self.graph, self.first, self.factor
         xx, yy, zz = self.times("xx", x, x), self.times("yy", y, y), self.times("zz", z, z)
-        xy, half = self.times("xy", x, y), g.logic("half_difference", self.basis, lambda xx, yy: (xx - yy) >> 1, xx, yy)
-        axial = g.logic("axial_sum", first, lambda xx, yy, zz: (zz << 1) - (xx + yy), xx, yy, zz)
+        both = g.logic("both", first, lambda xx, yy: xx + yy, xx, yy)
+        difference = g.logic("difference", self.product, lambda xx, yy: xx - yy, xx, yy)
+        half = g.view("half_difference", self.basis, lambda x: x[1 : self.basis.width + 1], difference)
+        axial = g.logic("axial_sum", first, lambda zz, both: (zz << 1) - both, zz, both)
+        xy = self.times("xy", x, y)
         self.output(3, xy)
         self.output(4, self.times("yz", y, z))
         self.output(5, self.times("axial", axial, factor["axial"]))
@@ -143,10 +146,10 @@ class _Harmonics:
         self.output(7, half)
         if sh_degree < 3:
             return
-        cubic_y = g.logic("cubic_y_sum", first, lambda xx, yy: (xx << 1) + (xx - yy), xx, yy)
-        cubic_x = g.logic("cubic_x_sum", first, lambda xx, yy: (xx - yy) - (yy << 1), xx, yy)
-        ring = g.logic("ring_sum", first, lambda xx, yy, zz: (zz << 2) - (xx + yy), xx, yy, zz)
-        polar = g.logic("polar_sum", first, lambda xx, yy, zz: ((zz - xx - yy) << 1) - (xx + yy), xx, yy, zz)
+        cubic_y = g.logic("cubic_y_sum", first, lambda xx, difference: (xx << 1) + difference, xx, difference)
+        cubic_x = g.logic("cubic_x_sum", first, lambda yy, difference: difference - (yy << 1), yy, difference)
+        ring = g.logic("ring_sum", first, lambda zz, both: (zz << 2) - both, zz, both)
+        polar = g.logic("polar_sum", first, lambda zz, both: (zz << 1) - (both << 1) - both, zz, both)
         twice_z = g.view("twice_z", first, lambda z: Cat(Const(0, 1), _extended(z, first.width - 1)), z)
         mixed, ring = self.times("mixed", twice_z, factor["mixed"]), self.times("ring", ring, factor["ring"])
         self.output(8, self.times("cubic_y", self.times("cubic_yy", cubic_y, y), factor["cubic"]))
