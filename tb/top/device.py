@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
+from rtl.top.machine import emit_msv2_top
 from spec.config import AcceleratorConfig
 from tb.common.emission import emitted
 from tb.common.runner import Design
@@ -87,6 +88,5 @@ class Machine:
 @cache
 def machine(config: AcceleratorConfig) -> Machine:
     """The machine of a configuration, emitted."""
-    from rtl.top.machine import emit_msv2_top
-
-    return Machine(f"top-{config.cores_x}x{config.cores_y}", emitted(MODULE, config, emit_msv2_top), ("pixel_core",))
+    kind = "" if config.incremental else "-baseline"
+    return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config, emit_msv2_top), ("pixel_core",))

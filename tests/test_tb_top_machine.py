@@ -1,0 +1,39 @@
+"""The whole machine, frame after frame, against the golden renderer: every pixel and counter."""
+
+import numpy as np
+import pytest
+
+from spec.config import TINY
+from spec.registers import ErrorCode
+from tb.common.runner import ROOT
+from tb.top.device import machine
+from tb.top.stimuli import case, cloud, crowd
+from tb.top.suite import DISTINCT, VARIANTS, full_plan, planned, problems, run_plan, variant_folder
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("variant", DISTINCT)
+def test_every_frame_of_the_plan_is_right(variant):
+    config = VARIANTS[variant]
+    plan = full_plan(config, 0)
+    outcome = run_plan(config, plan, variant_folder(variant))
+    assert outcome.failures == {} and outcome.runs == len(plan) > 90
+
+
+@pytest.mark.long
+def test_small_frames_with_independent_models_of_axi():
+    pytest.importorskip("cocotbext.axi")
+    from tb.top.axi_small import play_small
+
+    rng = np.random.default_rng(4)
+    foveated = case(TINY, "foveated", cloud(rng, 100, levels=4, sh=1), (40, 20), gaze=(3, 3))
+    crowded = case(TINY, "crowded", crowd(rng, 300), (20, 20))
+    plan = [
+        planned(foveated), planned(crowded, "back to back", reset=False, poison=False),
+        planned(foveated, "pauses", "pauses", reset=False),
+        planned(foveated, "cut", cut=700), planned(crowded, "after the cut"),
+        planned(foveated, "abort", error=ErrorCode.ABORTED, abort=500), planned(crowded, "after the abort", reset=False)]
+    played = play_small(machine(TINY), [item.run for item in plan], ROOT / "build" / "test-top" / "machine")
+    for item, result in zip(plan, played, strict=True):
+        wrong = [text for text in problems(item, result) if not text.startswith(("counter read_beats", "counter write_beats"))]
+        assert wrong == [], item.name  # the RAM counts no beats
