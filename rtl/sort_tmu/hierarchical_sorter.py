@@ -65,7 +65,7 @@ class HierarchicalSorter(wiring.Component):
     Throughput: one entry a cycle while groups fit, and while they are spilled ones of at most `merge_ways` chunks and the
     ring holds three of them or more. A group that fits waits for the merge of a spilled one before it. A larger group's
     entries pass the tree more than once: see MergePlan. Latency: that of ChunkSorter; of a spilled group the first entry
-    leaves about 40 + 4 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
+    leaves about 20 + 2 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
     """
 
     def __init__(self, config: AcceleratorConfig):
