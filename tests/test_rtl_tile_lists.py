@@ -167,7 +167,7 @@ def test_a_writer_takes_an_entry_a_cycle_and_one_more_for_a_page():
 def test_frames_follow_each_other_behind_their_clearing(pauses):
     rng, frames = random.Random(1), []
     for _ in range(4):
-        frames.append(frame_items([rng.choice([2, 5, 5, 5, 9]) for _ in range(rng.choice([0, 1, 90, 200]))], rng.random()))
+        frames.append(frame_items([rng.choice([0, 5, 5, 5, 15]) for _ in range(rng.choice([0, 1, 90, 200]))], rng.random()))
     expected = [wanted(items) for items in frames]
     moves = written([item for items in frames for item in items], 4000, pauses=pauses, takes={"hits": pauses, "writes": pauses})
     assert words_of(moves, "hits") == [hit for hits, _ in expected for hit in hits]
@@ -189,6 +189,14 @@ def test_a_tile_without_slots_is_full_for_all(slots):
     assert words_of(moves, "hits") == [*hits, *more_hits] and words_of(moves, "writes") == [*writes, *more_writes]
     assert (len(hits) == 97) == (slots == 1) == any(full)
     assert not full[-1]  # of the last frame
+
+
+@pytest.mark.parametrize("beats", [127, 128, 128 + 15, 128 + 16, 128 + 16 + 31, 128 + 16 + 32])
+def test_pages_end_where_the_room_does(beats):
+    items, dut = frame_items([4] * 100), EntryWriter(SMALL)
+    moves = play(dut, {"entries": items}, {"hits": 0.0, "writes": 0.0}, 150, setup=SETTINGS | {"entries_beats": beats})
+    assert (words_of(moves, "hits"), words_of(moves, "writes")) == wanted(items, beats=beats)
+    assert len(moves["hits"]) - 1 == {127: 0, 128: 32, 143: 32, 144: 96, 175: 96, 176: 100}[beats]
 
 
 def test_the_end_waits_for_memory():
@@ -371,6 +379,16 @@ def test_a_header_and_a_use_a_cycle(late):
         cycles = cycles_of(moves, port)
         assert cycles[0] <= 9 + late and cycles[-1] - cycles[0] <= 2 * tiles + late
     assert errors[329 + late] and not errors[60] and not any(errors[332 + late :])
+
+
+def test_a_frames_table_is_asked_for_to_its_end():
+    """Where memory takes requests late, the next frame's first tile waits for those of the one before."""
+    record = tile_group(SMALL)
+    rows = [record.pack({"tile": t, "count": t, "group": 0, "last": 1}) for t in range(15)] * 3
+    moves = play(
+        HeaderMaker(SMALL), {"tiles": rows, "data": beats_of([0] * 48, 4)}, {"reads": 0.9, "headers": 0.0, "levels": 0.0}, 400,
+        setup={"tiles_base": 99, "tiles_x": 4, "tile_count": 15})
+    assert words_of(moves, "reads") == [99, 100, 101, 102] * 3 and len(moves["headers"]) == 45
 
 
 def beats_of(words: Sequence[int], per_beat: int, error: Sequence[int] = ()) -> list[int]:
