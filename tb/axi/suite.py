@@ -102,6 +102,8 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
                  temper=_temper(latency=(DEPTH - 4, DEPTH - 4)), most_cycles=round(count / FULL_RATE) + DEPTH + 20),
         Scenario("one writer alone", "memory", reads=(0,) * READERS, writes=(0, count, 0), seed=seed,
                  temper=_temper(latency=(IN_FLIGHT - 6, IN_FLIGHT - 6)), most_cycles=round(count / FULL_RATE) + IN_FLIGHT + 20),
+        Scenario("more than may wait for answers", "memory", **_traffic(IN_FLIGHT, 3 * IN_FLIGHT), seed=seed,
+                 temper=_temper(latency=(5 * IN_FLIGHT, 5 * IN_FLIGHT))),
         Scenario("late answers in order", "memory", **some, seed=seed, temper=_temper(latency=(1, 90))),
         Scenario("late answers out of order", "memory", **some, seed=seed, temper=_temper(latency=(1, 90), shuffled=True)),
         Scenario("slow everywhere", "memory", **some, seed=seed, pattern=often,

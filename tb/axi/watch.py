@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cocotb.triggers import FallingEdge, ReadOnly
 
-from tb.axi.device import READERS, WRITERS
+from tb.axi.device import IN_FLIGHT, READERS, WRITERS
 
 
 class Watch:
@@ -31,6 +31,8 @@ class Watch:
             if self._dut.abort.value and taken + stored:
                 self.problems.append("a request was taken during an abort")
             self._follow(taken, stored)
+            if max(self._reads, *self._writes) > IN_FLIGHT:
+                self.problems.append("more transactions wait for answers than may")
 
     def _moves(self, port: str) -> bool:
         return bool(getattr(self._dut, f"{port}__valid").value) and bool(getattr(self._dut, f"{port}__ready").value)
