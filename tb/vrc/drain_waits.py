@@ -44,7 +44,7 @@ _OBSERVED = ("ops", "skipped", "waits", "pixels")
 
 
 class ArrayAndWriter(wiring.Component):
-    """The array, its pixels to memory, and a share of memory's bytes for either end where `shared` is set."""
+    """The array, its pixels to memory, and a share of memory's bytes for either end where `limited` is set."""
 
     def __init__(self, config: AcceleratorConfig, lines: int | None):
         self.config, self._array = config, VrcArray(config, lines=lines)
@@ -53,7 +53,7 @@ class ArrayAndWriter(wiring.Component):
             "entries": In(stream.Signature(layout(array_entry(config)))),
             "writes": Out(stream.Signature(layout(write_request(config)))),
             "background": In(3 * config.formats.colour.width),
-            "width": In(14), "height": In(14), "tile_count": In(range(frame_tiles(config) + 1)), "shared": In(1),
+            "width": In(14), "height": In(14), "tile_count": In(range(frame_tiles(config) + 1)), "limited": In(1),
             **{name: Out(COUNTER_BITS) for name in _OBSERVED}, "finished": Out(1),
         })
 
@@ -64,10 +64,10 @@ class ArrayAndWriter(wiring.Component):
         wiring.connect(m, wiring.flipped(self.tiles), array.tiles)
         wiring.connect(m, array.pixels, writer.rows)
         bytes_left = Signal(range(16 * _UNIT))  # tenths of bytes
-        pays_write, pays_entry = ~self.shared | (bytes_left >= _UNIT), Signal()
+        pays_write, pays_entry = ~self.limited | (bytes_left >= _UNIT), Signal()
         wrote, entered = self.writes.valid & self.writes.ready, self.entries.valid & self.entries.ready
         m.d.comb += [
-            pays_entry.eq(~self.shared | (bytes_left >= Mux(writer.writes.valid, _UNIT, 0) + _ENTRY)),
+            pays_entry.eq(~self.limited | (bytes_left >= Mux(writer.writes.valid, _UNIT, 0) + _ENTRY)),
             self.writes.payload.eq(writer.writes.payload),
             self.writes.valid.eq(writer.writes.valid & pays_write),
             writer.writes.ready.eq(self.writes.ready & pays_write),
@@ -80,7 +80,7 @@ class ArrayAndWriter(wiring.Component):
             writer.writes_idle.eq(1), self.pixels.eq(writer.pixels), self.finished.eq(writer.finished),
         ]
         rest = bytes_left - Mux(wrote, _UNIT, 0) - Mux(entered, _ENTRY, 0) + _CYCLE
-        m.d.sync += bytes_left.eq(Mux(~self.shared, 0, Mux(rest >= 12 * _UNIT, 12 * _UNIT, rest)))
+        m.d.sync += bytes_left.eq(Mux(~self.limited, 0, Mux(rest >= 12 * _UNIT, 12 * _UNIT, rest)))
         return m
 
 
@@ -93,7 +93,7 @@ def buffers(config: AcceleratorConfig) -> Iterator[tuple[str, AcceleratorConfig,
 
 def playback(config: AcceleratorConfig, lines: int | None) -> Playback:
     """Array and writer, emitted, with files at their streams."""
-    sizes = (("width", 14), ("height", 14), ("tile_count", frame_tiles(config).bit_length()), ("shared", 1))
+    sizes = (("width", 14), ("height", 14), ("tile_count", frame_tiles(config).bit_length()), ("limited", 1))
     return Playback(
         name=f"drains-{config.cores_x}x{config.cores_y}", module="array_and_writer",
         verilog=to_verilog(ArrayAndWriter(config, lines), "array_and_writer"),
@@ -115,7 +115,7 @@ def plan_of(frames: dict[str, Frame]) -> list[Planned]:
                 {"writes": writes_of(frame.config, pixels, rows, 0)},
                 settings={
                     "background": background_bits(frame.config, r.background), "width": r.width, "height": r.height,
-                    "tile_count": -(-r.width // TILE) * -(-r.height // TILE), "shared": shared},
+                    "tile_count": -(-r.width // TILE) * -(-r.height // TILE), "limited": shared},
                 observed={"finished": 1, "pixels": r.width * r.height if frame.config.counters else 0}))
     return plan
 
