@@ -4,17 +4,37 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from types import ModuleType
 
 from spec.errors import InputError, run_command_line
+from tb.axi import suite as axi
+from tb.colour import suite as colour
 from tb.common.runner import SimulationError, Waves
+from tb.culling import suite as projection
+from tb.fetch import suite as fetch
 from tb.float import suite as float_units
-from tb.sort import suite as sort
+from tb.handover import suite as handover
+from tb.lists import suite as lists
+from tb.sort import hierarchical
+from tb.sort import suite as chunks
+from tb.tiles import suite as tiles
 from tb.tmu import suite as tmu
+from tb.top import suite as top
 from tb.vrc import suite as vrc
+from tb.writer import suite as writer
 
-TESTS = {
-    "vrc": "the volume rendering array", "tmu": "the tile merge unit", "sort": "the chunk sorter", "float": "the float units"}
-SUITES = {"vrc": vrc, "tmu": tmu, "sort": sort, "float": float_units}
+UNITS = {
+    "float": {"float": float_units},
+    "culling": {"projection": projection, "tiles": tiles, "colour": colour},
+    "lists": {"lists": lists},
+    "tmu": {"tmu": tmu},
+    "sort": {"chunks": chunks, "hierarchical": hierarchical, "handover": handover},
+    "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
+    "axi": {"axi": axi},
+    "top": {"top": top},
+}
+"""What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
+unit; sorters and what hands over to the array; splat fetch, array and pixel writer; bus and registers; the machine."""
 
 
 def parse_window(text: str) -> tuple[int, int]:
@@ -31,16 +51,17 @@ def parse_window(text: str) -> tuple[int, int]:
 
 def _variants(test: str) -> list[str]:
     """Names of the machines that a unit, or any, can be tested in."""
-    return list(dict.fromkeys(name for unit in TESTS if test in ("all", unit) for name in SUITES[unit].VARIANTS))
+    suites = [suite for name, units in UNITS.items() if test in ("all", name) for suite in units.values()]
+    return list(dict.fromkeys(name for suite in suites for name in suite.VARIANTS))
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
-    parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(TESTS)}")
+    parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(UNITS)}")
     parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
-    parser.add_argument("--waves", action="store_true", help="record waves (FST); of tiny, unless --config names another")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST); of one variant: the first, or that of --config")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
     parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
     return parser.parse_args(argv)
@@ -49,8 +70,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the unit's suite; 1 when anything differs."""
     args = _arguments(argv)
-    if args.test not in ("all", *TESTS):
-        raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(TESTS)}")
+    if args.test not in ("all", *UNITS):
+        raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(UNITS)}")
     if args.config not in ("all", *_variants(args.test)):
         raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(_variants(args.test))}")
     if args.seed < 0:
@@ -58,18 +79,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     begin, end = parse_window(args.wave_cycles)
     waves = Waves(begin, end, tuple(s for s in args.wave_scopes.split(",") if s)) if args.waves else None
     statuses = []
-    for unit in TESTS if args.test == "all" else (args.test,):
-        every = ("tiny",) if waves else SUITES[unit].DISTINCT
-        names = every if args.config == "all" else {args.config} & SUITES[unit].VARIANTS.keys()
-        statuses += [_run_variant(unit, name, args.seed, args.runs, waves) for name in names]
+    for test, units in UNITS.items():
+        for unit, suite in units.items() if args.test in ("all", test) else ():
+            every = suite.DISTINCT[:1] if waves else suite.DISTINCT
+            names = every if args.config == "all" else {args.config} & suite.VARIANTS.keys()
+            statuses += [_run_variant(unit, suite, name, args.seed, args.runs, waves) for name in names]
     if all(status is None for status in statuses):
         raise InputError(f"runs {args.runs!r}: no run has that in its name")
     return max(status for status in statuses if status is not None)
 
 
-def _run_variant(unit: str, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
+def _run_variant(unit: str, suite: ModuleType, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
     """One unit in one machine: 1 when anything differs; None when no run is chosen."""
-    suite, name = SUITES[unit], f"{unit} {variant}"
+    name = f"{unit} {variant}"
     config, folder = suite.VARIANTS[variant], suite.variant_folder(variant)
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
