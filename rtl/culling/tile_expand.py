@@ -11,6 +11,7 @@ from rtl.culling.tile_runs import PLACE
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
 from spec.records import TILE_BITS, Record, entry_item, projected_splat, surviving_splat, tile_index
 
 COUNTER_BITS = 32
@@ -107,7 +108,7 @@ class TileExpand(wiring.Component):
     def _expand(self, m: Module, clipped: data.View, clipped_valid: Signal, load: Signal) -> None:
         """The run whose entries leave, and the levels of its splat's entries so far."""
         run, valid = Signal.like(clipped, name="run", reset_less=True), Signal()
-        tile, levels = Signal(tile_index(self.config).width, reset_less=True), Signal(4)
+        tile, levels = Signal(tile_index(self.config).width, reset_less=True), Signal(MAX_LEVELS)
         m.submodules.surviving = surviving = Buffer(self.survivors.payload.shape())
         wiring.connect(m, surviving.source, wiring.flipped(self.survivors))
         emits, final, closes, lives, can, go = (

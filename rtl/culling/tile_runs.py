@@ -127,11 +127,11 @@ class TileRuns(wiring.Component):
         within = Cat((item.begin <= i) & (i < item.stop) for i in range(GROUP))
         stops = (changes & within) | (1 << item.stop)
         m.d.comb += walked.ready.eq(cut.ready | ~cut.valid)
-        shown = ("splat", "row", "group", "last", "end", "begin")
+        passed_on = ("splat", "row", "group", "last", "end", "begin")
         with m.If(walked.ready):
             m.d.sync += cut.valid.eq(walked.valid)
             with m.If(walked.valid):
-                m.d.sync += [*(out[name].eq(item[name]) for name in shown), out.codes.eq(self.codes),
+                m.d.sync += [*(out[name].eq(item[name]) for name in passed_on), out.codes.eq(self.codes),
                              out.stops.eq(Mux(item.end, 1, stops)),
                              out.tile.eq(self.row_start + (item.group << GROUP_PLACES))]
 
@@ -139,6 +139,7 @@ class TileRuns(wiring.Component):
         """One run after the other: the lowest of the stops that are left."""
         item, runs, free = cut.payload, self.runs, Signal()
         rest, lowest = Signal(GROUP), Signal(GROUP)
+        passed_on = ("splat", "row", "group", "tile", "begin", "end")
         place = Cat(Cat(lowest[i] for i in range(GROUP) if i >> k & 1).any() for k in range(GROUP_PLACES))
         code = reduce(or_, (Mux(lowest[i], Value.cast(item.codes[i]), 0) for i in range(GROUP)))
         m.d.comb += [
@@ -150,8 +151,7 @@ class TileRuns(wiring.Component):
         with m.If(free):
             m.d.sync += runs.valid.eq(cut.valid)
             with m.If(cut.valid):
-                m.d.sync += [*(runs.payload[name].eq(item[name]) for name in (
-                                 "splat", "row", "group", "tile", "begin", "end")),
+                m.d.sync += [*(runs.payload[name].eq(item[name]) for name in passed_on),
                              runs.payload.stop.eq(place), Value.cast(runs.payload.code).eq(code),
                              runs.payload.last.eq(item.last & (rest == 0))]
         with m.If(free & cut.valid & (rest != 0)):
