@@ -61,7 +61,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
-    parser.add_argument("--waves", action="store_true", help="record waves (FST); of one variant: the first, or that of --config")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST): of the first variant or that of --config")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
     parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
     return parser.parse_args(argv)

@@ -13,6 +13,8 @@ import pytest
 from spec.config import PAPER, TINY
 from spec.errors import InputError
 from tb import sim
+from tb.handover import suite as handover
+from tb.sort import hierarchical
 from tb.common.exact import problems
 from tb.sort import suite as sort
 from tb.tmu import suite as tmu
@@ -81,5 +83,7 @@ def test_sim_knows_the_units(monkeypatch, capsys):
         sim.main(["--test", "sort", "--config", "tiny-1-level"])
     for suite in (tmu, sort):
         monkeypatch.setattr(suite, "full_plan", lambda config, seed, suite=suite: quick_plan(suite))
+    for suite in (hierarchical, handover):
+        monkeypatch.setattr(suite, "full_plan", lambda config, seed: [])
     assert sim.main(["--test", "sort", "--config", "tiny", "--runs", "rate, ties"]) == 0
-    assert "sort tiny: rate, ties: " in capsys.readouterr().out
+    assert "chunks tiny: rate, ties: " in capsys.readouterr().out
