@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -148,6 +149,54 @@ def test_no_two_operations_meet():
         for users in plan.instances.values():
             for nodes in users:
                 assert len({plan.start[node] % interval for node in nodes}) == len(nodes) <= interval
+
+
+def fewest_by_trial(graph: Dataflow, plan) -> int:
+    """Register bits of the best of all start times of the same length."""
+    nodes = [node for node in graph.nodes if node in plan.start]
+    best, start = 1 << 30, {}
+
+    def bits() -> int:
+        return cost(replace(plan, start=dict(start))).register_bits
+
+    def assign(rest: list) -> None:
+        nonlocal best
+        if not rest:
+            best = min(best, bits())
+            return
+        node = rest[0]
+        first = 1
+        for operand in (o.stored for o in node.operands if not o.stored.steady):
+            latency = operand.operator.latency if operand.operator else 0
+            first = max(first, start.get(operand, 0) + latency + (operand.operator is None))
+        for cycle in range(first, plan.length - (node.operator.latency if node.operator else 0) + 1):
+            start[node] = cycle
+            assign(rest[1:])
+        start.pop(node, None)
+
+    assign(nodes)
+    return best
+
+
+def small_graph(rng: random.Random) -> Dataflow:
+    """A few sums and logic beside a chain that gives them slack."""
+    g = Dataflow()
+    nodes = [g.input(f"x{i}", TINY) for i in range(2)]
+    chain = g.mul(g.mul(nodes[0], nodes[1], TINY), nodes[0], TINY)
+    for i in range(3):
+        a, b = rng.choice(nodes), rng.choice(nodes)
+        wide = rng.choice([unsigned(3), unsigned(8), unsigned(20)])
+        nodes.append(g.mul(a, b, TINY) if rng.random() < 0.4 and TINY in (a.to, b.to) and a.to == b.to else
+                     g.logic(f"l{i}", wide, lambda a, b: a ^ b, a, b))
+    g.output("y", g.logic("y", unsigned(8), lambda *x: x[0] ^ x[-1], chain, *nodes[2:]))
+    return g
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_schedule_of_one_slot_a_cycle_has_fewer_registers(seed):
+    graph = small_graph(random.Random(seed))
+    plan = schedule(graph, 1)
+    assert cost(plan).register_bits == fewest_by_trial(graph, plan)
 
 
 def test_one_unit_for_every_cycle_needs_less_than_eight_that_take_turns(capsys):

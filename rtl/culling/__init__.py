@@ -2,7 +2,13 @@
 
     dataflow    a unit's arithmetic as a graph of operations
     schedule    when each operation starts and what keeps each value, for one slot every `interval` cycles
+    retime      fewest registers for one slot a cycle
     datapath    the graph as hardware between two streams
+    values      combinational logic between operations
+
+    near, projection, projection_unit   points to splats that may touch a tile of the frame
+    frame       ports for settings, counts of a frame's items
+    compare     one unit at full rate against several that take turns (`python -m rtl.culling.compare`)
 
 A unit is a graph and the interval at which slots (points, splats, runs of tiles) enter::
 
@@ -18,7 +24,8 @@ Operations (`to` is the result's format; every one is rounded once, as rtl.float
 
     add(a, b, to)  sub(a, b, to)  mul(a, b, to)  divide(a, b, to)  reciprocal(a, to)  rsqrt(a, to)  sqrt(a, to)
     to_fixed(a, to, rounding)  to_float(a, to)
-    logic(name, to, fn, *operands)      combinational fn of the operands' Values, registered at its end; `to` a format or shape
+    logic(name, to, fn, *operands)      combinational fn of the operands' Values, registered at its end; `to` a format or shape;
+                                        with lets=True fn(let, ...) names what it uses more than once
     view(name, to, fn, operand)         the same of one operand, wiring only: no register, no cycle (a field, a sign flipped)
     input(name, to)  setting(name, to)  settings(name, to, count)  constant(value, to)  output(name, node)
 

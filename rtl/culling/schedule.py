@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from math import ceil
 
 from rtl.culling.dataflow import Dataflow, Node, Operator
+from rtl.culling.retime import fewest_registers
 
-_PASSES = 4
+_PASSES = 20
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def _first_use(node: Node, start: dict[Node, int]) -> int:
 
 
 class _Scheduler:
-    """The work of `schedule`: list scheduling, then moves that shorten lifetimes."""
+    """The work of `schedule`: list scheduling, then moves that save registers."""
 
     def __init__(self, graph: Dataflow, interval: int) -> None:
         self.graph, self.interval = graph, interval
@@ -170,14 +171,6 @@ class _Scheduler:
             self.put(node, next(c for c in range(self.earliest(node), 1 << 30) if self.free(node, c)))
             waiting.remove(node)
 
-    def delay_all(self) -> None:
-        """Every node as late as its readers allow: what waits is then what is least worked on."""
-        length = self.length()
-        for node in sorted(self.timed, key=lambda n: -self.start[n]):
-            old = self.take(node)
-            latest = self.latest(node, length)
-            self.put(node, next((c for c in range(latest, old, -1) if self.free(node, c)), old))
-
     def length(self) -> int:
         """When the last output is born."""
         return max(_birth(node.stored, self.start) for node in self.graph.outputs.values())
@@ -196,18 +189,29 @@ class _Scheduler:
         return total
 
     def improve(self) -> None:
-        """Moves single nodes within their slack to where fewest registers are needed."""
-        length = self.length()
+        """Fewer registers: the fewest, or single moves that save some where operators are shared."""
+        if self.interval == 1:
+            fewest_registers(
+                self.timed, self.readers, self.start, lambda node: _birth(node, self.start),
+                lambda node: _first_use(node, self.start), self.length())
+            return
+        length, best = self.length(), (self.bits(set(self.readers)), dict(self.start))
         for _ in range(_PASSES):
-            for node in (*reversed(self.timed), *self.timed):
-                old, touched = self.take(node), {node, *_sources(node)}
-                latest, best = self.latest(node, length), None
-                for cycle in range(self.earliest(node), max(latest, old) + 1):
-                    if cycle == old or (cycle <= latest and self.free(node, cycle)):
-                        self.start[node] = cycle
-                        now = (self.bits(touched), cycle != old, cycle)
-                        best = min(best or now, now)
-                self.put(node, best[2])
+            for node in sorted(self.timed, key=lambda node: -self.start[node]):
+                self.improve_one(node, length)
+            best = min(best, (self.bits(set(self.readers)), dict(self.start)), key=lambda found: found[0])
+        self.start = best[1]
+
+    def improve_one(self, node: Node, length: int) -> None:
+        """Moves a node to where it needs fewest registers; of equal ones the latest, which makes room for its operands."""
+        touched, best = {node, *_sources(node)}, None
+        self.take(node)
+        for cycle in range(self.earliest(node), self.latest(node, length) + 1):
+            if self.free(node, cycle):
+                self.start[node] = cycle
+                now = (self.bits(touched), -cycle)
+                best = min(best or now, now)
+        self.put(node, -best[1])
 
     def assign(self) -> dict[Node, int]:
         """Instances: an operation goes where its operands already come from the same places, if one such is free."""
@@ -252,11 +256,7 @@ def schedule(graph: Dataflow, interval: int) -> Schedule:
         raise ValueError(f"interval must be at least 1, not {interval!r}")
     if not graph.outputs:
         raise ValueError(f"graph must have an output, not {graph.outputs!r}")
-    early, late = _Scheduler(graph, interval), _Scheduler(graph, interval)
-    for work in (early, late):
-        work.place_all()
-    late.delay_all()
-    for work in (early, late):
-        work.improve()
-    work = min((early, late), key=lambda work: work.bits(set(work.readers)))
+    work = _Scheduler(graph, interval)
+    work.place_all()
+    work.improve()
     return Schedule(graph, interval, dict(work.start), work.assign(), work.length())
