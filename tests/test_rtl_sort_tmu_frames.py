@@ -13,9 +13,9 @@ import pytest
 from spec.config import PAPER, TINY
 from spec.errors import InputError
 from tb import sim
+from tb.common.exact import problems
 from tb.handover import suite as handover
 from tb.sort import hierarchical
-from tb.common.exact import problems
 from tb.sort import suite as sort
 from tb.tmu import suite as tmu
 
