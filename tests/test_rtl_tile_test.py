@@ -28,7 +28,7 @@ from spec.formats import SmallFloat
 from spec.records import entry_item, projected_splat, tile_level
 from tb.common.exact import problems
 from tb.tiles import suite
-from tb.tiles.stimuli import Case, random_case, random_levels, random_splats
+from tb.tiles.stimuli import Case, random_case, random_levels, random_splats, sharp_case
 
 FAST = TINY.with_(culling_units=8, row_width=288)  # a run a cycle, rows of two groups of tiles and an odd one
 
@@ -163,6 +163,17 @@ def test_stimuli_reach_what_they_are_meant_to(shape):
     assert 100 < golden.filtered < golden.touched - 100 and 50 < len(golden.survivors) < 250
     levels = golden.survivors["levels"][:-1]
     assert all((levels >> k & 1).any() for k in range(4)) and (levels & levels - 1).any()
+
+
+def test_an_ulp_decides_where_it_is_meant_to():
+    """Means moved by an ulp give other tiles, for each of many splats of every shape."""
+    case = sharp_case(FAST, np.random.default_rng(0), 100)
+    for splats, levels in case.frames:
+        moved = {d: splats.copy() for d in (-1, 1)}
+        for d, copy in moved.items():
+            copy["mean2d"][:, 0] += d
+        lists = [tile_test(FAST, each, levels, case.width, case.height).entries for each in (splats, *moved.values())]
+        assert len(splats) > 60 and all(not np.array_equal(lists[0], other) for other in lists[1:])
 
 
 @pytest.mark.long

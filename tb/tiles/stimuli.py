@@ -194,6 +194,52 @@ def random_case(
          random_levels(rng, *tiles, kind or str(rng.choice(LEVELS)))) for _ in range(frames)), obb)
 
 
+def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str) -> np.ndarray:
+    """(count,) first or last tile column of each splat's entries, -1 without any; all tiles at one level."""
+    tiles_x = -(-width // TILE)
+    entries = tile_test(config, splats, np.zeros((tiles_x * -(-height // TILE), 2), np.int64), width, height).entries[:-1]
+    row, column = np.searchsorted(splats["index"], entries["index"]), entries["tile"] % tiles_x
+    found = np.full(len(splats), tiles_x if side == "first" else -1)
+    (np.minimum if side == "first" else np.maximum).at(found, row, column)
+    return np.where(found == tiles_x, -1, found)
+
+
+def sharp_splats(
+    config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int, shape: str,
+) -> np.ndarray:
+    """ProjectedSplat records, boxes one row high, moved along x until an ulp of `mean2d` more gives them another tile column.
+
+    The first or the last one then depends on the last bit of the ellipse's reach. Two records each, on both sides of the step.
+    """
+    splats = whole_frame(random_splats(config, rng, count, width, height, shape), width, height)
+    splats["log2_opacity"], frac = splats["log2_opacity"][:, :1], config.formats.mean2d.frac_bits
+    splats["mean2d"] = rng.integers(0, np.array([width, height]) << frac, (count, 2))
+    row = np.clip((splats["mean2d"][:, 1] >> frac) // TILE + rng.integers(-1, 2, count), 0, (height - 1) // TILE)
+    splats["first_y"] = splats["last_y"] = row
+    sharp = []
+    for side, part in (("first", splats[::2]), ("last", splats[1::2])):
+        low, high = part.copy(), part.copy()
+        high["mean2d"][:, 0] += TILE << frac
+        start, end = (_ends(config, moved, width, height, side) for moved in (low, high))
+        low, high, start = (moved[(start >= 0) & (end == start + 1)] for moved in (low, high, start))
+        while len(low) and (high["mean2d"][:, 0] - low["mean2d"][:, 0] > 1).any():
+            middle = low.copy()
+            middle["mean2d"][:, 0] = (low["mean2d"][:, 0] + high["mean2d"][:, 0]) // 2
+            below = _ends(config, middle, width, height, side) == start
+            low["mean2d"][below], high["mean2d"][~below] = middle["mean2d"][below], middle["mean2d"][~below]
+        sharp += [low, high]
+    return np.concatenate(sharp)
+
+
+def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
+    """`sharp_splats` of every shape that has steps, a frame each."""
+    width, height = min(config.row_width, 333), min(config.row_width, 121)
+    tiles = -(-width // TILE) * -(-height // TILE)
+    return Case("where an ulp decides", config, width, height, tuple(
+        (sharp_splats(config, rng, count, width, height, shape), np.zeros((tiles, 2), np.int64))
+        for shape in ("dots", "discs", "needles")))
+
+
 def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:
     """The splats with the whole frame for a box."""
     splats = splats.copy()

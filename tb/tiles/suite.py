@@ -18,7 +18,7 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.runner import ROOT, Waves
 from tb.common.scenes import traced_frames
-from tb.tiles.stimuli import Case, case_of, corner_cases, random_case
+from tb.tiles.stimuli import Case, case_of, corner_cases, random_case, sharp_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
 """Machines that can be tested."""
@@ -63,6 +63,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """By hand and at random; every pattern on every port; cut off by resets; back to back without one, at full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(case) for case in corner_cases(config, rng)]
+    plan.append(plan_of(sharp_case(config, rng, 400)))
     size = min(config.row_width, 170), 90
     case = random_case(config, rng, "streams", *size, 120, frames=3)
     for name, patterns in every_pattern(PORTS, seed).items():
