@@ -6,7 +6,7 @@
 #define MSV2_MAGIC 0x4D535632u
 #define MSV2_VERSION_MAJOR_EXPECTED 1
 #define MSV2_SETTINGS_BASE 0x100u
-#define MSV2_SETTINGS_COUNT 52
+#define MSV2_SETTINGS_COUNT 53
 #define MSV2_COUNTERS_BASE 0x400u
 #define MSV2_READ_CLIENTS 6
 #define MSV2_WRITE_CLIENTS 4
@@ -297,8 +297,11 @@
 /* room for spilled runs (read, write): 27-bit unsigned */
 #define MSV2_SPILL_BEATS 0x1C8u
 
+/* the frame is of DisplayPixels instead of FramePixels (read, write): 1-bit unsigned */
+#define MSV2_DISPLAY 0x1CCu
+
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_FRAME_BASE 0x1CCu
+#define MSV2_FRAME_BASE 0x1D0u
 
 /* Counters */
 

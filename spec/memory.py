@@ -8,7 +8,7 @@ Memory moves in beats of 32 bytes, one LPDDR burst each; every transaction is on
     views       SplatView, one beat; of Gaussian i at tile level L at beat (i << view_shift) + L; written for survivors only
     entries     TileEntry, 8 bytes, in pages by tile; directory of those pages beside it
     spill       sorted runs of groups larger than the sort buffer
-    frame       FramePixel, 16 bytes a pixel, row-major
+    frame       FramePixel, 16 bytes a pixel, or DisplayPixel, 4 bytes a pixel, as `display` says; row-major
 
 **Pages.** A tile's entries fill pages that double: page k has FIRST_PAGE_ENTRIES << k entries. Entry number n of a tile lies in
 page k where k is the place of the top bit of (n + FIRST_PAGE_ENTRIES) / FIRST_PAGE_ENTRIES, at n + FIRST_PAGE_ENTRIES less the
@@ -50,7 +50,10 @@ TILE_SETTING_BYTES = 8
 """A tile in the host's table."""
 
 PIXEL_BYTES = 16
-"""A pixel of the frame in memory."""
+"""A FramePixel in memory."""
+
+DISPLAY_PIXEL_BYTES = 4
+"""A DisplayPixel in memory."""
 
 DRAM_BYTES_PER_CYCLE = 25.6
 """The paper's memory at the machine's 1 GHz: four LPDDR3-1600 x32 channels."""
@@ -115,6 +118,14 @@ def frame_pixel(config: AcceleratorConfig) -> Record:
     ))
 
 
+def display_pixel(config: AcceleratorConfig) -> Record:
+    """A pixel in memory as displays take it; 8 bits are round half up of 255 times the value, at most 255."""
+    return Record("DisplayPixel", display_pixel.__doc__, (
+        Field("colour", uint(8), "r, g, b, background included: min(255, rs(255 raw, `accumulator` fraction bits))", 3),
+        Field("coverage", uint(8), "255 - rs(255 raw `transmittance`, its fraction bits)"),
+    ))
+
+
 def colour_beats(config: AcceleratorConfig, sh_degree: int) -> int:
     """Beats of a GaussianColour of that degree: 1, 2, 2, 3."""
     return -(-gaussian_colour(config, sh_degree).width // (8 * BEAT_BYTES))
@@ -147,6 +158,7 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("entries_beats", uint(BEAT_BITS), "room for entries"),
         beat("spill_base"),
         Field("spill_beats", uint(BEAT_BITS), "room for spilled runs"),
+        Field("display", uint(1), "the frame is of DisplayPixels instead of FramePixels"),
         beat("frame_base"),
     ))
 
@@ -162,4 +174,5 @@ def check_memory(config: AcceleratorConfig) -> None:
     _size(tile_setting(config), 8 * TILE_SETTING_BYTES)
 
 
-MEMORY_RECORDS = (read_request, read_data, write_request, tile_setting, splat_view, frame_pixel, frame_settings)
+MEMORY_RECORDS = (
+    read_request, read_data, write_request, tile_setting, splat_view, frame_pixel, display_pixel, frame_settings)

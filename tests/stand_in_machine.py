@@ -38,7 +38,7 @@ module {module} (
     if (preset != 0) $readmemh("counters.hex", file);
   end
   wire [31:0] geometry = file[{geometry_base}], frame = file[{frame_base}], fault = file[{beta}];
-  wire [31:0] pixels = file[{width}] * file[{height}], beats = (pixels + 1) >> 1;
+  wire [31:0] pixels = file[{width}] * file[{height}], beats = file[{display}][0] ? (pixels + 7) >> 3 : (pixels + 1) >> 1;
   reg busy, done, error, aborts, address_sent, data_sent;
   reg [31:0] asked, got, written, cycles, pending;
   reg [255:0] held;
@@ -127,7 +127,7 @@ def preset(config: AcceleratorConfig, folder: Path, counters: dict[str, int]) ->
 def stand_in(config: AcceleratorConfig) -> Machine:
     """The stand-in with the registers of a configuration."""
     words = {register.name: register.offset // 4 for register in register_map(config)}
-    names = ("geometry_base", "frame_base", "beta", "width", "height", "interrupt", "control", "status", "error")
+    names = ("geometry_base", "frame_base", "beta", "display", "width", "height", "interrupt", "control", "status", "error")
     faults = {
         "stops": STOPS, "withdraws": WITHDRAWS, "misaligns": MISALIGNS, "strays": STRAYS, "overwrites": OVERWRITES,
         "wrong_pixel": WRONG_PIXEL}

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from golden.msv2_ref.pipeline import render
-from golden.msv2_ref.views import frame_pixels, splat_views
+from golden.msv2_ref.views import display_pixels, displayed, frame_pixels, splat_views
+from golden.scenes.pictures import to_bytes
 from golden.scenes.request import resolve
 from spec.config import TINY
 from spec.constants import MAX_LEVELS
+from spec.memory import frame_pixel
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +48,19 @@ def test_pixels_are_those_of_the_picture(frame):
     assert np.array_equal(n.accumulator.to_float(pixels["colour"]), frame.image)
     assert np.array_equal(n.transmittance.to_float(pixels["transmittance"]), frame.transmittance)
     assert np.array_equal(pixels["depth"][16:32, 32:48], frame.pixels.depth[4 + 2])  # four tiles in a row
+
+
+def test_display_pixels_are_those_of_the_png(frame):
+    pixels = display_pixels(frame)
+    assert pixels.shape == (37, 53) and np.array_equal(pixels["colour"], to_bytes(frame.image))
+    assert np.array_equal(pixels["coverage"], 255 - to_bytes(frame.transmittance))
+
+
+def test_display_colours_saturate_and_the_coverage_has_both_ends():
+    n, pixels = TINY.formats, np.zeros((6,), frame_pixel(TINY).dtype)
+    one, most = 1 << n.accumulator.frac_bits, n.transmittance.raw_max
+    pixels["colour"][:, 1] = (0, 32, 33, one - 33, one, n.accumulator.raw_max)  # 255 * 32 is just less than half
+    pixels["transmittance"] = (0, 64, 65, most - 64, most - 63, most)
+    got = displayed(TINY, pixels)
+    assert got["colour"][:, 1].tolist() == [0, 0, 1, 254, 255, 255] and not got["colour"][:, [0, 2]].any()
+    assert got["coverage"].tolist() == [255, 255, 254, 1, 0, 0]

@@ -13,10 +13,12 @@ from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
     DIRECTORY_SLOTS,
+    DISPLAY_PIXEL_BYTES,
     FIRST_PAGE_ENTRIES,
     MEMORY_RECORDS,
     PIXEL_BYTES,
     colour_beats,
+    display_pixel,
     frame_pixel,
     frame_settings,
     tile_setting,
@@ -102,7 +104,10 @@ def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift):
     assert image.settings["view_shift"] == shift
     assert frame.registers.header[:, 0].max() < 1 << shift
     assert image.regions["views"].beats == 300 << shift
-    assert image.regions["frame"].beats * 2 >= size[0] * size[1]
+    assert 0 <= image.regions["frame"].beats * 2 - size[0] * size[1] < 2
+    display = image_of(frame, display=True)
+    assert 0 <= display.regions["frame"].beats * 8 - size[0] * size[1] < 8
+    assert (image.settings["display"], display.settings["display"]) == (0, 1)
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
@@ -146,5 +151,15 @@ def test_the_frame_is_read_row_by_row(size):
     data = np.concatenate([pack(record, rows, PIXEL_BYTES).reshape(-1), np.full(PIXEL_BYTES, 255, np.uint8)])
     pixels = read_frame(PAPER, data, width, height)
     for name in ("colour", "depth", "transmittance"):
+        assert (getattr(pixels, name).reshape(rows[name].shape) == rows[name]).all()
+        assert getattr(pixels, name).shape[:2] == (height, width)
+
+
+def test_a_frame_for_displays_is_read_row_by_row():
+    width, height, record = 7, 3, display_pixel(PAPER)
+    rows = random_rows(record, width * height)
+    data = pack(record, rows, 8)[:, :DISPLAY_PIXEL_BYTES].reshape(-1)
+    pixels = read_frame(PAPER, np.append(data, np.full(12, 255, np.uint8)), width, height, display=True)
+    for name in ("colour", "coverage"):
         assert (getattr(pixels, name).reshape(rows[name].shape) == rows[name]).all()
         assert getattr(pixels, name).shape[:2] == (height, width)

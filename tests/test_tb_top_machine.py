@@ -29,7 +29,7 @@ def test_small_frames_with_independent_models_of_axi():
     foveated = case(TINY, "foveated", cloud(rng, 100, levels=4, sh=1), (40, 20), gaze=(3, 3))
     crowded = case(TINY, "crowded", crowd(rng, 300), (20, 20))
     plan = [
-        planned(foveated), planned(crowded, "back to back", reset=False, poison=False),
+        planned(foveated), planned(crowded, "back to back", display=True, reset=False, poison=False),
         planned(foveated, "pauses", "pauses", reset=False),
         planned(foveated, "cut", cut=700), planned(crowded, "after the cut"),
         planned(foveated, "abort", error=ErrorCode.ABORTED, abort=500), planned(crowded, "after the abort", reset=False)]

@@ -27,6 +27,7 @@ def test_plans_cover_what_the_machine_can_meet(plans):
     chunk = TINY.sort_buffer_bytes // 16
     assert any(np.bincount(f.groups, np.diff(f.entries.start)).max() > TINY.merge_ways * chunk / 2 for f in frames)
     assert {f.words.sh_degree for f in frames} == {0, 1, 2, 3} and {len(f.words.geometry) for f in frames} >= {0, 1}
+    assert all({i.run.image.settings["display"] for i in good if i.frame is f} == {0, 1} for f in frames)
     assert any((f.registers.header[:, 1] == 1).any() for f in frames) and any(f.entries.filtered for f in frames)
     reasons = set(np.concatenate([f.projected.reason for f in frames]).tolist())
     assert {culling.VISIBLE, culling.NEAR, culling.OUTSIDE} <= reasons

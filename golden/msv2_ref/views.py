@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
-from spec.memory import frame_pixel, splat_view
+from spec.config import AcceleratorConfig
+from spec.formats import Fixed
+from spec.memory import display_pixel, frame_pixel, splat_view
 
 
 def splat_views(frame: Frame, levels: int) -> np.ndarray:
@@ -29,3 +31,22 @@ def frame_pixels(frame: Frame) -> np.ndarray:
     for name, tiled in frame.pixels._asdict().items():
         out[name] = frame.untiled(tiled)
     return out
+
+
+def displayed(config: AcceleratorConfig, pixels: np.ndarray) -> np.ndarray:
+    """DisplayPixel records of FramePixel records, of the same shape."""
+    n, out = config.formats, np.zeros(pixels.shape, display_pixel(config).dtype)
+    out["colour"] = np.minimum(_bytes(pixels["colour"], n.accumulator), 255)
+    out["coverage"] = 255 - _bytes(pixels["transmittance"], n.transmittance)
+    return out
+
+
+def display_pixels(frame: Frame) -> np.ndarray:
+    """(height, width) DisplayPixel records."""
+    return displayed(frame.config, frame_pixels(frame))
+
+
+def _bytes(raw: np.ndarray, number: Fixed) -> np.ndarray:
+    """255 times the value, rounded half up."""
+    one = 1 << number.frac_bits
+    return (510 * raw.astype(np.int64) + one) // (2 * one)

@@ -1,32 +1,39 @@
 """Pixel rows to the frame in memory.
 
-Two pixels fill a beat. Where a frame's width is odd, every other row begins in the middle of a beat: its pixels move up by a
-place, and the beats at its ends are written by half. Pixels outside the frame are not written, and rows without any give no
-beat::
+Two pixels fill a beat, or eight where the frame is for displays. A row may begin anywhere in a beat: its pixels move up by as
+many words, and the beats at its ends are written in part. Pixels outside the frame are not written, and rows without any give
+no beat::
 
     cycle            0      1      2      3      4      5      6       rows of 4 pixels, which begin in the middle of a beat
     rows         <  A  ><  B  ><  B  ><  B  ><  C  >
-    placed              <  A  ><  B  ><  B  ><  B  ><  C  >           y * width
+    packed              <  A  ><  B  ><  B  ><  B  ><  C  >           words of pixels, y * width
     writes                     < .A0 ><A1 A2>< A3. >< .B0 ><B1 B2>
 """
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
+from rtl.fixed import round_shift, saturate
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.memory import BEAT_BITS, BEAT_BYTES, PIXEL_BYTES, WORDS, frame_pixel, frame_settings, write_request
-from spec.records import frame_tiles, pixel_row
+from spec.formats import Fixed
+from spec.memory import BEAT_BITS, PIXEL_BYTES, WORDS, frame_pixel, frame_settings, write_request
+from spec.records import frame_tiles, pixel_row, uint
 
 COUNTER_BITS = 32
 
-BEAT_PIXELS = BEAT_BYTES // PIXEL_BYTES
-"""Pixels of a beat."""
+WORD_BITS = 32
+
+PIXEL_WORDS = PIXEL_BYTES // 4
+"""Words of a FramePixel; a DisplayPixel is one."""
+
+
+_SETTINGS = ("width", "height", "display", "frame_base")
 
 
 class PixelWriter(wiring.Component):
@@ -39,7 +46,7 @@ class PixelWriter(wiring.Component):
         rows: PixelRow items, in any order.
         writes: the memory's; words whose strobe is low are 0.
         writes_idle: the memory has all writes that were taken.
-        width, height, frame_base: settings of the frame.
+        width, height, display, frame_base: settings of the frame.
         tile_count: tiles of the frame.
         begin: strobe before a frame's first row: `finished` falls, `pixels` is 0 again.
         pixels: pixels written since `begin`; 0 for ever without `config.counters`.
@@ -53,13 +60,12 @@ class PixelWriter(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        size = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in ("width", "height")}
+        settings = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in _SETTINGS}
         super().__init__({
             "rows": In(stream.Signature(layout(pixel_row(config)))),
             "writes": Out(stream.Signature(layout(write_request(config)))),
             "writes_idle": In(1),
-            **size,
-            "frame_base": In(BEAT_BITS),
+            **settings,
             "tile_count": In(range(frame_tiles(config) + 1)),
             "begin": In(1),
             "pixels": Out(COUNTER_BITS),
@@ -69,75 +75,73 @@ class PixelWriter(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        config, n = self.config, self.config.formats
-        pixel = data.StructLayout({
-            "colour": data.ArrayLayout(shape(n.accumulator), 3), "transmittance": shape(n.transmittance),
-            **({"depth": shape(n.depth_accumulator)} if config.depth else {})})
-        placed, placed_room = Signal(), Signal()
-        line, x, first, left, below = self._place(m, data.ArrayLayout(pixel, config.cores_x), placed, placed_room)
+        packed, packed_room = Signal(), Signal()
+        line, x, above, left, below = self._pack(m, packed, packed_room)
 
-        slots = config.cores_x + BEAT_PIXELS  # room to move up, in whole beats
-        held, inside = Signal(data.ArrayLayout(pixel, slots), reset_less=True), Signal(slots)
-        beat, shift = Signal(BEAT_BITS, reset_less=True), BEAT_PIXELS * pixel.size
-        sends, ends, room = Signal(), Signal(), Signal()
-        start = Signal.like(first)
-        mask = Cat(below & (left > i) for i in range(config.cores_x))
+        lanes, slots = self.config.cores_x, self.config.cores_x * PIXEL_WORDS + WORDS  # room to move up
+        held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
+        beat, sends, ends, room = Signal(BEAT_BITS, reset_less=True), Signal(), Signal(), Signal()
+        start, place = Signal.like(above), Signal(len(above) + 2)
+        pixels = [below & (left > i) for i in range(lanes)]
+        mask = Mux(self.display, Cat(pixels), Cat(pixel.replicate(PIXEL_WORDS) for pixel in pixels))
+        by_word = Mux(self.display, line[: WORD_BITS * lanes] << Cat(Const(0, WORD_BITS.bit_length() - 1), place[:2]), line)
         m.d.comb += [
-            start.eq(first + x),
-            sends.eq(inside.any()),
-            ends.eq(~inside[BEAT_PIXELS:].any()),
+            start.eq(above + x),
+            place.eq(Mux(self.display, start, start << 2)),  # in words
+            sends.eq(inside[:WORDS].any()),  # words inside follow each other
+            ends.eq(~inside[WORDS]),
             room.eq(~sends | self.writes.ready & ends),
-            placed_room.eq(~placed | room),
+            packed_room.eq(~packed | room),
         ]
         with m.If(room):
-            m.d.sync += inside.eq(Mux(placed, Mux(start[0], mask << 1, mask), 0))
-            with m.If(placed):
-                m.d.sync += held.eq(Mux(start[0], line.as_value() << pixel.size, line.as_value()))
-                m.d.sync += beat.eq(self.frame_base + start[1:])
+            m.d.sync += inside.eq(Mux(packed, mask << place[:3], 0))
+            with m.If(packed):
+                m.d.sync += held.eq(Mux(place[2], by_word << WORD_BITS * PIXEL_WORDS, by_word))
+                m.d.sync += beat.eq(self.frame_base + place[3:])
         with m.Elif(self.writes.ready):
-            m.d.sync += [inside.eq(inside >> BEAT_PIXELS), held.eq(held.as_value() >> shift), beat.eq(beat + 1)]
-        self._write(m, beat, [held[i] for i in range(BEAT_PIXELS)], inside[:BEAT_PIXELS], sends)
-        self._count(m, placed | sends, inside[:BEAT_PIXELS])
+            m.d.sync += [inside.eq(inside >> WORDS), held.eq(held >> WORD_BITS * WORDS), beat.eq(beat + 1)]
+        out = self.writes.payload
+        m.d.comb += [
+            self.writes.valid.eq(sends), out.beat.eq(beat), out.strobe.eq(inside[:WORDS]),
+            *(out.word[i].eq(Mux(inside[i], held.word_select(i, WORD_BITS), 0)) for i in range(WORDS)),
+        ]
+        self._count(m, packed | sends, inside[:WORDS])
         return m
 
-    def _place(self, m: Module, line_layout: data.ArrayLayout, placed: Signal, room: Signal) -> tuple:
-        """The first register: a row's pixels, x, the frame's pixels above its row, those from it to the right edge, and whether
+    def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple:
+        """The first register: a row's words, x, the frame's pixels above its row, those from it to the right edge, and whether
         its row is in the frame."""
-        row, config = self.rows.payload, self.config
+        row = self.rows.payload
         y = row.tile_y * TILE + row.row
         column = row.tile_x * TILE + row.column
-        line, x = Signal(line_layout, reset_less=True), Signal(len(column), reset_less=True)
+        whole = Cat(self._whole(m, i) for i in range(self.config.cores_x))
+        display = Cat(self._display(i) for i in range(self.config.cores_x))
+        line, x = Signal(len(whole), reset_less=True), Signal(len(column), reset_less=True)
         above = Signal(BEAT_BITS + 1, reset_less=True)
         left, below = Signal((self.width - column).shape(), reset_less=True), Signal(reset_less=True)
         m.d.comb += self.rows.ready.eq(room)
         with m.If(room):
-            m.d.sync += placed.eq(self.rows.valid)
+            m.d.sync += packed.eq(self.rows.valid)
         with m.If(self.rows.valid & room):
-            m.d.sync += [x.eq(column), above.eq(y * self.width), left.eq(self.width - column), below.eq(y < self.height)]
-            for i, pixel in enumerate(line):
-                m.d.sync += [pixel.colour[c].eq(row.colour[3 * i + c]) for c in range(3)]
-                m.d.sync += pixel.transmittance.eq(row.transmittance[i])
-                if config.depth:
-                    m.d.sync += pixel.depth.eq(row.depth[i])
+            m.d.sync += [
+                line.eq(Cat(Mux(self.display, display, whole[: len(display)]), whole[len(display) :])),
+                x.eq(column), above.eq(y * self.width), left.eq(self.width - column), below.eq(y < self.height)]
         return line, x, above, left, below
 
-    def _write(self, m: Module, beat: Signal, pixels: list[data.View], inside, valid: Signal) -> None:
-        """`writes` out of what stands in the lowest slots."""
-        out = self.writes.payload
-        m.d.comb += [
-            self.writes.valid.eq(valid),
-            out.beat.eq(beat),
-            out.strobe.eq(Cat(bit.replicate(WORDS // BEAT_PIXELS) for bit in inside)),
-        ]
-        words = []
-        for pixel, bit in zip(pixels, inside, strict=True):
-            memory = Signal(layout(frame_pixel(self.config)), name=f"memory_{len(words)}")
-            m.d.comb += [memory.colour[c].eq(pixel.colour[c]) for c in range(3)]
-            m.d.comb += [memory.transmittance.eq(pixel.transmittance), memory.reserved.eq(Const(0))]
-            if self.config.depth:
-                m.d.comb += memory.depth.eq(pixel.depth)
-            words.append(Mux(bit, memory.as_value(), 0))
-        m.d.comb += out.word.as_value().eq(Cat(words))
+    def _whole(self, m: Module, lane: int) -> Value:
+        """The FramePixel of a lane."""
+        row, pixel = self.rows.payload, Signal(layout(frame_pixel(self.config)), name=f"whole_{lane}")
+        m.d.comb += [pixel.colour[c].eq(row.colour[3 * lane + c]) for c in range(3)]
+        m.d.comb += [pixel.transmittance.eq(row.transmittance[lane]), pixel.reserved.eq(0)]
+        if self.config.depth:
+            m.d.comb += pixel.depth.eq(row.depth[lane])
+        return pixel.as_value()
+
+    def _display(self, lane: int) -> Value:
+        """The DisplayPixel of a lane."""
+        row, n = self.rows.payload, self.config.formats
+        colour = [_bytes(row.colour[3 * lane + c], n.accumulator) for c in range(3)]
+        return Cat(colour, ~_bytes(row.transmittance[lane], n.transmittance))
 
     def _count(self, m: Module, busy, inside) -> None:
         """Tiles that have come, pixels that have left."""
@@ -148,13 +152,19 @@ class PixelWriter(wiring.Component):
                 m.d.sync += tiles.eq(tiles + 1)
         if self.config.counters:
             with m.If(self.writes.valid & self.writes.ready):
-                m.d.sync += self.pixels.eq(self.pixels + sum(inside))
+                words = sum(inside)
+                m.d.sync += self.pixels.eq(self.pixels + Mux(self.display, words, words // PIXEL_WORDS))
         with m.If(self.begin):
             m.d.sync += [row.eq(0), tiles.eq(0), self.pixels.eq(0)]
         m.d.comb += [
             self.busy.eq(busy),
             self.finished.eq((tiles == self.tile_count) & ~busy & self.writes_idle),
         ]
+
+
+def _bytes(raw: Value, number: Fixed) -> Value:
+    """255 times the value, rounded half up, at most 255."""
+    return saturate(round_shift((raw << 8) - raw, number.frac_bits), uint(8))
 
 
 def emit_pixel_writer(config: AcceleratorConfig) -> str:

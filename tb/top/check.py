@@ -6,15 +6,16 @@ import numpy as np
 
 from golden.msv2_ref import culling
 from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.views import display_pixels, frame_pixels
 from spec.constants import TILE
-from tb.top.image import FramePixels, memory_image, page_beats, spill_beats
+from tb.top.image import DisplayPixels, FramePixels, memory_image, page_beats, spill_beats
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 
 
 def frame_run(
     frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
-    **options: object,
+    display: bool = False, **options: object,
 ) -> FrameRun:
     """The run of a golden frame, with room in memory for what it needs and no more.
 
@@ -23,20 +24,21 @@ def frame_run(
         beta, obb: as `pipeline.render` was given.
         speed: of the memory.
         name: for messages.
+        display: pixels in the format of displays.
         options: those of FrameRun.
     """
     counts = np.diff(frame.entries.start)
     image = memory_image(
-        frame.config, frame.words, frame.registers, beta=beta, obb=obb, entries_beats=page_beats(counts),
+        frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display, entries_beats=page_beats(counts),
         spill_beats=spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64)))
     return FrameRun(name, image, speed or MemorySpeed(), **options)
 
 
-def mismatches(frame: Frame, pixels: FramePixels) -> list[dict[str, object]]:
+def mismatches(frame: Frame, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
     """Every value in which a frame from memory differs from the golden one, in tile order."""
-    found = []
+    found, wanted = [], display_pixels(frame) if isinstance(pixels, DisplayPixels) else frame_pixels(frame)
     for name, got in pixels._asdict().items():
-        golden = frame.untiled(getattr(frame.pixels, name))
+        golden = wanted[name]
         wrong = (got != golden).reshape(*got.shape[:2], -1).any(axis=2)
         for y, x in np.argwhere(wrong).tolist():
             tile = y // TILE * frame.registers.tiles_x + x // TILE

@@ -16,7 +16,6 @@ from cocotb.triggers import ClockCycles, FallingEdge, First, ReadOnly, RisingEdg
 from cocotb.utils import get_sim_time
 from tqdm import tqdm
 
-from spec.memory import PIXEL_BYTES
 from tb.common.runner import CLOCK_NS
 
 _PROGRESS_CYCLES = 5000
@@ -108,7 +107,7 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
         await ClockCycles(dut.clk, frame["abort"])
         await lite.write(*frame["abort_write"])
     if frame["cut"] is None:
-        end = await _finish(dut, orders["watchdog"], before["watched"], bar)
+        end = await _finish(dut, orders["watchdog"], before["watched"], frame["pixel_bytes"], bar)
     else:
         await ClockCycles(dut.clk, frame["cut"])
     cycles, seconds = (get_sim_time("ns") - started) / CLOCK_NS, time.perf_counter() - clock
@@ -137,12 +136,12 @@ def _numbers(dut: object) -> dict[str, int]:
     return {name: int(getattr(dut, name).value) for name in (*_COUNTERS, "errors")}
 
 
-async def _finish(dut: object, watchdog: int, watched: int, bar: tqdm) -> str:
+async def _finish(dut: object, watchdog: int, watched: int, pixel_bytes: int, bar: tqdm) -> str:
     """Waits for the interrupt; how it ended, in a word."""
     shown = 0
     while not dut.interrupt.value:
         await First(RisingEdge(dut.interrupt), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
-        pixels = (int(dut.watched.value) - watched) % (1 << 32) // PIXEL_BYTES
+        pixels = (int(dut.watched.value) - watched) % (1 << 32) // pixel_bytes
         bar.update(pixels - shown)
         shown = pixels
         if int(dut.idle.value) > watchdog:

@@ -22,10 +22,12 @@ from spec.memory import (
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
     DIRECTORY_SLOTS,
+    DISPLAY_PIXEL_BYTES,
     FIRST_PAGE_ENTRIES,
     PIXEL_BYTES,
     TILE_SETTING_BYTES,
     colour_beats,
+    display_pixel,
     frame_pixel,
     frame_settings,
     tile_setting,
@@ -59,6 +61,13 @@ class FramePixels(NamedTuple):
     transmittance: np.ndarray
 
 
+class DisplayPixels(NamedTuple):
+    """A frame for displays as it lies in memory: `colour` (height, width, 3) and `coverage` (height, width), int64."""
+
+    colour: np.ndarray
+    coverage: np.ndarray
+
+
 @dataclass(frozen=True)
 class MemoryImage:
     """What the host puts into memory and registers for one frame.
@@ -83,13 +92,19 @@ class MemoryImage:
         """Beats that memory must have."""
         return max(region.end for region in self.regions.values())
 
+    @property
+    def pixel_bytes(self) -> int:
+        """Of a pixel of the frame."""
+        return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
+
     def write(self, name: str, path: Path) -> None:
         """The contents of a region as `$fread` wants them: the highest byte of a beat first."""
         np.ascontiguousarray(self.contents[name][:, ::-1]).tofile(path)
 
-    def frame(self, path: Path) -> FramePixels:
+    def frame(self, path: Path) -> FramePixels | DisplayPixels:
         """The frame, from the dump of its region."""
-        return read_frame(self.config, np.fromfile(path, np.uint8), self.width, self.height)
+        return read_frame(
+            self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
 
 
 def page_beats(counts: np.ndarray) -> int:
@@ -128,7 +143,7 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarr
 
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
-    beta: int | None = None, obb: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
+    beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
 ) -> MemoryImage:
     """The image of a frame.
 
@@ -140,20 +155,22 @@ def memory_image(
         spill_beats: room for spilled runs.
         beta: merge threshold, 0 merges nothing; None lets the machine choose it.
         obb: bounding boxes instead of the exact tile test.
+        display: the frame in the format of displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
     """
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
     shift, tiles = view_shift(registers), len(registers.header)
+    pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     beats = {name: len(rows) for name, rows in contents.items()} | {
         "views": len(words.geometry) << shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
-        "spill": spill_beats, "frame": -(-registers.width * registers.height * PIXEL_BYTES // BEAT_BYTES)}
+        "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
     regions, base = {}, _FIRST_BEAT
     for name in REGIONS:
         regions[name] = Region(base, beats[name])
         base += beats[name] + _GUARD_BEATS
     settings = {
         **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
-        "view_shift": shift, "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb),
+        "view_shift": shift, "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
         **{f"{name}_base": region.base for name, region in regions.items()},
         "entries_beats": entries_beats, "spill_beats": spill_beats,
     }
@@ -171,12 +188,14 @@ def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict
     return settings
 
 
-def read_frame(config: AcceleratorConfig, data: np.ndarray, width: int, height: int) -> FramePixels:
-    """The pixels of a frame's bytes, (at least width * height * PIXEL_BYTES,) uint8."""
-    record = frame_pixel(config)
+def read_frame(
+    config: AcceleratorConfig, data: np.ndarray, width: int, height: int, *, display: bool = False,
+) -> FramePixels | DisplayPixels:
+    """The pixels of a frame's bytes, (at least as many as its pixels take,) uint8."""
+    record, kind = (display_pixel(config), DisplayPixels) if display else (frame_pixel(config), FramePixels)
     kinds = [(f.name, f"<u{f.format.width // 8}", (f.count,) if f.count > 1 else ()) for f in record.fields]
-    pixels = data[: width * height * PIXEL_BYTES].view(np.dtype(kinds)).reshape(height, width)
-    return FramePixels(*(pixels[name].astype(np.int64) for name in FramePixels._fields))
+    pixels = data[: width * height * record.width // 8].view(np.dtype(kinds)).reshape(height, width)
+    return kind(*(pixels[name].astype(np.int64) for name in kind._fields))
 
 
 def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:

@@ -12,7 +12,7 @@ from spec.memory import BEAT_BYTES
 from spec.registers import ErrorCode, register_map, settings
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
-from tb.top.image import FramePixels, MemoryImage
+from tb.top.image import DisplayPixels, FramePixels, MemoryImage
 from tb.top.memory import MemorySpeed, beats_log2, broken_rules
 
 
@@ -46,7 +46,7 @@ class FrameResult:
     """What a frame gave.
 
     Attributes:
-        pixels: the frame, whatever its state.
+        pixels: the frame, whatever its state, in the format that the run asks for.
         error: why it ended early, or NONE.
         done: it ended well.
         registers: control registers and counters at the end, by name; 64-bit counters as one number.
@@ -57,7 +57,7 @@ class FrameResult:
         errors: broken rules, in words.
     """
 
-    pixels: FramePixels
+    pixels: FramePixels | DisplayPixels
     error: ErrorCode
     done: bool
     registers: dict[str, int]
@@ -180,7 +180,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
     enables = {"enable_done": 1, "enable_error": 1}
     return {
         "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut, "pixels": image.width * image.height,
-        "loads": loads, "dump": (number, frame.base, frame.beats),
+        "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
             **run.speed.signals, "first_writable": BEAT_BYTES * image.regions["views"].base,
             "watch_first": BEAT_BYTES * frame.base, "watch_end": BEAT_BYTES * frame.end},

@@ -64,17 +64,21 @@ class PlannedFrame:
 
 def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
-    """A case on one of SPEEDS; `options` are those of FrameRun."""
+    """A case on one of SPEEDS; `options` are those of `frame_run`."""
     run = frame_run(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
     return PlannedFrame(run, case.frame, error, registers or {})
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Every case on two memories, the second time without a reset and over what the frame before left in memory."""
+    """Every case on two memories, the second time without a reset and over what the frame before left in memory.
+
+    Every other frame is in the format of displays, and the case's other frame in the other format.
+    """
     cases, names = small_cases(config, seed), list(SPEEDS)
-    plan = [planned(case, "usual memory") for case in cases]
+    plan = [planned(case, "usual memory", display=n % 2 == 1) for n, case in enumerate(cases)]
     return plan + [
-        planned(case, f"{names[1 + n % 4]} memory, back to back", names[1 + n % 4], reset=False, poison=False)
+        planned(case, f"{names[1 + n % 4]} memory, back to back", names[1 + n % 4], display=n % 2 == 0, reset=False,
+                poison=False)
         for n, case in enumerate(cases)]
 
 

@@ -23,7 +23,8 @@ _OBSERVED = (("pixels", COUNTER_BITS), ("finished", 1), ("busy", 1), ("early", 1
 
 
 def _settings(config: AcceleratorConfig) -> tuple[tuple[str, int], ...]:
-    return ("width", 14), ("height", 14), ("frame_base", BEAT_BITS), ("tile_count", frame_tiles(config).bit_length())
+    return (("width", 14), ("height", 14), ("display", 1), ("frame_base", BEAT_BITS),
+            ("tile_count", frame_tiles(config).bit_length()))
 
 
 class WriterBench(wiring.Component):

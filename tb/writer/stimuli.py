@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from golden.msv2_ref.views import displayed
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.memory import BEAT_BITS, PIXEL_BYTES, WORDS, frame_pixel, write_request
+from spec.memory import BEAT_BITS, WORDS, display_pixel, frame_pixel, write_request
 from spec.records import pixel_row
 from tb.common import codec
-
-_PIXEL_WORDS = PIXEL_BYTES // 4
 
 
 def random_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
@@ -20,6 +19,18 @@ def random_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: in
     out["transmittance"] = rng.integers(0, n.transmittance.raw_max + 1, (height, width))
     if config.depth:
         out["depth"] = rng.integers(0, n.depth_accumulator.raw_max + 1, (height, width))
+    return out
+
+
+def every_value(config: AcceleratorConfig, rng: np.random.Generator) -> np.ndarray:
+    """FramePixel records in which every colour takes every value, and so does the transmittance."""
+    n = config.formats
+    values = max(n.accumulator.raw_max, n.transmittance.raw_max) + 1
+    out = random_pixels(config, rng, 256, -(-values // 256))
+    value = np.arange(out.size).reshape(out.shape)
+    for c, at in enumerate((value, value[::-1, ::-1], value[::-1])):
+        out["colour"][..., c] = at % (n.accumulator.raw_max + 1)
+    out["transmittance"] = value % (n.transmittance.raw_max + 1)
     return out
 
 
@@ -40,33 +51,42 @@ def rows_of(config: AcceleratorConfig, frame: np.ndarray, rng: np.random.Generat
     return out
 
 
-def writes_of(config: AcceleratorConfig, frame: np.ndarray, rows: np.ndarray, base: int) -> np.ndarray:
+def words_of(config: AcceleratorConfig, pixels: np.ndarray, display: bool) -> np.ndarray:
+    """(N, words of a pixel) int64 of (N,) FramePixel records, in the format of displays or whole."""
+    record, rows = (display_pixel(config), displayed(config, pixels)) if display else (frame_pixel(config), pixels)
+    return codec.encode(record, rows).view("<u4").astype(np.int64)
+
+
+def writes_of(config: AcceleratorConfig, frame: np.ndarray, rows: np.ndarray, base: int, display: bool = False) -> np.ndarray:
     """(N,) WriteRequest items of a frame's FramePixel records, in the order of its rows."""
     height, width = frame.shape
-    words = codec.encode(frame_pixel(config), frame.reshape(-1)).view("<u4").astype(np.int64)
+    words = words_of(config, frame.reshape(-1), display)
+    size, lanes = words.shape[1], np.arange(words.shape[1])
     y = (rows["tile_y"].astype(np.int64) * TILE + rows["row"])[:, None]
     x = (rows["tile_x"].astype(np.int64) * TILE + rows["column"])[:, None] + np.arange(config.cores_x)
     row, lane = np.nonzero((x < width) & (y < height))
     pixel = y[row, 0] * width + x[row, lane]
-    beats, which = np.unique(np.stack([row, pixel // 2]), axis=1, return_inverse=True)
+    beats, which = np.unique(np.stack([row, pixel * size // WORDS]), axis=1, return_inverse=True)
     out = np.zeros(beats.shape[1], write_request(config).dtype)
-    place = pixel % 2 * _PIXEL_WORDS
+    place = pixel * size % WORDS
     word = np.zeros((len(out), WORDS), np.int64)
-    word[which[:, None], place[:, None] + np.arange(_PIXEL_WORDS)] = words[pixel]
-    np.bitwise_or.at(out["strobe"], which, ((1 << _PIXEL_WORDS) - 1 << place).astype(out["strobe"].dtype))
+    word[which[:, None], place[:, None] + lanes] = words[pixel]
+    np.bitwise_or.at(out["strobe"], which, ((1 << size) - 1 << place).astype(out["strobe"].dtype))
     out["beat"], out["word"] = (base + beats[1]) % (1 << BEAT_BITS), word
     return out
 
 
-def memory_of(config: AcceleratorConfig, writes: np.ndarray, base: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(size, 4) words of the pixels that writes leave behind `base`, and (size,) how often each was written."""
-    words, times = np.zeros((2 * size + 2, _PIXEL_WORDS), np.int64), np.zeros(2 * size + 2, np.int64)
-    place = (writes["beat"].astype(np.int64) - base) % (1 << BEAT_BITS)
-    for half in (0, 1):
-        strobes = writes["strobe"] >> half * _PIXEL_WORDS & (1 << _PIXEL_WORDS) - 1
-        if not np.isin(strobes, (0, (1 << _PIXEL_WORDS) - 1)).all():
-            raise ValueError("a pixel must be written as a whole or not at all")
-        which = strobes != 0
-        words[2 * place[which] + half] = writes["word"][which, half * _PIXEL_WORDS : (half + 1) * _PIXEL_WORDS]
-        np.add.at(times, 2 * place[which] + half, 1)
-    return words[:size], times[:size]
+def memory_of(writes: np.ndarray, base: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """(size,) words that writes leave behind `base`, and (size,) how often each was written.
+
+    Raises:
+        ValueError: a word is written elsewhere.
+    """
+    words, times = np.zeros(size, np.int64), np.zeros(size, np.int64)
+    place = (writes["beat"].astype(np.int64) - base)[:, None] % (1 << BEAT_BITS) * WORDS + np.arange(WORDS)
+    written = (writes["strobe"][:, None] >> np.arange(WORDS) & 1).astype(bool)
+    if written.any() and place[written].max() >= size:
+        raise ValueError(f"words must be written in the frame's {size}, not at {int(place[written].max())!r}")
+    words[place[written]] = writes["word"][written]
+    np.add.at(times, place[written], 1)
+    return words, times
