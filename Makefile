@@ -28,8 +28,8 @@ demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame
 render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=
 	@$(RUN) golden/render.py $(request) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
-frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH=
-	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config) $(call option,PART,part) $(call option,MERGE,merge) \
+frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH=
+	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B

@@ -49,7 +49,7 @@ def test_addresses_and_bits_do_not_overlap(config):
 def test_every_number_of_the_settings_has_a_register_in_order(config):
     found = [r for r in MAPS[config.name] if r.format]
     wanted = [f for f in frame_settings(config).fields for _ in range(f.count)]
-    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 52
+    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 53
     assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in range(len(found))]
     assert found[3].name == "rotation_0" and found[-1].name == "frame_base"
     assert all(r.access is Access.READ_WRITE for r in found)

@@ -61,6 +61,8 @@ def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
     (["embedded", "--config", "tiny", "--size", "600x10"], "600x10"),
     (["embedded", "--config", "tiny", "--wave-cycles", "a:b", "--waves"], "'a:b'"),
     (["embedded", "--part", "half"], "'half' is not accepted: choose one of machine, array"),
+    (["embedded", "--pixels", "tall"], "pixels 'tall' is not accepted: choose one of wide, display"),
+    (["embedded", "--pixels", "display", "--part", "array"], "pixels 'display' is not accepted with part 'array'"),
     (["embedded", "--merge", "2"], "merge '2' is not accepted: 0 or 1 is"),
     (["embedded", "--pipeline", "yes"], "pipeline 'yes'"),
     (["embedded", "--beta", "-1"], r"beta '-1' is not accepted: 0..16777215 or 'auto' are"),

@@ -10,15 +10,16 @@ from PIL import Image
 from stand_in_machine import WRONG_PIXEL, preset, stand_in
 
 from golden.msv2_ref import pipeline
+from golden.msv2_ref.views import display_pixels
 from spec.config import DEFAULT, TINY
 from spec.constants import TILE
-from spec.memory import BEAT_BYTES, PIXEL_BYTES, frame_pixel
+from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel
 from spec.registers import STAGES
 from tb.frame import __main__ as command
 from tb.frame import whole
 from tb.frame.bound import array_ops, bound_cycles
 from tb.top import check, device
-from tb.top.image import FramePixels, page_beats, spill_beats
+from tb.top.image import DisplayPixels, FramePixels, page_beats, spill_beats
 from tb.top.packing import pack
 
 SIZE = (40, 24)
@@ -48,6 +49,17 @@ def test_mismatches_are_named_with_their_tile(frame):
         ("transmittance", 6, 17, 20), ("colour", 7, 35, 20), ("depth", 19, 69, 49)]
     assert np.subtract(found[1]["rtl"], found[1]["golden"]).tolist() == [0, 3, 0]
     assert found[2]["rtl"][0] == found[2]["golden"][0] - 1
+
+
+def test_mismatches_of_frames_for_displays(frame):
+    golden = display_pixels(frame)
+    pixels = DisplayPixels(*(golden[name].astype(np.int64) for name in DisplayPixels._fields))
+    assert check.mismatches(frame, pixels) == []
+    pixels.colour[20, 35, 1] ^= 1
+    pixels.coverage[20, 17] ^= 8
+    found = check.mismatches(frame, pixels)
+    assert [(m["field"], m["tile"], m["x"], m["y"]) for m in found] == [("coverage", 6, 17, 20), ("colour", 7, 35, 20)]
+    assert (whole.picture(frame, pixels) != golden["colour"]).sum() == 1
 
 
 def test_pixels_from_memory_become_tiles(frame):
@@ -82,9 +94,9 @@ def test_a_run_has_room_for_its_frame(frame):
     assert spill_beats(TINY, np.array([2 * chunk + 1, 3])) == 3 * chunk
 
 
-def counters_of(frame):
+def counters_of(frame, display):
     events = EVENTS(frame)
-    beats = SIZE[0] * SIZE[1] // 2
+    beats = SIZE[0] * SIZE[1] // (8 if display else 2)
     stages = {f"{stage}_{what}": 100 * i + j for i, stage in enumerate(STAGES)
               for j, what in enumerate(("busy", "starved", "blocked"))}
     return {**events, **stages, "read_beats": beats, "write_beats": beats, "read_beats_views": 100, "write_beats_frame": beats,
@@ -96,13 +108,17 @@ def copied(monkeypatch, tmp_path):
     """The command with a stand-in that has the golden pixels to copy; settings may be changed."""
     changes, run_of = {}, whole.frame_run
 
-    def with_golden_pixels(frame, *args):
-        run = run_of(frame, *args)
-        preset(frame.config, tmp_path / "sim", counters_of(frame))
-        record, raw = frame_pixel(frame.config), raw_pixels(frame)
-        rows = {"colour": raw.colour.reshape(-1, 3), "reserved": np.zeros(raw.depth.size, int),
-                "depth": raw.depth.reshape(-1), "transmittance": raw.transmittance.reshape(-1)}
-        pixels = pack(record, rows, PIXEL_BYTES).reshape(-1, BEAT_BYTES)
+    def with_golden_pixels(frame, *args, display=False):
+        run = run_of(frame, *args, display=display)
+        preset(frame.config, tmp_path / "sim", counters_of(frame, display))
+        if display:
+            patterns = pack(display_pixel(frame.config), display_pixels(frame).reshape(-1), 8)[:, :DISPLAY_PIXEL_BYTES]
+        else:
+            raw = raw_pixels(frame)
+            rows = {"colour": raw.colour.reshape(-1, 3), "reserved": np.zeros(raw.depth.size, int),
+                    "depth": raw.depth.reshape(-1), "transmittance": raw.transmittance.reshape(-1)}
+            patterns = pack(frame_pixel(frame.config), rows, PIXEL_BYTES)
+        pixels = patterns.reshape(-1, BEAT_BYTES)
         geometry = run.image.contents["geometry"].copy()
         geometry[: len(pixels)] = pixels
         return replace(run, image=replace(run.image, contents={**run.image.contents, "geometry": geometry}), changes=changes)
@@ -136,6 +152,25 @@ def test_an_equal_frame_passes_and_is_reported(copied, tmp_path, capfd):
     picture = np.asarray(Image.open(tmp_path / "frame.png"))
     assert picture.shape == (24, 40, 3) and picture.std() > 5
     assert "bit-exact" in capfd.readouterr().out
+
+
+def test_an_equal_frame_for_displays_passes(copied, tmp_path):
+    copied["beta"] = 0
+    status, report = run_command(f"{SCENE} --pixels display --bandwidth 12.8", tmp_path)
+    assert status == 0 and report["bit_exact"] is True and report["counter_errors"] == [] and report["pixels"] == "display"
+    assert report["dram_bytes"]["writes"]["frame"] == SIZE[0] * SIZE[1] * DISPLAY_PIXEL_BYTES
+    assert report["bounds"]["memory"] == (100 + 120) * 32 / 12.8
+    displayed = np.asarray(Image.open(tmp_path / "frame.png"))
+    status, report = run_command(SCENE, tmp_path)
+    assert status == 0 and report["pixels"] == "wide"
+    assert np.array_equal(displayed, np.asarray(Image.open(tmp_path / "frame.png"))) and displayed.std() > 5
+
+
+def test_one_wrong_bit_of_a_frame_for_displays_fails(copied, tmp_path):
+    copied["beta"] = WRONG_PIXEL
+    status, report = run_command(f"{SCENE} --pixels display", tmp_path)
+    assert status == 1 and report["bit_exact"] is False and report["mismatches"] == 1
+    assert [report["first_mismatches"][0][key] for key in ("field", "tile", "x", "y")] == ["colour", 1, 24, 0]
 
 
 def test_one_wrong_bit_fails(copied, tmp_path, capfd):

@@ -21,6 +21,9 @@ from tb.top.memory import MemorySpeed
 
 PARTS = ("machine", "array")
 
+PIXELS = ("wide", "display")
+"""Formats of the frame in memory: `spec.memory` FramePixel, DisplayPixel."""
+
 EPILOG = """\
 Writes OUT/frame.png and OUT/frame.json; exit status 1 where a bit or a counter differs. Of frame.json:
 
@@ -37,6 +40,7 @@ examples:
   python -m tb.frame                                        the embedded scene
   python -m tb.frame truck.splat --size 256x144 --gaze 128,72 --levels 4
   python -m tb.frame --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
+  python -m tb.frame --pixels display                       4 bytes a pixel instead of 16
   python -m tb.frame --part array                           the golden renderer's entries through the array alone
 """
 
@@ -48,6 +52,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
     parser.add_argument("--part", default="machine", help=f"{' or '.join(PARTS)} (default: machine)")
+    parser.add_argument("--pixels", default="wide", help=f"{' or '.join(PIXELS)}: of the frame in memory (default: wide)")
     parser.add_argument("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
     parser.add_argument("--pipeline", default="1", metavar="0|1",
                         help="stages hand over incrementally (default: 1); 0 is another machine, with double buffers")
@@ -91,9 +96,12 @@ def parse_switch(name: str, text: str) -> bool:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when a bit or a counter differs."""
     args = _arguments(argv)
-    for name, value, accepted in (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS)):
+    choices = (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS), ("pixels", args.pixels, PIXELS))
+    for name, value, accepted in choices:
         if value not in accepted:
             raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    if args.part == "array" and args.pixels != "wide":
+        raise InputError(f"pixels {args.pixels!r} is not accepted with part 'array', which writes no memory: 'wide' is")
     merge, incremental = parse_switch("merge", args.merge), parse_switch("pipeline", args.pipeline)
     beta, speed = parse_beta(args.beta, merge), parse_speed(args.bandwidth, args.latency)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
@@ -105,13 +113,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if args.part == "array":
             numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
+            picture = rtl.image
         else:
-            numbers, rtl = simulate_machine(golden, device.machine(config), out / "sim", beta=beta, speed=speed, waves=waves)
+            numbers, picture = simulate_machine(
+                golden, device.machine(config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display",
+                waves=waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
-    save_png(out / "frame.png", rtl.image)
-    settings = {"config": config.name, "part": args.part, "merge": merge, "pipeline": incremental, "beta": beta}
+    save_png(out / "frame.png", picture)
+    settings = {"config": config.name, "part": args.part, "pixels": args.pixels, "merge": merge, "pipeline": incremental,
+                "beta": beta}
     write_json(out / "frame.json", {**request.record, **settings, **numbers})
     return _verdict(numbers, str(out))
 

@@ -18,7 +18,7 @@ from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
-from tb.top.image import FramePixels
+from tb.top.image import DisplayPixels, FramePixels
 from tb.top.memory import MemorySpeed, beats_log2
 from tb.top.player import FrameResult, play_frames
 
@@ -29,14 +29,15 @@ _SHOWN = 10
 
 
 def simulate_machine(
-    frame: Frame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, waves: Waves | None = None,
-) -> tuple[dict[str, object], Frame]:
-    """The numbers of frame.json, and the frame with the RTL's pixels instead of the golden ones.
+    frame: Frame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool = False,
+    waves: Waves | None = None,
+) -> tuple[dict[str, object], np.ndarray]:
+    """The numbers of frame.json, and the picture that the machine wrote, (height, width, 3): float64, or uint8 for displays.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
-    run = frame_run(frame, beta, speed)
+    run = frame_run(frame, beta, speed, display=display)
     begin = time.perf_counter()
     build(machine.design(beats_log2(run.image.beats)), waves)
     build_s = time.perf_counter() - begin
@@ -60,7 +61,7 @@ def simulate_machine(
         **performance(frame, result, speed),
         "build_s": round(build_s, 3),
     }
-    return numbers, replace(frame, pixels=tiled(frame, result.pixels))
+    return numbers, picture(frame, result.pixels)
 
 
 def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
@@ -88,6 +89,13 @@ def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[s
 
 def _beats(registers: Mapping[str, int], way: str, clients: tuple[str, ...]) -> int:
     return sum(registers[f"{way}_beats_{name}"] for name in clients)
+
+
+def picture(frame: Frame, pixels: FramePixels | DisplayPixels) -> np.ndarray:
+    """The picture of a frame from memory, (height, width, 3): float64, or uint8 where it is for displays."""
+    if isinstance(pixels, DisplayPixels):
+        return pixels.colour.astype(np.uint8)
+    return replace(frame, pixels=tiled(frame, pixels)).image
 
 
 def tiled(frame: Frame, pixels: FramePixels) -> Pixels:
