@@ -7,7 +7,7 @@
     values      combinational logic between operations
 
     near, projection, projection_unit   points to splats that may touch a tile of the frame
-    tile_test   splats to tile entries; its parts: tile_runs (rows and runs of a splat's box), level_table (levels of the tiles),
+    tile_test   splats to tile entries; its parts: tile_runs (rows and runs of a splat's box), level_table (of the tiles),
                 tile_columns (the ellipse test), tile_expand (runs to entries, the foveation filter)
     colour      splats with an entry to views in memory; its parts: harmonics (the basis), fixed_multiply, colour_sum, views
     frame       ports for settings, counts of a frame's items
