@@ -6,7 +6,7 @@
 #define MSV2_MAGIC 0x4D535632u
 #define MSV2_VERSION_MAJOR_EXPECTED 1
 #define MSV2_SETTINGS_BASE 0x100u
-#define MSV2_SETTINGS_COUNT 53
+#define MSV2_SETTINGS_COUNT 51
 #define MSV2_COUNTERS_BASE 0x400u
 #define MSV2_READ_CLIENTS 6
 #define MSV2_WRITE_CLIENTS 4
@@ -198,110 +198,102 @@
    26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_8 0x150u
 
-/* fx, fy in pixels, number 0 of 2; must be positive (read, write): 28-bit float: sign, 8 exponent
-   bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_FOCAL_0 0x154u
-
-/* fx, fy in pixels, number 1 of 2; must be positive (read, write): 28-bit float: sign, 8 exponent
-   bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_FOCAL_1 0x158u
-
 /* cx, cy in pixels, number 0 of 2 (read, write): 25-bit signed, value * 2^-10 */
-#define MSV2_CENTRE_0 0x15Cu
+#define MSV2_CENTRE_0 0x154u
 
 /* cx, cy in pixels, number 1 of 2 (read, write): 25-bit signed, value * 2^-10 */
-#define MSV2_CENTRE_1 0x160u
+#define MSV2_CENTRE_1 0x158u
 
 /* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 0 of 4 (read, write):
    28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_LIMITS_0 0x164u
+#define MSV2_LIMITS_0 0x15Cu
 
 /* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 1 of 4 (read, write):
    28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_LIMITS_1 0x168u
+#define MSV2_LIMITS_1 0x160u
 
 /* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 2 of 4 (read, write):
    28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_LIMITS_2 0x16Cu
+#define MSV2_LIMITS_2 0x164u
 
 /* clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels, number 3 of 4 (read, write):
    28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_LIMITS_3 0x170u
+#define MSV2_LIMITS_3 0x168u
 
 /* near plane; must be positive (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19
    fraction bits; exponent 0 is zero */
-#define MSV2_NEAR 0x174u
+#define MSV2_NEAR 0x16Cu
 
 /* reciprocal of the z that saturates depth; must be not negative (read, write): 28-bit float: sign,
    8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_DEPTH_SCALE 0x178u
+#define MSV2_DEPTH_SCALE 0x170u
 
 /* frame width in pixels; must be 1..row_width (read, write): 14-bit unsigned */
-#define MSV2_WIDTH 0x17Cu
+#define MSV2_WIDTH 0x174u
 
 /* frame height in pixels; must be 1..row_width (read, write): 14-bit unsigned */
-#define MSV2_HEIGHT 0x180u
+#define MSV2_HEIGHT 0x178u
 
 /* r, g, b, number 0 of 3 (read, write): 10-bit unsigned, value * 2^-9 */
-#define MSV2_BACKGROUND_0 0x184u
+#define MSV2_BACKGROUND_0 0x17Cu
 
 /* r, g, b, number 1 of 3 (read, write): 10-bit unsigned, value * 2^-9 */
-#define MSV2_BACKGROUND_1 0x188u
+#define MSV2_BACKGROUND_1 0x180u
 
 /* r, g, b, number 2 of 3 (read, write): 10-bit unsigned, value * 2^-9 */
-#define MSV2_BACKGROUND_2 0x18Cu
+#define MSV2_BACKGROUND_2 0x184u
 
 /* points of the model (read, write): 24-bit unsigned */
-#define MSV2_GAUSSIANS 0x190u
+#define MSV2_GAUSSIANS 0x188u
 
 /* degree of the colour records (read, write): 2-bit unsigned */
-#define MSV2_SH_DEGREE 0x194u
+#define MSV2_SH_DEGREE 0x18Cu
 
 /* views of a Gaussian: 1 << view_shift, no fewer than the highest tile level + 1; must be 0..2
    (read, write): 2-bit unsigned */
-#define MSV2_VIEW_SHIFT 0x198u
+#define MSV2_VIEW_SHIFT 0x190u
 
 /* merge threshold in entries; 0 merges nothing (read, write): 24-bit unsigned */
-#define MSV2_BETA 0x19Cu
+#define MSV2_BETA 0x194u
 
 /* twice the mean count instead of beta (read, write): 1-bit unsigned */
-#define MSV2_AUTO_BETA 0x1A0u
+#define MSV2_AUTO_BETA 0x198u
 
 /* bounding boxes instead of the exact tile test (read, write): 1-bit unsigned */
-#define MSV2_OBB 0x1A4u
+#define MSV2_OBB 0x19Cu
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_GEOMETRY_BASE 0x1A8u
+#define MSV2_GEOMETRY_BASE 0x1A0u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_COLOUR_BASE 0x1ACu
+#define MSV2_COLOUR_BASE 0x1A4u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_TILES_BASE 0x1B0u
+#define MSV2_TILES_BASE 0x1A8u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_VIEWS_BASE 0x1B4u
+#define MSV2_VIEWS_BASE 0x1ACu
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_DIRECTORY_BASE 0x1B8u
+#define MSV2_DIRECTORY_BASE 0x1B0u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_ENTRIES_BASE 0x1BCu
+#define MSV2_ENTRIES_BASE 0x1B4u
 
 /* room for entries (read, write): 27-bit unsigned */
-#define MSV2_ENTRIES_BEATS 0x1C0u
+#define MSV2_ENTRIES_BEATS 0x1B8u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_SPILL_BASE 0x1C4u
+#define MSV2_SPILL_BASE 0x1BCu
 
 /* room for spilled runs (read, write): 27-bit unsigned */
-#define MSV2_SPILL_BEATS 0x1C8u
+#define MSV2_SPILL_BEATS 0x1C0u
 
 /* the frame is of DisplayPixels instead of FramePixels (read, write): 1-bit unsigned */
-#define MSV2_DISPLAY 0x1CCu
+#define MSV2_DISPLAY 0x1C4u
 
 /* beat address (read, write): 27-bit unsigned */
-#define MSV2_FRAME_BASE 0x1D0u
+#define MSV2_FRAME_BASE 0x1C8u
 
 /* Counters */
 

@@ -139,7 +139,6 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("position", n.view, "camera centre relative to the model's origin", 3),
         Field("rotation", n.view, "world to camera, row-major, its first two rows times the focal lengths", 9),
         Field("turn", n.work, "the same over EXPONENT_SCALE in the work format, for the Jacobian", 9),
-        Field("focal", n.view, "fx, fy in pixels", 2),
         Field("centre", n.mean2d, "cx, cy in pixels", 2),
         Field("limits", n.view, "clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels", 4),
         Field("near", n.view, "near plane"),

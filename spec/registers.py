@@ -243,7 +243,6 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
     view, top = config.formats.view, 1 << (config.formats.view.width - 1)
     least, shift = 1 << (view.sig_bits - 1), (MAX_LEVELS - 1).bit_length()
     return (
-        *(Limit(f"focal_{i}", least, top - 1, "positive") for i in range(2)),
         Limit("near", least, top - 1, "positive"),
         Limit("depth_scale", 0, top - 1, "not negative"),
         Limit("width", 1, config.row_width, "1..row_width"),

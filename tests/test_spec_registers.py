@@ -49,7 +49,7 @@ def test_addresses_and_bits_do_not_overlap(config):
 def test_every_number_of_the_settings_has_a_register_in_order(config):
     found = [r for r in MAPS[config.name] if r.format]
     wanted = [f for f in frame_settings(config).fields for _ in range(f.count)]
-    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 53
+    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 51
     assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in range(len(found))]
     assert found[3].name == "rotation_0" and found[-1].name == "frame_base"
     assert all(r.access is Access.READ_WRITE for r in found)
@@ -88,14 +88,14 @@ def test_the_first_illegal_setting_is_named(config):
                 found = registers.first_illegal(config, legal(config) | {limit.setting: pattern})
                 assert found == (None if allowed else numbers[limit.setting]), limit
     worst = legal(config) | {limit.setting: limit.high + 1 for limit in limits}
-    assert registers.first_illegal(config, worst) == numbers["focal_0"]
+    assert registers.first_illegal(config, worst) == numbers["near"]
 
 
 def test_limits_of_floats_are_those_of_their_numbers():
     limits, view = {limit.setting: limit for limit in registers.limits(PAPER)}, PAPER.formats.view
     for x in (-1e9, -1e-30, 0.0, 1e-30, 0.01, 1.0, 1e9):
         pattern = int(view.quantise(x))
-        assert limits["near"].allows(pattern) == (x > 0) == limits["focal_1"].allows(pattern)
+        assert limits["near"].allows(pattern) == (x > 0)
         assert limits["depth_scale"].allows(pattern) == (x >= 0)
 
 

@@ -24,7 +24,6 @@ class FrameRegisters:
         rotation: (3, 3) world to camera, its first two rows times the focal lengths.
         turn: (3, 3) the same over EXPONENT_SCALE in the `work` format, for the Jacobian: no operand of a sum may be longer than
             its result, or one rounding of a float64 sum would not be the correct one.
-        focal: (2,) fx, fy in pixels.
         centre: (2,) int64, cx, cy, raw `mean2d`.
         limits: (4,) clamp of fx x/z (low, high) and fy y/z (low, high), pixels.
         near: near plane.
@@ -40,7 +39,6 @@ class FrameRegisters:
     position: np.ndarray
     rotation: np.ndarray
     turn: np.ndarray
-    focal: np.ndarray
     centre: np.ndarray
     limits: np.ndarray
     near: float
@@ -122,7 +120,6 @@ def frame_registers(
     return FrameRegisters(
         position=n.view.round(camera.position - words.origin),
         rotation=n.view.round(in_pixels), turn=n.work.round(in_pixels / EXPONENT_SCALE),
-        focal=n.view.round([camera.fx, camera.fy]),
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
         key_near=pattern(float(n.view.round(camera.near)), round_to(n.view)),

@@ -105,7 +105,7 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         add(_failing(scene, name, ErrorCode.WRITE_ERROR, clients))
     add(_failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + WRITE_CLIENTS.index("spill")}))
     numbers = {setting.name: setting.number for setting in settings(config)}
-    for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("focal_1", 0)):
+    for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27)):
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
         add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
     first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
