@@ -128,7 +128,7 @@ class AcceleratorConfig:
     sort_buffer_bytes: int = 65536
     incremental: bool = True
     merge_ways: int = 8
-    splat_cache_lines: int = 1024
+    splat_cache_lines: int = 2048
     counters: bool = True
     formats: NumberFormats = field(default_factory=NumberFormats)
 

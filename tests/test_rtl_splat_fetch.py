@@ -163,8 +163,8 @@ def test_latency_and_the_cycles_of_clearing():
 
 def test_storage():
     memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(SplatFetch(PAPER), "fetch"))
-    assert {(int(width), int(depth)) for width, depth in memories} >= {(222, 1024), (78, 256)}
-    assert sum(int(width) * int(depth) for width, depth in memories) < 1024 * 222 + 256 * (78 + 15)
+    assert {(int(width), int(depth)) for width, depth in memories} >= {(222, 2048), (74, 512)}
+    assert sum(int(width) * int(depth) for width, depth in memories) < 2048 * 222 + 512 * (74 + 15)
 
 
 def test_verilog():

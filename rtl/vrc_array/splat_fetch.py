@@ -65,7 +65,7 @@ class SplatFetch(wiring.Component):
         error: the memory answered with an error since `clear`. The entry came, with a view that means nothing.
         busy: entries are inside, or wanted for a tile that was taken, or tags are being cleared.
 
-    Storage: that of `SplatTags`; `splat_cache_lines` views, for PAPER 1,024 x 222 bits, never read and written in the same
+    Storage: that of `SplatTags`; `splat_cache_lines` views, for PAPER 2,048 x 222 bits, never read and written in the same
     cycle; `pending` entries of a line's number and 4 bits. Throughput: one entry a cycle, hits and misses alike, while memory
     gives a beat a miss; an empty tile takes a cycle. Latency: LATENCY cycles, and for a miss the memory's.
     """

@@ -53,7 +53,7 @@ class SplatTags(wiring.Component):
         clear: strobe, no line is valid any more. What was taken before is still answered out of the old tags.
         busy: a view is inside, or tags are being cleared; then nothing is taken.
 
-    Storage: a word for each set; for PAPER 256 x 78 bits. Throughput: one a cycle. Latency: 1 cycle. Clearing takes a cycle a
+    Storage: a word for each set; for PAPER 512 x 74 bits. Throughput: one a cycle. Latency: 1 cycle. Clearing takes a cycle a
     set, and is done after a reset as well: memory may then hold anything.
     """
 

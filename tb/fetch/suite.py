@@ -23,7 +23,7 @@ VARIANTS: dict[str, AcceleratorConfig] = {
 """Machines that can be tested."""
 
 DISTINCT = ("tiny", "tiny-4-lines", "paper")
-"""64, 4 and 1,024 lines; DEFAULT's entries are a bit shorter than PAPER's."""
+"""64, 4 and 2,048 lines; DEFAULT's entries are a bit shorter than PAPER's."""
 
 PORTS = ("sorted", "tiles", "data", "entries", "reads")
 

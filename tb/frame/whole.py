@@ -74,6 +74,7 @@ def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[s
     return {
         "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
         "geometry_cycles": r["cycles_geometry"], "render_cycles": render,
+        "overlapped_cycles": max(r["cycles_geometry"], render),
         "bound_cycles": max(bounds.values()), "bounds": bounds,
         "utilisation": round(max(bounds.values()) / render, 4) if render else None,
         "stage_cycles": stages, "stalls": {stage: cycles["blocked"] for stage, cycles in stages.items()},
