@@ -17,7 +17,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
-from rtl.fixed import round_shift, saturate
+from rtl.fixed import saturate
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -31,7 +31,6 @@ WORD_BITS = 32
 
 PIXEL_WORDS = PIXEL_BYTES // 4
 """Words of a FramePixel; a DisplayPixel is one."""
-
 
 _SETTINGS = ("width", "height", "display", "frame_base")
 
@@ -49,7 +48,7 @@ class PixelWriter(wiring.Component):
         width, height, display, frame_base: settings of the frame.
         tile_count: tiles of the frame.
         begin: strobe before a frame's first row: `finished` falls, `pixels` is 0 again.
-        pixels: pixels written since `begin`; 0 for ever without `config.counters`.
+        pixels: pixels written since `begin`, until the cycle before; 0 for ever without `config.counters`.
         finished: all rows of `tile_count` tiles have come since `begin`, and memory has their pixels. Stays until `begin`.
         busy: a row is inside.
 
@@ -76,28 +75,28 @@ class PixelWriter(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         packed, packed_room = Signal(), Signal()
-        line, x, above, left, below = self._pack(m, packed, packed_room)
+        line, start, left, below = self._pack(m, packed, packed_room)
 
         lanes, slots = self.config.cores_x, self.config.cores_x * PIXEL_WORDS + WORDS  # room to move up
         held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
         beat, sends, ends, room = Signal(BEAT_BITS, reset_less=True), Signal(), Signal(), Signal()
-        start, place = Signal.like(above), Signal(len(above) + 2)
+        display = Signal(reset_less=True)  # for the addresses alone: the port has all words to choose
+        place = Mux(self.display, start[:3], start[0] << 2)  # in words, of the beat
         pixels = [below & (left > i) for i in range(lanes)]
         mask = Mux(self.display, Cat(pixels), Cat(pixel.replicate(PIXEL_WORDS) for pixel in pixels))
         by_word = Mux(self.display, line[: WORD_BITS * lanes] << Cat(Const(0, WORD_BITS.bit_length() - 1), place[:2]), line)
         m.d.comb += [
-            start.eq(above + x),
-            place.eq(Mux(self.display, start, start << 2)),  # in words
             sends.eq(inside[:WORDS].any()),  # words inside follow each other
             ends.eq(~inside[WORDS]),
             room.eq(~sends | self.writes.ready & ends),
             packed_room.eq(~packed | room),
         ]
+        m.d.sync += display.eq(self.display)
         with m.If(room):
-            m.d.sync += inside.eq(Mux(packed, mask << place[:3], 0))
+            m.d.sync += inside.eq(Mux(packed, mask << place, 0))
             with m.If(packed):
                 m.d.sync += held.eq(Mux(place[2], by_word << WORD_BITS * PIXEL_WORDS, by_word))
-                m.d.sync += beat.eq(self.frame_base + place[3:])
+                m.d.sync += beat.eq(self.frame_base + Mux(display, start >> 3, start >> 1))
         with m.Elif(self.writes.ready):
             m.d.sync += [inside.eq(inside >> WORDS), held.eq(held >> WORD_BITS * WORDS), beat.eq(beat + 1)]
         out = self.writes.payload
@@ -109,15 +108,13 @@ class PixelWriter(wiring.Component):
         return m
 
     def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple:
-        """The first register: a row's words, x, the frame's pixels above its row, those from it to the right edge, and whether
-        its row is in the frame."""
+        """The first register: a row's words, the frame's pixels before it, those from it to the right edge, and whether its row
+        is in the frame."""
         row = self.rows.payload
-        y = row.tile_y * TILE + row.row
-        column = row.tile_x * TILE + row.column
+        y, column = Cat(row.row, row.tile_y), Cat(row.column, row.tile_x)
         whole = Cat(self._whole(m, i) for i in range(self.config.cores_x))
         display = Cat(self._display(i) for i in range(self.config.cores_x))
-        line, x = Signal(len(whole), reset_less=True), Signal(len(column), reset_less=True)
-        above = Signal(BEAT_BITS + 1, reset_less=True)
+        line, start = Signal(len(whole), reset_less=True), Signal(BEAT_BITS + 1, reset_less=True)
         left, below = Signal((self.width - column).shape(), reset_less=True), Signal(reset_less=True)
         m.d.comb += self.rows.ready.eq(room)
         with m.If(room):
@@ -125,8 +122,8 @@ class PixelWriter(wiring.Component):
         with m.If(self.rows.valid & room):
             m.d.sync += [
                 line.eq(Cat(Mux(self.display, display, whole[: len(display)]), whole[len(display) :])),
-                x.eq(column), above.eq(y * self.width), left.eq(self.width - column), below.eq(y < self.height)]
-        return line, x, above, left, below
+                start.eq(y * self.width + column), left.eq(self.width - column), below.eq(y < self.height)]
+        return line, start, left, below
 
     def _whole(self, m: Module, lane: int) -> Value:
         """The FramePixel of a lane."""
@@ -151,9 +148,10 @@ class PixelWriter(wiring.Component):
             with m.If(row.all()):
                 m.d.sync += tiles.eq(tiles + 1)
         if self.config.counters:
-            with m.If(self.writes.valid & self.writes.ready):
-                words = sum(inside)
-                m.d.sync += self.pixels.eq(self.pixels + Mux(self.display, words, words // PIXEL_WORDS))
+            words, written = sum(inside), Signal(range(WORDS + 1))
+            m.d.sync += [
+                written.eq(Mux(self.writes.valid & self.writes.ready, Mux(self.display, words, words // PIXEL_WORDS), 0)),
+                self.pixels.eq(self.pixels + written)]
         with m.If(self.begin):
             m.d.sync += [row.eq(0), tiles.eq(0), self.pixels.eq(0)]
         m.d.comb += [
@@ -163,8 +161,13 @@ class PixelWriter(wiring.Component):
 
 
 def _bytes(raw: Value, number: Fixed) -> Value:
-    """255 times the value, rounded half up, at most 255."""
-    return saturate(round_shift((raw << 8) - raw, number.frac_bits), uint(8))
+    """255 times the value, rounded half up, at most 255.
+
+    Of 256 raw - raw the low 8 bits only matter by their borrow: it is 256 times raw - ceil(raw / 256), and less than 256 more.
+    """
+    drop = number.frac_bits - 8
+    scaled = raw + (1 << (drop - 1)) - (raw >> 8) - raw[:8].any()
+    return saturate(scaled[drop : len(raw)], uint(8))
 
 
 def emit_pixel_writer(config: AcceleratorConfig) -> str:
