@@ -1,7 +1,7 @@
 """Run what the README's tables rest on, keep the numbers in reports/, and write the tables.
 
     python tools/results.py                    everything (about 20 minutes); scenes in MSV2_DATA, liberties in MSV2_PDK
-    python tools/results.py --only frames      one part: accuracy, frames, synthesis, bench
+    python tools/results.py --only frames      one part: accuracy, frames, machine, order, synthesis, bench
     python tools/results.py --only tables      only rewrite the tables from reports/
     python tools/results.py --check            exit 1 where the README differs from what reports/ give
 """
@@ -13,27 +13,42 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from golden.scenes.camera_file import save_camera  # noqa: E402
+from golden.scenes.load import load_scene  # noqa: E402
+from golden.scenes.orbit import orbit_camera  # noqa: E402
 from golden.scenes.request import write_json  # noqa: E402
 from spec.errors import InputError, run_command_line  # noqa: E402
 from tools.tables import fill_readme  # noqa: E402
 
 REPORTS = ROOT / "reports"
-FRAMES = (
-    ("embedded", "128x128", None, "default"), ("embedded", "128x128", "64,64", "default"),
-    ("embedded", "128x128", "64,64", "tiny"),
-    ("truck.splat", "256x144", None, "default"), ("truck.splat", "256x144", "128,72", "default"),
-    ("rock_sh3", "192x108", "96,54", "default"),
+EXACT_FRAMES = (
+    ("embedded", "128x128", "64,64"), ("truck.splat", "256x144", "128,72"), ("rock_sh3", "192x108", "96,54"),
 )
-"""Whole frames through the RTL array: scene, size, gaze (with four levels) and machine."""
+"""Scene, size and gaze: without the gaze and with it (four levels), merging or not, pipelining or not."""
 
-FRAME_KEYS = ("scene", "camera", "size", "gaze", "levels", "config", "bit_exact", "pixels_checked", "tiles", "entries", "ops",
-              "skipped", "mismatches", "cycles", "stalls", "cycles_per_s")
-"""What reports/frames.json keeps of frame.json."""
+LARGE_FRAMES = (("garden_large", "320x180", "160,90"),)
+"""The same, merging and pipelining only."""
+
+SPEED_FRAMES = (
+    ("embedded", "640x360", "320,180"), ("truck.splat", "256x144", "128,72"), ("truck.splat", "640x360", "320,180"),
+    ("truck.splat", "1280x720", "640,360"), ("rock_sh3", "640x360", "320,180"), ("garden_large", "640x360", "320,180"),
+)
+"""Foveated frames through the paper's machine, merging and pipelining or neither, at the paper's bandwidth and at the bus's."""
+
+FRAME_KEYS = (
+    "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
+    "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
+    "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
+    "latency", "bytes_per_cycle", "cycles_per_s")
+"""What the reports keep of frame.json."""
 
 SYNTHESISED = ("pixel_core", "vrc_row")
 """Units of the area table."""
@@ -54,19 +69,58 @@ def run(*command: str) -> None:
 
 
 def measure_frames() -> None:
-    """reports/frames.json: every frame of FRAMES whose scene is there."""
-    rows, out = [], ROOT / "build" / "results" / "frame"
-    for scene, size, gaze, config in FRAMES:
-        path = scene if scene == "embedded" else str(data_folder() / scene)
-        if scene != "embedded" and not Path(path).exists():
-            print(f"skipped: {scene} (no such scene in MSV2_DATA)")
-            continue
-        foveated = ["--gaze", gaze, "--levels", "4"] if gaze else []
-        run("-m", "tb.frame", path, "--part", "array", "--size", size, "--config", config, "--out", str(out), *foveated)
-        row = json.loads((out / "frame.json").read_text())
-        kept = {key: row[key] for key in FRAME_KEYS}
-        rows.append({**kept, "scene": Path(scene).stem})
+    """reports/frames.json: frames of every kind through the machine, every bit compared."""
+    wanted = [(scene, size, gaze, merge, pipeline) for scene, size, centre in EXACT_FRAMES for gaze in (None, centre)
+              for merge in "10" for pipeline in "10"]
+    wanted += [(scene, size, gaze, "1", "1") for scene, size, centre in LARGE_FRAMES for gaze in (None, centre)]
+    rows = [frame_row(scene, size, gaze, "--config", "default", "--merge", merge, "--pipeline", pipeline)
+            for scene, size, gaze, merge, pipeline in wanted if scene_path(scene)]
     write_json(REPORTS / "frames.json", {"rows": rows})
+
+
+def measure_machine() -> None:
+    """reports/machine.json: cycles of the paper's machine, and of one that sees nothing, whose points are all culled."""
+    rows = []
+    for scene, size, gaze in SPEED_FRAMES:
+        for bandwidth in ("25.6", "unlimited") if scene_path(scene) else ():
+            for switch in "10":
+                rows.append(frame_row(scene, size, gaze, "--config", "paper", "--pixels", "display", "--merge", switch,
+                                      "--pipeline", switch, "--bandwidth", bandwidth))
+    away = ROOT / "build" / "results" / "away.json"
+    camera = orbit_camera(load_scene("embedded").model, 0, 1, 128, 128)
+    turn = np.diag([-1.0, 1.0, -1.0])  # half a turn about the camera's y
+    save_camera(replace(camera, rotation=turn @ camera.rotation, translation=turn @ camera.translation, name="away"), away)
+    for bandwidth in ("25.6", "unlimited"):
+        rows.append(frame_row("embedded", None, None, "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth))
+    write_json(REPORTS / "machine.json", {"rows": rows})
+
+
+def scene_path(scene: str) -> str | None:
+    """Where a scene is; None, with a message, where it is not."""
+    path = scene if scene == "embedded" else str(data_folder() / scene)
+    if scene == "embedded" or Path(path).exists():
+        return path
+    print(f"skipped: {scene} (no such scene in MSV2_DATA)")
+    return None
+
+
+def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> dict[str, object]:
+    """What is kept of one frame through the machine."""
+    out = ROOT / "build" / "results" / f"frame-{os.getpid()}"
+    view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
+    run("-m", "tb.frame", scene_path(scene), "--out", str(out), *view, *options)
+    row = json.loads((out / "frame.json").read_text())
+    return {"scene": Path(scene).stem, **{key: row[key] for key in FRAME_KEYS}}
+
+
+def measure_order() -> None:
+    """reports/order.json: inversions of the machine's order in every scene."""
+    rows, out = [], ROOT / "build" / "results" / "order"
+    for scene in ("embedded", "truck.splat", "rock_sh3", "garden_large"):
+        if scene_path(scene):
+            run("golden/order.py", scene_path(scene), "--size", "640x360", "--out", str(out))
+            rows.append({**json.loads((out / "order.json").read_text()), "scene": Path(scene).stem})
+    write_json(REPORTS / "order.json", {"rows": rows})
 
 
 def measure_synthesis() -> None:
@@ -96,7 +150,8 @@ def measure_bench() -> None:
 
 
 PARTS = {
-    "accuracy": lambda: run("golden/accuracy.py", "--out", str(REPORTS)), "frames": measure_frames,
+    "accuracy": lambda: run("golden/accuracy.py", "--out", str(REPORTS)), "frames": measure_frames, "machine": measure_machine,
+    "order": measure_order,
     "synthesis": measure_synthesis, "bench": measure_bench, "tables": lambda: None,
 }
 

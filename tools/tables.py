@@ -10,13 +10,14 @@ from pathlib import Path
 from golden.accuracy import as_markdown
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
+from rtl.culling.compare import comparison, table, unit_cost
 from rtl.float.add import FloatAdd
 from rtl.float.convert import FixedToFloat, FloatToFixed
 from rtl.float.divide import FloatDivide, FloatReciprocal
 from rtl.float.multiply import FloatMul
 from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.vrc_array import blend, expand, row, setup
-from spec.config import DEFAULT
+from spec.config import DEFAULT, PAPER
 from spec.constants import TILE
 
 AREA_7_TO_16_NM = 1 / 0.31
@@ -59,7 +60,8 @@ def results_table(reports: Reports) -> str:
     if frames:
         exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
         counted = f"{exact} of {len(frames)}, {pixels:,} pixels"
-        rows.append(["RTL frames equal to the golden renderer", "-", counted, "every bit of every pixel"])
+        rows.append(["frames of the whole machine equal to the golden renderer", "-", counted, "every bit of every pixel"])
+    rows += _gains(reports.get("machine", {"rows": []})["rows"])
     display = Display(*PAPER_SIZE)
     gaze = (PAPER_SIZE[0] / 2, PAPER_SIZE[1] / 2)
     eccentricity = display.eccentricity(gaze)
@@ -79,34 +81,83 @@ def results_table(reports: Reports) -> str:
     return markdown(["quantity", "paper", "ours", "why they differ, notes"], rows)
 
 
+def _gains(machine: list[dict]) -> list[list[str]]:
+    """Merging and pipelining against the baseline, and how busy what limits a frame is."""
+    rows, frames = [], [r for r in machine if r["camera"] != "away"]
+    for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
+        ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
+        base = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and not r["pipeline"]}
+        if ours:
+            gains = sorted(base[key]["render_cycles"] / r["render_cycles"] for key, r in ours.items())
+            used = sorted(r["utilisation"] for r in ours.values())
+            rows.append([f"merging and pipelining over the baseline, {words}", "1.13x", f"{gains[0]:.2f}x to {gains[-1]:.2f}x",
+                         f"rendering cycles of {len(ours)} foveated frames; see the machine's table"])
+            rows.append([f"utilisation of what limits rendering, {words}", "-", f"{used[0]:.3f} to {used[-1]:.3f}",
+                         "LS-Gaussian reports 0.886 for its machine"])
+    return rows
+
+
 def latencies(*units: type) -> str:
     """Latencies of float units, as their classes state them."""
     return f"{', '.join(str(unit.latency) for unit in units)} cycles, 1/cycle"
 
 
 def units_table(reports: Reports) -> str:
-    """Source, golden, tests, latency and area of every RTL unit."""
-    area = {r["unit"]: f"{r['area_um2']:,.0f} um²" for r in reports.get("synthesis", {"rows": []})["rows"]}
-    core, array = row.PIPELINE + row.SUMS_LATER, "array_kernel"
+    """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
+    synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
+    core, sim, cull = row.PIPELINE + row.SUMS_LATER, "sim TEST=", unit_cost(PAPER, PAPER.point_interval).latency
     units = [
-        ("pixel core", "vrc_array/pixel_core", array, "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle"),
-        ("row of 16 cores", "vrc_array/row", array, "test_rtl_array", "1 cycle to the next row"),
-        ("setup unit", "vrc_array/setup, polynomial", array, "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle"),
-        ("expansion", "vrc_array/expand", array, "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle"),
-        ("block sequencer", "vrc_array/blocks", "-", "test_rtl_array", "1 cycle (3 with blocks)"),
-        ("level blending", "vrc_array/blend", array, "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle"),
-        ("collection, line buffer", "vrc_array/collect", "-", "test_rtl_array", "1 row/cycle"),
-        ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc, frame", "1 entry/cycle"),
-        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "test_rtl_tmu, sim TEST=tmu", "1 entry/cycle, 1 tile/cycle"),
-        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "test_rtl_sort, sim TEST=sort", "1 entry/cycle"),
-        ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", latencies(FloatAdd, FloatMul)),
-        ("float divide, 1/x", "float/divide", "rounding", "sim TEST=float", latencies(FloatDivide, FloatReciprocal)),
-        ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", latencies(FloatRsqrt, FloatSqrt)),
-        ("float from, to fixed", "float/convert", "rounding", "sim TEST=float", latencies(FixedToFloat, FloatToFixed)),
+        ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", f"{sim}lists",
+         "memory's, 1 beat/cycle", ""),
+        ("near test, projection", "culling/projection_unit", "culling", f"{sim}culling", f"{cull} cycles, 1 point/cycle",
+         "near_test, projection"),
+        ("tile test, foveation filter", "culling/tile_test", "tiling", f"{sim}culling", "66 cycles, 1 run and 1 entry/cycle",
+         "tile_test"),
+        ("colour unit", "culling/colour", "colour", f"{sim}culling", "41 cycles, 1 SH-3 splat/4 cycles", "colour"),
+        ("entry writer", "tile_lists/entry_writer", "tile_lists", f"{sim}lists", "7 cycles, 1 entry/cycle", "entry_writer"),
+        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", f"{sim}tmu", "8 cycles, 1 entry, 1 tile/cycle",
+         "tile_merge_unit"),
+        ("list reader, header maker", "tile_lists/list_reader, header_maker", "tile_lists", f"{sim}lists",
+         "9 cycles and memory's, 1 entry/cycle", "list_reader"),
+        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", f"{sim}sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
+        ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", f"{sim}sort",
+         "the group, 1 entry/cycle", "hierarchical_sorter"),
+        ("line buffer, double buffer", "sort_tmu/handover", "-", f"{sim}sort", "2 cycles, the group; 1 entry/cycle", ""),
+        ("splat fetch", "vrc_array/splat_fetch", "views", f"{sim}vrc", "5 cycles, 1 entry/cycle", "splat_fetch"),
+        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle",
+         "setup"),
+        ("expansion", "vrc_array/expand", "array_kernel", "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle",
+         "expand"),
+        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle",
+         "pixel_core"),
+        ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "1 cycle to the next row", "vrc_row"),
+        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle",
+         "blend"),
+        ("whole array", "vrc_array/array", "vrc_array", f"{sim}vrc", "1 entry/cycle", ""),
+        ("pixel writer", "vrc_array/pixel_writer", "views", f"{sim}vrc", "2 cycles, 1 beat/cycle", "pixel_writer"),
+        ("AXI master, read queues", "axi/master, read_port", "-", f"{sim}axi", "2 cycles, a read and a write/cycle",
+         "axi_master"),
+        ("registers, counters", "axi/registers, counters", "-", f"{sim}axi", "2 cycles", "register_file"),
+        ("frame controller, machine", "top/controller, machine", "pipeline", f"{sim}top, frame", "see frames", ""),
+        ("float add, multiply", "float/add, multiply", "rounding", f"{sim}float", latencies(FloatAdd, FloatMul),
+         "float_add, float_mul"),
+        ("float divide, 1/x", "float/divide", "rounding", f"{sim}float", latencies(FloatDivide, FloatReciprocal),
+         "float_divide, float_reciprocal"),
+        ("float 1/sqrt, sqrt", "float/roots", "rounding", f"{sim}float", latencies(FloatRsqrt, FloatSqrt),
+         "float_rsqrt, float_sqrt"),
+        ("float from, to fixed", "float/convert", "rounding", f"{sim}float", latencies(FixedToFloat, FloatToFixed),
+         "fixed_to_float, float_to_fixed"),
     ]
-    synthesised = {"pixel core": "pixel_core", "row of 16 cores": "vrc_row"}
-    rows = [[*unit, area.get(synthesised.get(unit[0]), "-")] for unit in units]
+    rows = [[*unit[:5], _areas(synthesis, unit[5])] for unit in units]
     return markdown(["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "area, ASAP7"], rows)
+
+
+def _areas(synthesis: dict[str, dict], names: str) -> str:
+    """Areas of the named units, as far as they were synthesised."""
+    found = [synthesis[name] for name in names.split(", ") if name in synthesis]
+    bits = sum(r.get("memory_bits", 0) for r in found)
+    memories = f" and {bits / 8192:,.1f} KB" if bits else ""
+    return ", ".join(f"{r['area_um2']:,.0f}" for r in found) + f" um²{memories}" if found else "-"
 
 
 def accuracy_table(reports: Reports) -> str:
@@ -115,15 +166,75 @@ def accuracy_table(reports: Reports) -> str:
 
 
 def frames_table(reports: Reports) -> str:
-    """One row per RTL frame."""
-    rows = []
+    """Frames through the machine, a row for the four ways of merging and pipelining."""
+    kinds: dict[tuple, dict[tuple[bool, bool], dict]] = {}
     for r in reports.get("frames", {"rows": []})["rows"]:
-        size = "x".join(map(str, r["size"]))
-        numbers = [f"{r[key]:,}" for key in ("entries", "ops", "cycles", "cycles_per_s")]
-        rows.append([f"{r['scene']}, {size}", "4 levels" if r["gaze"] else "-", r["config"], *numbers[:3],
-                     f"{r['cycles'] / r['ops']:.3f}", "yes" if r["bit_exact"] else "NO", numbers[3]])
-    header = ["frame", "foveation", "machine", "entries", "ops", "cycles", "cycles/op", "bit-exact", "simulated cycles/s"]
+        kinds.setdefault((r["scene"], *r["size"], r["levels"] > 1), {})[r["merge"], r["pipeline"]] = r
+    rows = []
+    for (scene, width, height, foveated), ways in kinds.items():
+        both = ways[True, True]
+        cycles = [f"{ways[way]['render_cycles']:,}" if way in ways else "-"
+                  for way in ((False, False), (True, False), (False, True), (True, True))]
+        exact = all(r["bit_exact"] and not r["counter_errors"] for r in ways.values())
+        rows.append([f"{scene}, {width}x{height}", "4 levels" if foveated else "-", f"{both['entries']:,}", f"{both['ops']:,}",
+                     f"{both['geometry_cycles']:,}", *cycles, f"yes, {len(ways)} of {len(ways)}" if exact else "NO"])
+    header = ["frame", "foveation", "entries", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining", "both",
+              "every bit and counter"]
     return markdown(header, rows)
+
+
+def machine_table(reports: Reports) -> str:
+    """Merging and pipelining against the baseline, by frame and memory."""
+    pairs: dict[tuple, dict[bool, dict]] = {}
+    for r in reports.get("machine", {"rows": []})["rows"]:
+        if r["camera"] != "away":
+            pairs.setdefault((r["scene"], *r["size"], r["bytes_per_cycle"] or 0), {})[r["pipeline"]] = r
+    rows = []
+    for (scene, width, height, speed), pair in pairs.items():
+        ours, baseline = pair[True], pair[False]
+        limit = max(ours["bounds"], key=ours["bounds"].get)
+        rows.append([
+            f"{scene}, {width}x{height}", f"{speed} B" if speed else "the bus's", f"{ours['entries']:,}",
+            f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
+            f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
+            f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
+    header = ["foveated frame", "memory, a cycle", "entries", "geometry cycles", "rendering: baseline", "ours", "gain",
+              "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
+    return markdown(header, rows)
+
+
+def culling_table(reports: Reports) -> str:
+    """Points and splats a cycle in the paper's machine, by memory."""
+    rows = []
+    for r in reports.get("machine", {"rows": []})["rows"]:
+        if r["camera"] == "away" or (r["pipeline"] and (r["scene"], r["size"]) in (
+                ("truck", [640, 360]), ("rock_sh3", [640, 360]), ("garden_large", [640, 360]))):
+            events, cycles = r["events"], r["geometry_cycles"]
+            culled = sum(events[f"culled_{why}"] for why in ("near", "faint", "outside"))
+            size = "x".join(map(str, r["size"]))
+            rows.append([
+                f"{r['scene']}, {'looking away' if r['camera'] == 'away' else size}",
+                f"{r['bytes_per_cycle']} B" if r["bytes_per_cycle"] else "the bus's", f"{events['points']:,}", f"{culled:,}",
+                f"{events['survivors']:,}", f"{cycles:,}", f"{events['points'] / cycles:.3f}",
+                f"{cycles / events['survivors']:.2f}" if events["survivors"] else "-"])
+    header = ["frame", "memory, a cycle", "points", "culled", "with an entry", "geometry cycles", "points a cycle",
+              "cycles a splat with an entry"]
+    return markdown(header, rows)
+
+
+def order_table(reports: Reports) -> str:
+    """How far the machine's order is from the exact one."""
+    rows = [[f"{r['scene']}, {'x'.join(map(str, r['size']))}", f"{r['neighbours']:,}", f"{r['machine_inversions']:,}",
+             f"{r['equal_keys']:,}", f"{r['float64_inversions']:,}", f"{r['largest_gap']:.1e}", f"{r['changed_pixels']:,}",
+             f"{r['max_abs_error']:.4f}"] for r in reports.get("order", {"rows": []})["rows"]]
+    header = ["frame", "neighbours in lists", "inverted by the machine's z", "equal keys", "inverted by float64 z",
+              "largest gap of these", "pixels changed by them", "largest change"]
+    return markdown(header, rows)
+
+
+def operators_table(_reports: Reports) -> str:
+    """One unit at full rate against several that take turns (`python -m rtl.culling.compare`)."""
+    return table(comparison(PAPER))
 
 
 def time_table(reports: Reports) -> str:
@@ -135,15 +246,17 @@ def time_table(reports: Reports) -> str:
             rows.append([f"{scene['scene']}, {size}", name, f"{1e3 * r['median_s']:,.1f} ms", f"{r['times_integer']:.2f}",
                          f"{r['psnr_vs_oracle_db']:.1f} dB"])
     for r in reports.get("frames", {"rows": []})["rows"]:
-        if r["config"] == "default" and not r["gaze"]:
+        if r["merge"] and r["pipeline"] and not r["gaze"]:
             size = "x".join(map(str, r["size"]))
-            rows.append([f"{r['scene']}, {size}", "RTL in Verilator", f"{1e3 * r['cycles'] / r['cycles_per_s']:,.0f} ms", "-",
+            milliseconds = 1e3 * r["frame_cycles"] / r["cycles_per_s"]
+            rows.append([f"{r['scene']}, {size}", "RTL in Verilator", f"{milliseconds:,.0f} ms", "-",
                          "equal to the integer golden"])
     return markdown(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
 
 
 TABLES: dict[str, Callable[[Reports], str]] = {
-    "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table, "time": time_table,
+    "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
+    "machine": machine_table, "culling": culling_table, "order": order_table, "operators": operators_table, "time": time_table,
 }
 
 

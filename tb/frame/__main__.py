@@ -14,7 +14,7 @@ from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.records import COUNT_BITS
 from tb.common.runner import ROOT, SimulationError, Waves
 from tb.frame.simulate import simulate_frame
-from tb.frame.whole import simulate_machine
+from tb.frame.whole import picture, simulate_machine
 from tb.sim import parse_window
 from tb.top import device
 from tb.top.memory import MemorySpeed
@@ -113,15 +113,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if args.part == "array":
             numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
-            picture = rtl.image
+            image = rtl.image
         else:
-            numbers, picture = simulate_machine(
+            numbers, pixels = simulate_machine(
                 golden, device.machine(config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display",
                 waves=waves)
+            image = picture(golden, pixels)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
-    save_png(out / "frame.png", picture)
+    save_png(out / "frame.png", image)
     settings = {"config": config.name, "part": args.part, "pixels": args.pixels, "merge": merge, "pipeline": incremental,
                 "beta": beta}
     write_json(out / "frame.json", {**request.record, **settings, **numbers})

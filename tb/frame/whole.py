@@ -31,8 +31,8 @@ _SHOWN = 10
 def simulate_machine(
     frame: Frame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool = False,
     waves: Waves | None = None,
-) -> tuple[dict[str, object], np.ndarray]:
-    """The numbers of frame.json, and the picture that the machine wrote, (height, width, 3): float64, or uint8 for displays.
+) -> tuple[dict[str, object], FramePixels | DisplayPixels]:
+    """The numbers of frame.json, and the pixels that the machine wrote.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
@@ -61,7 +61,7 @@ def simulate_machine(
         **performance(frame, result, speed),
         "build_s": round(build_s, 3),
     }
-    return numbers, picture(frame, result.pixels)
+    return numbers, result.pixels
 
 
 def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
