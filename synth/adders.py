@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
-from synth.heap import Adder, Bit, Gate, Node, add_up, choose_flips
+from synth.heap import Adder, Bit, Cut, Gate, Node, add_up, choose_blocks, choose_flips
 from synth.liberty import Technology
 
 Net = int | str  # a wire bit's number, or the constant "0" or "1"
@@ -55,11 +56,16 @@ class Builder:
         return self.complements[net]
 
 
-def map_adders(module: dict, technology: Technology, blocks: Mapping[str, Sequence[int]]) -> None:
+def map_adders(
+    module: dict, technology: Technology, blocks: Mapping[str, Sequence[int]], budgets: Mapping[str, float] | None = None,
+) -> dict[str, Cut]:
     """Replace, in place, the sums of one module by full adders (pins A, B, CI, CON, SN).
 
-    `blocks`: by name of a sum's result, the incremented blocks of its carry chain.
+    `blocks`: by name of a sum's result, the incremented blocks of its carry chain. Other sums get blocks where they would take
+    longer than the ps that `budgets` has for their name, or for "" if not for that; returns those, by name.
     """
+    chosen: dict[str, Cut] = {}
+    budgets = budgets or {}
     used = Counter(bit for cell in module["cells"].values() for pin, bits in cell["connections"].items()
                    if cell["port_directions"][pin] == "input" for bit in set(bits))
     used.update(bit for port in module["ports"].values() if port["direction"] == "output" for bit in set(port["bits"]))
@@ -72,14 +78,22 @@ def map_adders(module: dict, technology: Technology, blocks: Mapping[str, Sequen
             while result and not used[result[-1]]:
                 result.pop()
             builder.sum_name = _result_name(module, result)
-            _build(builder, columns[:len(result)], result, used, blocks.get(builder.sum_name, ()))
+            columns = columns[:len(result)]
+            hint = blocks.get(builder.sum_name)
+            if hint is None and columns:
+                cut = choose_blocks(columns, budgets.get(builder.sum_name, budgets.get("", inf)))
+                chosen[builder.sum_name] = max(cut, chosen.get(builder.sum_name, cut))
+            else:
+                cut = Cut(0.0, tuple(hint or ()), False)
+            _build(builder, add_up(columns, cut.blocks, cut.in_levels), result, used)
+    return chosen
 
 
 def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
     """The bit heap of a cell; None for what is left to Yosys."""
     if cell["type"] not in ("$alu", "$macc_v2"):
         return None
-    parameter = {key: int(value, 2) for key, value in cell["parameters"].items() if set(value) <= set("01")}
+    parameter = {key: int(value, 2) for key, value in cell["parameters"].items() if value and set(value) <= set("01")}
     pins = cell["connections"]
     columns: list[list[Bit]] = [[] for _ in pins["Y"]]
     if cell["type"] == "$alu":
@@ -90,20 +104,32 @@ def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
         _add(columns, pins["B"], parameter["B_SIGNED"], pins["BI"] == ["1"])
         columns[0] += [Bit(net="1")] if pins["CI"] == ["1"] else []
         return columns
-    if parameter.get("PRODUCT_NEGATED") or parameter.get("A_SIGNED") or parameter.get("B_SIGNED"):
-        return None
     a, b, c = (iter(pins[pin]) for pin in "ABC")
-    for a_width, b_width in zip(_widths(cell, "A", "NPRODUCTS"), _widths(cell, "B", "NPRODUCTS"), strict=True):
+    below_zero = 0
+    for k, (a_width, b_width) in enumerate(zip(_widths(cell, "A", "NPRODUCTS"), _widths(cell, "B", "NPRODUCTS"), strict=True)):
         x, y = [next(a) for _ in range(a_width)], [next(b) for _ in range(b_width)]
-        for i, x_bit in enumerate(x):
-            for j, y_bit in enumerate(y):
-                if i + j < len(columns) and "0" not in (x_bit, y_bit):
-                    columns[i + j].append(Bit(product=(x_bit, y_bit)))
+        signs = [bool(parameter.get(key, 0) >> k & 1) for key in ("PRODUCT_NEGATED", "A_SIGNED", "B_SIGNED")]
+        below_zero += _multiply(columns, x, y, *signs)
+    columns_set = -below_zero % (1 << len(columns))
+    for place, column in enumerate(columns):
+        column.extend([Bit(net="1")] if columns_set >> place & 1 else [])
     for k, width in enumerate(_widths(cell, "C", "NADDENDS")):
         negated = parameter["ADDEND_NEGATED"] >> k & 1
         _add(columns, [next(c) for _ in range(width)], parameter["C_SIGNED"] >> k & 1, bool(negated))
         columns[0] += [Bit(net="1")] if negated else []
     return columns
+
+
+def _multiply(columns: list[list[Bit]], x: list[Net], y: list[Net], negated: bool, x_signed: bool, y_signed: bool) -> int:
+    """Add a product; bits of negative weight are complemented, which is that weight too much: returns the sum of those."""
+    excess = 0
+    for i, x_bit in enumerate(x):
+        for j, y_bit in enumerate(y):
+            if i + j < len(columns) and "0" not in (x_bit, y_bit):
+                negative = negated ^ (x_signed and i == len(x) - 1) ^ (y_signed and j == len(y) - 1)
+                columns[i + j].append(Bit(product=(x_bit, y_bit), inverted=negative))
+                excess += negative << (i + j)
+    return excess
 
 
 def _result_name(module: dict, result: list[Net]) -> str:
@@ -128,8 +154,8 @@ def _add(columns: list[list[Bit]], bits: list[Net], signed: bool, inverted: bool
             column.append(Bit(net=bit, inverted=inverted))
 
 
-def _build(builder: Builder, columns: list[list[Bit]], result: list[int], used: Counter, blocks: Sequence[int]) -> None:
-    results, nodes = add_up(columns, blocks)
+def _build(builder: Builder, added: tuple[list[Bit | None], list[Node]], result: list[int], used: Counter) -> None:
+    results, nodes = added
     wanted = {id(bit) for bit, net in zip(results, result, strict=True) if used[net]}
     for node in reversed(nodes):
         if any(id(bit) in wanted for bit in _outputs(node)):
@@ -184,6 +210,6 @@ def _add_gate(builder: Builder, gate: Gate, native: dict[int, tuple[Net, bool]])
 def _in_polarity(builder: Builder, bit: Bit, complemented: bool, native: dict[int, tuple[int, bool]]) -> Net:
     """A net that holds the bit, or its complement."""
     if bit.product is not None:
-        return builder.gate("NAND" if complemented else "AND", *bit.product)
+        return builder.gate("NAND" if complemented != bit.inverted else "AND", *bit.product)
     net, inverted = native[id(bit)] if bit.source is not None else (bit.net, bit.inverted)
     return net if inverted == complemented else builder.complement(net)

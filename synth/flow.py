@@ -11,9 +11,11 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 try:
     from pyosys import libyosys
@@ -22,7 +24,11 @@ except ImportError:  # an extra; reported when something is to be synthesised
 
 from synth.adders import map_adders
 from synth.broadcast import buffer_broadcasts
+from synth.heap import Cut
 from synth.liberty import Technology
+from synth.memories import LIMIT, Macro, take_out
+
+Result = TypeVar("Result")
 
 ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D 150; dnsize -D 150"
 """Area first; then buffers, and gates between two adders sized for 150 ps, so that no single one is slow."""
@@ -43,11 +49,15 @@ class Netlist:
         verilog: the netlist.
         area: in the library's unit; NAND2 equivalents for the generic technology. Without the modules below.
         cells: how many library cells of each type.
+        memories: how many of which memories are left out.
+        sums: what was chosen for those without a hint, by name.
     """
 
     verilog: Path
     area: float
     cells: dict[str, int]
+    memories: dict[Macro, int]
+    sums: dict[str, Cut]
 
 
 def version() -> str:
@@ -76,24 +86,33 @@ def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> obje
     source = folder / f"{top}.il"
     source.write_text(rtlil)
     return run(f"read_rtlil {source}", *(f"blackbox {box}" for box in boxes), f"hierarchy -top {top}", "proc",
-               "attrmap -remove init", "flatten", "opt", log=folder / "yosys.log")
+               "attrmap -remove init", "flatten", "opt", *_if_memories(rtlil, "memory_collect"), log=folder / "yosys.log")
+
+
+def _if_memories(rtlil: str, *commands: str) -> tuple[str, ...]:
+    """Commands for designs with memories: others go without, since each pass numbers objects."""
+    return commands if "$memrd" in rtlil else ()
 
 
 def synthesise(
     rtlil: str, top: str, technology: Technology, liberty: Path, folder: Path,
-    blocks: Mapping[str, Sequence[int]], boxes: Sequence[str] = (),
+    blocks: Mapping[str, Sequence[int]], boxes: Sequence[str] = (), budgets: Mapping[str, float] | None = None,
+    memory_limit: int = LIMIT,
 ) -> Netlist:
     """Write the netlist of module `top` to `folder/top.v`.
 
-    `blocks`: incremented blocks of carry chains by the sum's name. `boxes`: modules to leave as black boxes.
+    `blocks`: incremented blocks of carry chains by the sum's name; others have `budgets`, ps by the sum's name
+    (`map_adders`). `boxes`: modules to leave as black boxes. Memories of more than `memory_limit` bits are left
+    out.
     """
     t, description, constraints, log = technology, folder / f"{top}.json", folder / "abc.constr", folder / "yosys.log"
     run("alumacc", "opt_clean", f"write_json {description}", log=log, design=_elaborate(rtlil, top, boxes, folder))
     constraints.write_text(f"set_driving_cell {t.inverter}\nset_load {ABC_LOAD} [all_outputs]\n")
-    _edit(description, lambda modules: map_adders(modules[top], t, blocks))
+    macros = _edit(description, lambda modules: take_out(modules[top], memory_limit))
+    chosen = _edit(description, lambda modules: map_adders(modules[top], t, blocks, budgets))
     run(
         f"read_liberty -lib {liberty}", f"read_json {description}", f"hierarchy -top {top}",
-        "opt -full", "memory_map", "opt -full", "techmap", "opt -full",
+        "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",
         f"clockgate -pos {t.clock_gate} ENA:CLK:GCLK -tie_lo SE -min_net_size 4",
         f"dfflibmap -liberty {liberty}", "opt",
         f"abc -liberty {liberty} -constr {constraints} -script +{ABC_SCRIPT.replace(' ', ',')}", "opt_clean -purge",
@@ -110,27 +129,36 @@ def synthesise(
     # OpenSTA does not read `signed`.
     verilog.write_text(re.sub(r"(?m)^(\s*(?:wire|input|output) )signed ", r"\1", verilog.read_text()))
     found = json.loads(statistics.read_text())["modules"][f"\\{top}"]
-    return Netlist(verilog, found["area"], {kind: n for kind, n in found["num_cells_by_type"].items() if kind not in boxes})
+    cells = {kind: n for kind, n in found["num_cells_by_type"].items() if kind not in boxes}
+    return Netlist(verilog, found.get("area", 0.0), cells, Counter(macros), chosen)
 
 
-def count_nand2(rtlil: str, top: str, folder: Path, boxes: Sequence[str] = ()) -> Netlist:
+def count_nand2(
+    rtlil: str, top: str, folder: Path, boxes: Sequence[str] = (), memory_limit: int = LIMIT,
+) -> Netlist:
     """NAND2 equivalents of module `top`: two-input NANDs and inverters (half a NAND2), flip-flops as NAND2_FLOP."""
-    statistics, verilog = folder / f"{top}-generic.stat", folder / f"{top}-generic.v"
-    run("alumacc", "opt -full", "memory_map", "opt -full", "techmap", "opt -full", "dfflegalize -cell $_DFF_P_ x", "techmap",
+    statistics, verilog, description = (folder / f"{top}-generic.{suffix}" for suffix in ("stat", "v", "json"))
+    design, macros = _elaborate(rtlil, top, boxes, folder), []
+    if "$memrd" in rtlil:
+        run(f"write_json {description}", log=folder / "yosys.log", design=design)
+        macros = _edit(description, lambda modules: take_out(modules[top], memory_limit))
+        design = run(f"read_json {description}", f"hierarchy -top {top}", log=folder / "yosys.log")
+    run("alumacc", "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",
+        "dfflegalize -cell $_DFF_P_ x", "techmap",
         "abc -g NAND", "opt_clean -purge", f"tee -q -o {statistics} stat -top {top} -json",
-        f"write_verilog -noattr {verilog}", f"write_json {folder}/{top}-generic.json",
-        log=folder / "yosys.log", design=_elaborate(rtlil, top, boxes, folder))
+        f"write_verilog -noattr {verilog}", f"write_json {description}", log=folder / "yosys.log", design=design)
     cells = json.loads(statistics.read_text())["modules"][f"\\{top}"]["num_cells_by_type"]
     cells = {kind: n for kind, n in cells.items() if kind not in boxes}
     weights = {"$_NAND_": 1.0, "$_NOT_": 0.5, "$_DFF_P_": NAND2_FLOP}
     unknown = set(cells) - set(weights)
     if unknown:
         raise RuntimeError(f"generic netlist of {top} holds {sorted(unknown)}")
-    return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells)
+    return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells, Counter(macros), {})
 
 
-def _edit(path: Path, change: object) -> None:
-    """Apply `change` to the modules of a netlist in JSON."""
+def _edit(path: Path, change: Callable[[dict], Result]) -> Result:
+    """Apply `change` to the modules of a netlist in JSON; returns what it returns."""
     netlist = json.loads(path.read_text())
-    change(netlist["modules"])
+    result = change(netlist["modules"])
     path.write_text(json.dumps(netlist))
+    return result

@@ -15,8 +15,12 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
+from typing import NamedTuple
 
 SUM_DELAY, CARRY_DELAY, GATE_DELAY = 60.0, 36.0, 25.0  # ps under a typical load; they decide orders only
+BLOCK_GATE_DELAY = 28.0  # of the wide gates behind a block; it decides where blocks are cut
+SMALLEST_BLOCK, LARGEST_BLOCK = 3, 16
 CHAIN_WEIGHT = 3  # an inverter in the carry chain costs time as well
 
 
@@ -27,7 +31,7 @@ class Bit:
     Attributes:
         net: external net (an integer of the netlist or a constant "0", "1").
         product: two nets whose AND this bit is; either polarity of it costs the same.
-        inverted: the external net holds the complement.
+        inverted: the external net, or the product, is the bit's complement.
         source: the node that drives it.
         time: estimated arrival.
     """
@@ -70,26 +74,17 @@ class Gate:
 Node = Adder | Gate
 
 
-def add_up(columns: list[list[Bit]], blocks: Sequence[int] = ()) -> tuple[list[Bit | None], list[Node]]:
+def add_up(
+    columns: list[list[Bit]], blocks: Sequence[int] = (), in_levels: bool = False,
+) -> tuple[list[Bit | None], list[Node]]:
     """Sum the columns, lowest first, modulo their number; one bit (None: zero) a column, and the nodes in order.
 
     `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first; ValueError where they do not fit.
+    `in_levels`: columns are reduced all at a time, as Dadda did, with some half adders: no carry runs through the tree.
     """
     if sum(blocks) > len(columns):
         raise ValueError(f"blocks must have at most {len(columns)} bits, not {tuple(blocks)!r}")
-    nodes: list[Node] = []
-    rows = [list(column) for column in columns]
-    carry = next((bit for bit in rows[0] if bit.net == "1"), None)
-    if carry is not None:
-        rows[0].remove(carry)
-    for c, column in enumerate(rows):
-        while len(column) > 2:
-            column.sort(key=lambda bit: bit.time)
-            adder = Adder(column[:3])
-            nodes.append(adder)
-            column[:3] = [adder.sum]
-            if c + 1 < len(rows):
-                rows[c + 1].append(adder.carry)
+    rows, carry, nodes = _reduced(columns, in_levels)
     start = len(rows) - sum(blocks)
     results, carry = _ripple(rows[:start], carry, nodes)
     for size in blocks:
@@ -101,6 +96,110 @@ def add_up(columns: list[list[Bit]], blocks: Sequence[int] = ()) -> tuple[list[B
             results += incremented
         start += size
     return results, nodes
+
+
+class Cut(NamedTuple):
+    """How a sum is added, `blocks` and `in_levels` of `add_up`, and when it is there by estimated delays, ps."""
+
+    time: float
+    blocks: tuple[int, ...]
+    in_levels: bool
+
+
+def choose_blocks(columns: list[list[Bit]], budget: float) -> Cut:
+    """What makes a sum in `budget` ps with few incremented bits; where nothing does, the fastest that is found."""
+    found = []
+    for in_levels in (False, True):
+        found.append(Cut(*_cut(_reduced(columns, in_levels)[0], budget), in_levels))
+        if found[-1].time <= budget:
+            return found[-1]
+    return min(found)
+
+
+def _cut(rows: list[list[Bit]], budget: float) -> tuple[float, tuple[int, ...]]:
+    """Blocks of a carry chain, and when it is done.
+
+    For every column in which blocks could begin, from the top down, the blocks above it by dynamic programming: the earliest
+    carry into each column, from that into any column below and the block between.
+    """
+    ripple = _ripple_times(rows, 0.0)
+    best = (max((total for total, _ in ripple), default=0.0), ())
+    spans = [_ripple_times(rows[start:], inf) for start in range(len(rows))]
+    for start in range(len(rows) - SMALLEST_BLOCK, 1, -1):
+        if best[0] <= budget:
+            break
+        below = max(total for total, _ in ripple[:start])
+        time, blocks = _fastest(spans, start, ripple[start - 1][1])
+        best = min(best, (max(time, below), blocks), key=lambda found: found[0])
+    return best
+
+
+def _ripple_times(rows: list[list[Bit]], absent: float) -> list[tuple[float, float]]:
+    """For every column of a ripple from the lowest on: when its sum, and when the carry out of it is there; `absent` where
+    there is neither."""
+    nodes: list[Node] = []
+    results, _ = _ripple(rows, None, nodes)
+    carries = {id(node.sum): node.carry.time for node in nodes}
+    return [(absent, absent) if bit is None else (bit.time, carries.get(id(bit), bit.time)) for bit in results]
+
+
+def _fastest(spans: list[list[tuple[float, float]]], start: int, arrives: float) -> tuple[float, tuple[int, ...]]:
+    """When the columns from `start` are there at best, where the carry into them arrives at that time, and by which
+    blocks, none with a column that has no bit of its own."""
+    width = len(spans)
+    carry: dict[int, tuple[float, tuple[int, ...]]] = {start: (arrives, ())}
+    for end in range(start + 1, width + 1):
+        found = []
+        for begin in range(max(start, end - LARGEST_BLOCK), end):
+            if begin in carry and (end - begin >= SMALLEST_BLOCK or end == width):
+                into, sizes = carry[begin]
+                sums = max(total for total, _ in spans[begin][:end - begin])
+                levels = 2 + (end - begin - 1) // 4
+                out = max(max(into, sums) + levels * BLOCK_GATE_DELAY, spans[begin][end - begin - 1][1] + BLOCK_GATE_DELAY)
+                found.append((out, (*sizes, end - begin)))
+        if found:
+            carry[end] = min(found)
+    return carry.get(width, (inf, ()))
+
+
+def _reduced(columns: list[list[Bit]], in_levels: bool) -> tuple[list[list[Bit]], Bit | None, list[Node]]:
+    """At most two bits a column, a carry into the lowest, and the adders that made them."""
+    nodes: list[Node] = []
+    rows = [list(column) for column in columns]
+    carry = next((bit for bit in rows[0] if bit.net == "1"), None)
+    if carry is not None:
+        rows[0].remove(carry)
+    if in_levels:
+        _reduce_in_levels(rows, nodes)
+    for c, column in enumerate(rows):
+        while len(column) > 2:
+            column.sort(key=lambda bit: bit.time)
+            adder = Adder(column[:3])
+            nodes.append(adder)
+            column[:3] = [adder.sum]
+            if c + 1 < len(rows):
+                rows[c + 1].append(adder.carry)
+    return rows, carry, nodes
+
+
+def _reduce_in_levels(rows: list[list[Bit]], nodes: list[Node]) -> None:
+    """Columns of at most two bits, in place; a carry is not added in the level that it comes from."""
+    heights = [2]
+    while heights[-1] * 3 // 2 < max(map(len, rows)):
+        heights.append(heights[-1] * 3 // 2)
+    for height in reversed(heights):
+        carries: list[Bit] = []
+        for column in rows:
+            arrived, carries = carries, []
+            column.sort(key=lambda bit: bit.time)
+            sums: list[Bit] = []
+            while len(column) + len(sums) + len(arrived) > height and len(column) > 1:
+                adder = Adder(column[:3] if len(column) + len(sums) + len(arrived) > height + 1 else column[:2])
+                nodes.append(adder)
+                del column[:len(adder.inputs)]
+                sums.append(adder.sum)
+                carries.append(adder.carry)
+            column += sums + arrived
 
 
 def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tuple[list[Bit | None], Bit | None]:

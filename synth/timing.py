@@ -16,6 +16,14 @@ INPUT_DELAY = 0.1
 OUTPUT_DELAY = 0.05
 """Share of the clock after which outputs must be stable: they go to registers outside the unit."""
 
+MEMORY_READ = 0.3
+"""Share of the clock after which a memory's data come."""
+
+MEMORY_SETUP = 0.1
+"""Share of the clock before its end by which a memory wants its address, data and enables."""
+
+_LATE_PATHS = 2000
+
 WIRE_DERATE = 1.15
 """Delays with wires against delays without: no placement is made, so the clock is reported with and without it."""
 
@@ -28,6 +36,8 @@ class Timing:
     slack_ps: float
     path: str
     version: str
+    late_sums: frozenset[str] = frozenset()
+    """Names of the sums whose full adders lie on paths with negative slack."""
 
     @property
     def zero_slack_ps(self) -> float:
@@ -50,8 +60,10 @@ def run_sta(commands: str, folder: Path, name: str = "sta") -> str:
     return done.stdout
 
 
-def preamble(verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path) -> str:
-    """Commands that read a netlist and constrain it."""
+def preamble(
+    verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, memories: bool = False,
+) -> str:
+    """Commands that read a netlist and constrain it. `memories`: it has pins of memories among its ports."""
     return "\n".join([
         f"read_liberty {liberty}", *(f"read_verilog {path}" for path in verilog), f"link_design {top}",
         f"create_clock -name clk -period {clock_ps} [get_ports clk]",
@@ -62,16 +74,23 @@ def preamble(verilog: list[Path], top: str, clock_ps: float, technology: Technol
         f"set_driving_cell -lib_cell {technology.driver} $inputs",
         f"set_output_delay {OUTPUT_DELAY * clock_ps} -clock clk [all_outputs]",
         f"set_load {technology.load_ff} [all_outputs]",
+        "set_false_path -from [get_ports rst]",  # held for many cycles; like the clock it would be a tree
+        *(f"foreach p [all_{way}puts] {{ if {{[string match memory* [get_property $p full_name]]}} "
+          f"{{ set_{way}put_delay {share * clock_ps} -clock clk $p }} }}"
+          for way, share in (("in", MEMORY_READ), ("out", MEMORY_SETUP)) if memories),
     ]) + "\n"
 
 
-def analyse(verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, folder: Path) -> Timing:
-    """Worst setup slack of module `top`."""
-    commands = preamble(verilog, top, clock_ps, technology, liberty)
+def analyse(
+    verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, folder: Path, memories: bool = False,
+) -> Timing:
+    """Worst setup slack of module `top`; where nothing is clocked, infinite. `memories`: of the module itself, taken out."""
+    commands = preamble(verilog, top, clock_ps, technology, liberty, memories)
     commands += "report_checks -path_delay max -fields {capacitance slew fanout} -digits 1\nreport_worst_slack\n"
-    output = run_sta(commands, folder)
+    commands += f"puts LATE\nreport_checks -path_delay max -slack_max 0 -group_count {_LATE_PATHS} -digits 1\n"
+    output, late = run_sta(commands, folder).split("LATE\n")
     slack = re.findall(r"worst slack\s+(-?[\d.]+)", output)
     if not slack:
         raise RuntimeError(f"sta reported no slack:\n{output}")
     version = subprocess.run(["sta", "-version"], capture_output=True, text=True, check=False).stdout.strip()
-    return Timing(clock_ps, float(slack[-1]), output, version)
+    return Timing(clock_ps, float(slack[-1]), output, version, frozenset(re.findall(r" ([\w.]+)_fa\d+/", late)))

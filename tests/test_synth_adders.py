@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
 
 from synth import flow
 from synth.adders import map_adders
-from synth.heap import Adder, Bit, add_up
+from synth.heap import Adder, Bit, add_up, choose_blocks
 from synth.liberty import ASAP7
 
 MODELS = """
@@ -32,6 +33,12 @@ SUMS = {
     "multiply and accumulate": ("input [4:0] a, input [3:0] b, input [5:0] c, output [8:0] y",
                                 "assign y = ({c, 3'b100} + a * b) >> 3;", (3, 2)),
     "all of a product": ("input [4:0] a, input [4:0] b, output [9:0] y", "assign y = a * b;", ()),
+    "signed product": ("input signed [4:0] a, input signed [3:0] b, output signed [10:0] y", "assign y = a * b;", (3,)),
+    "signed and unsigned": ("input signed [4:0] a, input [3:0] b, output signed [9:0] y",
+                            "assign y = a * $signed({1'b0, b});", ()),
+    "difference of products": ("input [3:0] a, input [3:0] b, input [7:0] c, output [9:0] y", "assign y = c - a * b;", ()),
+    "signed product and addend": ("input signed [3:0] a, input signed [3:0] b, input signed [4:0] c, output signed [8:0] y",
+                                  "assign y = a * b - c;", ()),
     "signed sum": ("input signed [7:0] a, input signed [4:0] b, output signed [7:0] y", "assign y = a + b;", (4,)),
     "difference": ("input [9:0] a, input [9:0] b, output [9:0] y", "assign y = a - b;", (3, 6)),
     "sum with a carry out": ("input [6:0] a, input [6:0] b, output [7:0] y", "assign y = a + b;", (7,)),
@@ -39,14 +46,14 @@ SUMS = {
 }
 
 
-def rebuilt(path: Path, ports: str, body: str, blocks: tuple[int, ...]) -> tuple[str, dict]:
+def rebuilt(path: Path, ports: str, body: str, blocks: tuple[int, ...], budget: float = inf) -> tuple[str, dict]:
     """Verilog of the original, and the module rebuilt."""
     source, netlist = path / "source.v", path / "netlist.json"
     source.write_text(f"module gold({ports}); {body} endmodule\n")
     flow.run(f"read_verilog {source}", "hierarchy -top gold", "proc", "opt", "alumacc", "opt_clean", f"write_json {netlist}",
              log=path / "log")
     modules = json.loads(netlist.read_text())
-    map_adders(modules["modules"]["gold"], ASAP7, {"y": blocks})
+    map_adders(modules["modules"]["gold"], ASAP7, {"y": blocks} if budget == inf else {}, {"": budget})
     netlist.write_text(json.dumps(modules))
     return str(source), modules["modules"]["gold"]
 
@@ -72,6 +79,14 @@ def test_rebuilt_sums_are_equal(name: str, tmp_path: Path) -> None:
     assert proved(tmp_path, source)
 
 
+@pytest.mark.parametrize(
+    "name", ["multiply and accumulate", "all of a product", "signed product", "difference", "three addends"])
+def test_sums_with_chosen_blocks_are_equal(name: str, tmp_path: Path) -> None:
+    """The fastest that is found, whatever its area."""
+    source, module = rebuilt(tmp_path, *SUMS[name][:2], (), 1.0)
+    assert any(cell["type"].startswith(("XOR2", "AO21")) for cell in module["cells"].values()) and proved(tmp_path, source)
+
+
 def test_a_wrong_netlist_is_found(tmp_path: Path) -> None:
     """The proof can fail: one input of one full adder tied."""
     source, _ = rebuilt(tmp_path, *SUMS["difference"])
@@ -93,3 +108,36 @@ def test_a_full_adder_removes_a_bit() -> None:
 def test_blocks_must_fit() -> None:
     with pytest.raises(ValueError, match=r"at most 2 bits, not \(3,\)"):
         add_up([[Bit(net=2)], [Bit(net=3)]], (3,))
+
+
+def delay(width: int, blocks: tuple[int, ...]) -> float:
+    """Estimated time of a sum of two numbers."""
+    results, _ = add_up([[Bit(net=2 * c), Bit(net=2 * c + 1)] for c in range(width)], blocks)
+    return max(bit.time for bit in results if bit is not None)
+
+
+@pytest.mark.parametrize("width", [8, 26, 52])
+def test_blocks_are_chosen_by_width(width: int) -> None:
+    """None where the ripple is fast enough; else as few bits as the budget allows; the fastest where it cannot be met."""
+    columns = [[Bit(net=2 * c), Bit(net=2 * c + 1)] for c in range(width)]
+    assert choose_blocks(columns, delay(width, ())).blocks == ()
+    shorter = choose_blocks(columns, delay(width, ()) - 60).blocks
+    assert 0 < sum(shorter) < width and delay(width, shorter) <= delay(width, ()) - 60
+    fastest = choose_blocks(columns, 1.0).blocks
+    assert delay(width, fastest) <= delay(width, shorter)
+
+
+def test_no_block_where_a_column_is_empty() -> None:
+    """The top half of a number that is passed on has no second bit, nor a first one where it is zero."""
+    columns = [[Bit(net=2 * c), Bit(net=2 * c + 1)] if c < 12 else [] for c in range(20)]
+    assert choose_blocks(columns, 100.0).blocks == ()
+
+
+def test_products_in_levels_are_faster() -> None:
+    """A product's tree has a ripple through its low columns unless columns are reduced all at a time."""
+    def columns() -> list[list[Bit]]:
+        return [[Bit(product=(2, 3)) for _ in range(min(c + 1, 31 - c))] for c in range(32)]
+
+    _, blocks, in_levels = choose_blocks(columns(), 1.0)
+    times = [max(bit.time for bit in add_up(columns(), *cut)[0] if bit) for cut in (((), False), (blocks, in_levels))]
+    assert in_levels and times[1] < 0.7 * times[0]

@@ -166,7 +166,7 @@ def test_generic_counts_nand2(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options, message", [
-    (["--unit", "nothing"], "unit 'nothing' is not known: pixel_core, vrc_row are"),
+    (["--unit", "nothing"], f"unit 'nothing' is not known: {', '.join(UNITS)} are"),
     (["--tech", "tsmc"], "technology 'tsmc' is not known: generic, asap7 are"),
     (["--clock-ps", "0"], "a clock of 0.0 ps is not accepted"),
     (["--tech", "asap7"], "MSV2_PDK must name the folder"),

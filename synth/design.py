@@ -1,0 +1,54 @@
+"""A component as modules that are synthesised apart: itself, and every shared module below it once."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from amaranth.back import rtlil
+from amaranth.lib import wiring
+
+from rtl.emit import Emission
+
+
+@dataclass(frozen=True)
+class Design:
+    """RTLIL of a component.
+
+    Attributes:
+        top: name of the component's module.
+        texts: by module, lower ones first.
+        below: how many of which shared modules each module instantiates itself.
+    """
+
+    top: str
+    texts: dict[str, str]
+    below: dict[str, Counter[str]]
+
+    def source(self, name: str) -> str:
+        """RTLIL of a module and of all below it."""
+        wanted = {name}
+        for module in reversed(self.texts):
+            if module in wanted:
+                wanted |= set(self.below[module])
+        return "\n".join(text for module, text in self.texts.items() if module in wanted)
+
+    def counts(self) -> Counter[str]:
+        """How many of each module the whole component has."""
+        found = Counter({self.top: 1})
+        for module in reversed(self.texts):
+            for box, count in self.below[module].items():
+                found[box] += found[module] * count
+        return found
+
+
+def elaborate(component: wiring.Component, name: str) -> Design:
+    """The modules of a component, its own being `name`; deterministic."""
+    emission = Emission()
+    top = rtlil.convert(component, name=name, platform=emission, emit_src=False)
+    texts = {**emission.modules, name: top}
+    below = {
+        module: Counter(kind for kind in re.findall(r"(?m)^\s*cell \\(\S+) ", text) if kind in emission.modules)
+        for module, text in texts.items()}
+    return Design(name, texts, below)

@@ -1,0 +1,61 @@
+"""Memories of a Yosys netlist (JSON) taken out of the logic: their pins become ports, their bits are counted.
+
+A memory of more than `limit` bits that is written and whose reads are clocked is what a generator of macros makes. Its cell
+goes, and its pins become ports `memoryK_...` of the module, so that area is that of the logic around it and timing knows when
+its pins change (`synth.timing`). Smaller memories, tables without a write port and memories with unclocked reads stay:
+flip-flops, or logic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+LIMIT = 1024
+"""Bits of the largest memory that is made of flip-flops."""
+
+
+@dataclass(frozen=True)
+class Macro:
+    """A memory that is not synthesised; its rows, their width, and its ports."""
+
+    words: int
+    width: int
+    reads: int
+    writes: int
+
+    @property
+    def bits(self) -> int:
+        """Its size."""
+        return self.words * self.width
+
+
+def take_out(module: dict, limit: int = LIMIT) -> list[Macro]:
+    """Remove the larger memories of one module, in place (`$mem_v2` cells, as `memory_collect` leaves them)."""
+    macros = []
+    for name, cell in list(module["cells"].items()):
+        if cell["type"] != "$mem_v2" or not _is_macro(cell, limit):
+            continue
+        label = f"memory{len(macros)}"
+        for pin in ("RD_ADDR", "RD_EN", "WR_ADDR", "WR_EN", "WR_DATA"):
+            nets = list(dict.fromkeys(bit for bit in cell["connections"][pin] if isinstance(bit, int)))
+            if nets:  # enables are repeated for every bit
+                module["ports"][f"{label}_{pin.lower()}"] = {"direction": "output", "bits": nets}
+        module["ports"][f"{label}_rd_data"] = {"direction": "input", "bits": cell["connections"]["RD_DATA"]}
+        macros.append(Macro(*(_number(cell, key) for key in ("SIZE", "WIDTH", "RD_PORTS", "WR_PORTS"))))
+        del module["cells"][name]
+    return macros
+
+
+def as_rows(counted: dict[Macro, int]) -> list[dict[str, int]]:
+    """For a report: shapes and how many of each, largest first."""
+    ordered = sorted(counted.items(), key=lambda item: (-item[0].bits, item[0].width, item[0].reads, item[0].writes))
+    return [{"count": count, **asdict(macro)} for macro, count in ordered]
+
+
+def _is_macro(cell: dict, limit: int) -> bool:
+    clocked = set(cell["parameters"]["RD_CLK_ENABLE"]) == {"1"}
+    return _number(cell, "SIZE") * _number(cell, "WIDTH") > limit and _number(cell, "WR_PORTS") > 0 and clocked
+
+
+def _number(cell: dict, key: str) -> int:
+    return int(cell["parameters"][key], 2)
