@@ -8,7 +8,30 @@ from spec.registers import ErrorCode
 from tb.common.runner import ROOT
 from tb.top.device import machine
 from tb.top.stimuli import case, cloud, crowd
-from tb.top.suite import DISTINCT, VARIANTS, full_plan, planned, problems, run_plan, variant_folder
+from tb.top.suite import (
+    DISTINCT,
+    VARIANTS,
+    broken_plan,
+    full_plan,
+    good_plan,
+    planned,
+    problems,
+    run_plan,
+    variant_folder,
+)
+
+IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
+"""Of the plan's broken frames, one of each kind."""
+
+
+def test_frames_failures_and_resets_in_short():
+    plan = good_plan(TINY, 0)[::8]
+    plan += [item for item in broken_plan(TINY, 0) if any(words in item.name for words in IN_SHORT)]
+    assert {item.error for item in plan} >= {
+        ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR, ErrorCode.WRITE_ERROR, ErrorCode.BAD_SETTING,
+        ErrorCode.ENTRIES_FULL, ErrorCode.SPILL_FULL}
+    outcome = run_plan(TINY, plan, ROOT / "build" / "test-top" / "short")
+    assert outcome.failures == {} and outcome.runs == len(plan)
 
 
 @pytest.mark.long

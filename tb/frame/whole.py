@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.vrc_array import Pixels
 from spec.constants import TILE
@@ -50,6 +51,7 @@ def simulate_machine(
         "bit_exact": not wrong and not result.errors,
         "pixels_checked": frame.registers.width * frame.registers.height,
         "tiles": len(frame.registers.header),
+        "visible": int((frame.projected.reason == VISIBLE).sum()),
         "entries": len(frame.entries.splat),
         "groups": int(frame.groups[-1]) + 1,
         "ops": result.registers["ops"],
