@@ -122,9 +122,9 @@ def _cut(rows: list[list[Bit]], budget: float) -> tuple[float, tuple[int, ...]]:
     For every column in which blocks could begin, from the top down, the blocks above it by dynamic programming: the earliest
     carry into each column, from that into any column below and the block between.
     """
-    ripple = _ripple_times(rows, 0.0)
+    ripple = _ripple_times(rows)
     best = (max((total for total, _ in ripple), default=0.0), ())
-    spans = [_ripple_times(rows[start:], inf) for start in range(len(rows))]
+    spans = [_ripple_times(rows[start:]) for start in range(len(rows))]
     for start in range(len(rows) - SMALLEST_BLOCK, 1, -1):
         if best[0] <= budget:
             break
@@ -134,18 +134,17 @@ def _cut(rows: list[list[Bit]], budget: float) -> tuple[float, tuple[int, ...]]:
     return best
 
 
-def _ripple_times(rows: list[list[Bit]], absent: float) -> list[tuple[float, float]]:
-    """For every column of a ripple from the lowest on: when its sum, and when the carry out of it is there; `absent` where
-    there is neither."""
+def _ripple_times(rows: list[list[Bit]]) -> list[tuple[float, float]]:
+    """For every column of a ripple from the lowest on: when its sum, and when the carry out of it is there."""
     nodes: list[Node] = []
     results, _ = _ripple(rows, None, nodes)
     carries = {id(node.sum): node.carry.time for node in nodes}
-    return [(absent, absent) if bit is None else (bit.time, carries.get(id(bit), bit.time)) for bit in results]
+    return [(0.0, 0.0) if bit is None else (bit.time, carries.get(id(bit), bit.time)) for bit in results]
 
 
 def _fastest(spans: list[list[tuple[float, float]]], start: int, arrives: float) -> tuple[float, tuple[int, ...]]:
     """When the columns from `start` are there at best, where the carry into them arrives at that time, and by which
-    blocks, none with a column that has no bit of its own."""
+    blocks."""
     width = len(spans)
     carry: dict[int, tuple[float, tuple[int, ...]]] = {start: (arrives, ())}
     for end in range(start + 1, width + 1):
@@ -218,12 +217,12 @@ def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tupl
 
 def _increment(partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node]) -> tuple[list[Bit], Bit]:
     """Add a carry to a block's sum, at most five bits behind one gate; the sum and the block's carry."""
-    if None in partial:
-        raise ValueError("a block must have a bit in every column: make it shorter")
-    results: list[Bit] = []
+    results: list[Bit | None] = []
     ripple, ones = carry, []  # the carry into the next bit: ripple and all of `ones`
     for bit in partial:
         into = _gate(f"AND{len(ones) + 1}", [ripple, *ones], nodes) if ones else ripple
+        if bit is None:  # the carry ends here
+            return [*results, into, *partial[len(results) + 1:]], partial_carry
         if len(ones) == 4:
             ripple, ones = into, []
         results.append(_gate("XOR2", [bit, into], nodes))

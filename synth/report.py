@@ -149,7 +149,7 @@ def _module(design: Design, module: str, below: list[Path], settings: Settings) 
     files = [(path.name, path.stat().st_size) for path in find_files(ASAP7)] if settings.technology == "asap7" else None
     clock = settings.clock_ps if blocks is None else None
     tools = flow.version(), timing.available(), _flow_source()
-    inputs = source, below, settings.technology, clock, settings.memory_limit, blocks, files, tools
+    inputs = source, settings.technology, clock, settings.memory_limit, blocks, files, tools
     key = hashlib.sha256(repr(inputs).encode()).hexdigest()[:16]
     cached = settings.folder / "cache" / f"{module}-{key}" / "result.json"
     if not cached.exists():

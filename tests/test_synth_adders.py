@@ -42,6 +42,8 @@ SUMS = {
     "signed sum": ("input signed [7:0] a, input signed [4:0] b, output signed [7:0] y", "assign y = a + b;", (4,)),
     "difference": ("input [9:0] a, input [9:0] b, output [9:0] y", "assign y = a - b;", (3, 6)),
     "sum with a carry out": ("input [6:0] a, input [6:0] b, output [7:0] y", "assign y = a + b;", (7,)),
+    "increment": ("input [9:0] a, input c, output [11:0] y", "assign y = a + c;", (4,)),
+    "increment of two numbers": ("input [7:0] a, input c, output [11:0] y", "assign y = {a[7:5], 2'b00, a[4:0]} + c;", (8,)),
     "three addends": ("input [5:0] a, input [5:0] b, input [3:0] c, output [7:0] y", "assign y = a + b + c;", ()),
 }
 
@@ -80,7 +82,8 @@ def test_rebuilt_sums_are_equal(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["multiply and accumulate", "all of a product", "signed product", "difference", "three addends"])
+    "name", ["multiply and accumulate", "all of a product", "signed product", "difference", "increment",
+             "increment of two numbers", "three addends"])
 def test_sums_with_chosen_blocks_are_equal(name: str, tmp_path: Path) -> None:
     """The fastest that is found, whatever its area."""
     source, module = rebuilt(tmp_path, *SUMS[name][:2], (), 1.0)
@@ -125,12 +128,6 @@ def test_blocks_are_chosen_by_width(width: int) -> None:
     assert 0 < sum(shorter) < width and delay(width, shorter) <= delay(width, ()) - 60
     fastest = choose_blocks(columns, 1.0).blocks
     assert delay(width, fastest) <= delay(width, shorter)
-
-
-def test_no_block_where_a_column_is_empty() -> None:
-    """The top half of a number that is passed on has no second bit, nor a first one where it is zero."""
-    columns = [[Bit(net=2 * c), Bit(net=2 * c + 1)] if c < 12 else [] for c in range(20)]
-    assert choose_blocks(columns, 100.0).blocks == ()
 
 
 def test_products_in_levels_are_faster() -> None:
