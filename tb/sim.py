@@ -9,7 +9,7 @@ from types import ModuleType
 from spec.errors import InputError, run_command_line
 from tb.axi import suite as axi
 from tb.colour import suite as colour
-from tb.common.runner import SimulationError, Waves
+from tb.common.runner import ROOT, SimulationError, Waves
 from tb.culling import suite as projection
 from tb.fetch import suite as fetch
 from tb.float import suite as float_units
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_variant(unit: str, suite: ModuleType, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
     """One unit in one machine: 1 when anything differs; None when no run is chosen."""
     name = f"{unit} {variant}"
-    config, folder = suite.VARIANTS[variant], suite.variant_folder(variant)
+    config, folder = suite.VARIANTS[variant], ROOT / "build" / unit / variant
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None

@@ -17,7 +17,6 @@ from tb.top.suite import (
     planned,
     problems,
     run_plan,
-    variant_folder,
 )
 
 IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
@@ -39,7 +38,7 @@ def test_frames_failures_and_resets_in_short():
 def test_every_frame_of_the_plan_is_right(variant):
     config = VARIANTS[variant]
     plan = full_plan(config, 0)
-    outcome = run_plan(config, plan, variant_folder(variant))
+    outcome = run_plan(config, plan, ROOT / "build" / "top" / variant)
     assert outcome.failures == {} and outcome.runs == len(plan) > 90
 
 

@@ -12,7 +12,7 @@ from spec.config import TINY, AcceleratorConfig
 from tb.axi.device import DEPTH, IN_FLIGHT, READERS, WRITERS, master_design, register_design
 from tb.common.exact import Outcome
 from tb.common.patterns import Pattern
-from tb.common.runner import ROOT, Waves, simulate
+from tb.common.runner import Waves, simulate
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "without_counters": TINY.with_(counters=False)}
 """Machines that can be tested; only `counters` and number formats, which are the same everywhere, matter here."""
@@ -188,8 +188,3 @@ def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: BusOutc
     timed = [item for item in plan if isinstance(item, Scenario) and item.most_cycles]
     return [f"{item.name}: {sum(item.reads)} reads and {sum(item.writes)} writes in {outcome.cycles_of[item.name]} cycles"
             for item in timed]
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's orders, reports and waves go."""
-    return ROOT / "build" / "axi" / name

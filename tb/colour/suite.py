@@ -13,7 +13,7 @@ from tb.colour.device import MOST_DELAY, playback
 from tb.colour.stimuli import Case, extreme_case, fine_case, frame_case, random_case
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
-from tb.common.runner import ROOT, Waves
+from tb.common.runner import Waves
 from tb.common.scenes import traced_frames
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
@@ -105,8 +105,3 @@ def run_plan(
 ) -> Outcome:
     """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
     return exact.run_plan(playback(config, sh_degree), plan, folder, waves=waves, progress=progress)
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "colour" / name

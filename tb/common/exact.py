@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from spec.config import AcceleratorConfig
 from tb.common.patterns import Pattern
 from tb.common.playback import Playback
 from tb.common.player import Recording, Run, play
@@ -108,6 +109,15 @@ def run_plan(
             outcome.failures[item.name] = wrong
     outcome.seconds = time.perf_counter() - begin
     return outcome
+
+
+def runner(playback: Callable[[AcceleratorConfig], Playback], watchdog: int = 20_000) -> Callable[..., Outcome]:
+    """A suite's `run_plan(config, plan, folder, *, waves, progress)`: `run_plan` of the configuration's playback."""
+    def run(
+        config: AcceleratorConfig, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
+    ) -> Outcome:
+        return run_plan(playback(config), plan, folder, waves=waves, progress=progress, watchdog=watchdog)
+    return run
 
 
 def problems(item: Planned, recording: Recording) -> list[str]:

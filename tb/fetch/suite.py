@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from rtl.vrc_array.splat_fetch import LATENCY
@@ -12,7 +10,6 @@ from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
 from tb.common import codec, exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
-from tb.common.runner import ROOT, Waves
 from tb.common.scenes import traced_frames
 from tb.fetch.device import MOST_DELAY, playback
 from tb.fetch.miss_rates import find_misses
@@ -165,13 +162,5 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
     return lines
 
 
-def run_plan(
-    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
-    return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress)
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "fetch" / name
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

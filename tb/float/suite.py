@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from tb.common import exact
 from tb.common.exact import Outcome, Planned, planned
 from tb.common.patterns import Pattern
 from tb.common.playback import Playback, Stream
-from tb.common.runner import ROOT, Waves
 from tb.float.device import FloatBench, operations
 from tb.float.stimuli import operands, results
 
@@ -65,13 +63,5 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
             for name, operation in operations(config).items()]
 
 
-def run_plan(
-    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
-    return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress)
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "float" / name
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

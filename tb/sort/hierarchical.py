@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
 from tb.common.memory import NO_BAD_BEAT, with_memory
 from tb.common.playback import Playback, Stream
-from tb.common.runner import ROOT, Waves
 from tb.common.scenes import traced_frames
 from tb.sort.stimuli import ORDERS, items_of, random_chunk, random_chunks, whole_groups
 
@@ -238,13 +236,5 @@ def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome
     return lines
 
 
-def run_plan(
-    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
-    return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress, watchdog=_WATCHDOG)
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "hierarchical" / name
+run_plan = exact.runner(playback, _WATCHDOG)
+"""Plays a plan and compares everything."""

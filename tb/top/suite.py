@@ -16,7 +16,7 @@ from spec.memory import BEAT_BYTES, BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode, settings
 from tb.common.exact import Outcome
-from tb.common.runner import ROOT, Waves
+from tb.common.runner import Waves
 from tb.common.scenes import traced_frames
 from tb.frame.bound import array_ops
 from tb.top.check import counter_errors, frame_run, mismatches
@@ -184,8 +184,3 @@ def figures(config: AcceleratorConfig, plan: Sequence[PlannedFrame], outcome: Ou
             lines.append(f"{item.name}: {len(item.frame.entries.splat)} entries, geometry {r['cycles_geometry']}, rendering "
                          f"{r['cycles_render']} cycles")
     return lines
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's images, frames and waves go."""
-    return ROOT / "build" / "top" / name

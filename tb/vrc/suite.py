@@ -11,7 +11,7 @@ import numpy as np
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from tb.common.patterns import Pattern
 from tb.common.player import Recording, Run, play
-from tb.common.runner import ROOT, Waves
+from tb.common.runner import Waves
 from tb.vrc.check import golden_pixels, problems, run_of
 from tb.vrc.device import vrc_playback
 from tb.vrc.stimuli import CORNERS, Case, random_case
@@ -140,8 +140,3 @@ def run_plan(
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds worth a line each: none, the plan holds no frame that shows the array's own."""
     return []
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "vrc" / name

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from golden.msv2_ref.views import frame_pixels
@@ -12,7 +10,6 @@ from spec.constants import TILE
 from spec.memory import BEAT_BITS
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
-from tb.common.runner import ROOT, Waves
 from tb.common.scenes import traced_frames
 from tb.writer.device import playback
 from tb.writer.stimuli import every_value, random_pixels, rows_of, writes_of
@@ -126,13 +123,5 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
     return lines
 
 
-def run_plan(
-    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
-    return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress)
-
-
-def variant_folder(name: str) -> Path:
-    """Where a variant's stimuli, results and waves go."""
-    return ROOT / "build" / "writer" / name
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""
