@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from amaranth.lib import wiring
 
+from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
@@ -39,6 +40,7 @@ from rtl.vrc_array.row import VrcRow
 from rtl.vrc_array.setup import SetupUnit
 from rtl.vrc_array.splat_fetch import SplatFetch
 from spec.config import DEFAULT, PAPER, AcceleratorConfig, NumberFormats
+from spec.registers import READ_CLIENTS, WRITE_CLIENTS
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer),
     "splat_fetch": Unit(SplatFetch),
     "pixel_writer": Unit(PixelWriter),
+    "axi_master": Unit(lambda config: AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS))),
     "register_file": Unit(RegisterFile),
     "frame_controller": Unit(FrameController),
 }
