@@ -69,7 +69,7 @@ def map_adders(
     used = Counter(bit for cell in module["cells"].values() for pin, bits in cell["connections"].items()
                    if cell["port_directions"][pin] == "input" for bit in set(bits))
     used.update(bit for port in module["ports"].values() if port["direction"] == "output" for bit in set(port["bits"]))
-    builder = Builder(module, technology)
+    builder, names = Builder(module, technology), Counter()
     for name, cell in list(module["cells"].items()):
         columns = _columns(cell, used)
         if columns is not None:
@@ -80,9 +80,12 @@ def map_adders(
             builder.sum_name = _result_name(module, result)
             columns = columns[:len(result)]
             hint = blocks.get(builder.sum_name)
+            names[builder.sum_name] += 1
+            if hint is None and names[builder.sum_name] > 1:
+                builder.sum_name += f"_{names[builder.sum_name]}"
             if hint is None and columns:
                 cut = choose_blocks(columns, budgets.get(builder.sum_name, budgets.get("", inf)))
-                chosen[builder.sum_name] = max(cut, chosen.get(builder.sum_name, cut))
+                chosen[builder.sum_name] = cut
             else:
                 cut = Cut(0.0, tuple(hint or ()), False)
             _build(builder, add_up(columns, cut.blocks, cut.in_levels), result, used)

@@ -113,7 +113,7 @@ def synthesise(
     run(
         f"read_liberty -lib {liberty}", f"read_json {description}", f"hierarchy -top {top}",
         "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",
-        f"clockgate -pos {t.clock_gate} ENA:CLK:GCLK -tie_lo SE -min_net_size 4",
+        "simplemap", f"clockgate -pos {t.clock_gate} ENA:CLK:GCLK -tie_lo SE -min_net_size 4",
         f"dfflibmap -liberty {liberty}", "opt",
         f"abc -liberty {liberty} -constr {constraints} -script +{ABC_SCRIPT.replace(' ', ',')}", "opt_clean -purge",
         f"write_json {description}", log=log,

@@ -110,21 +110,22 @@ def choose_blocks(columns: list[list[Bit]], budget: float) -> Cut:
     """What makes a sum in `budget` ps with few incremented bits; where nothing does, the fastest that is found."""
     found = []
     for in_levels in (False, True):
-        found.append(Cut(*_cut(_reduced(columns, in_levels)[0], budget), in_levels))
+        rows, carry, _ = _reduced(columns, in_levels)
+        found.append(Cut(*_cut(rows, carry, budget), in_levels))
         if found[-1].time <= budget:
             return found[-1]
     return min(found)
 
 
-def _cut(rows: list[list[Bit]], budget: float) -> tuple[float, tuple[int, ...]]:
+def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float) -> tuple[float, tuple[int, ...]]:
     """Blocks of a carry chain, and when it is done.
 
     For every column in which blocks could begin, from the top down, the blocks above it by dynamic programming: the earliest
     carry into each column, from that into any column below and the block between.
     """
-    ripple = _ripple_times(rows)
+    ripple = _ripple_times(rows, carry)
     best = (max((total for total, _ in ripple), default=0.0), ())
-    spans = [_ripple_times(rows[start:]) for start in range(len(rows))]
+    spans = [_ripple_times(rows[start:], None) for start in range(len(rows))]
     for start in range(len(rows) - SMALLEST_BLOCK, 1, -1):
         if best[0] <= budget:
             break
@@ -134,10 +135,10 @@ def _cut(rows: list[list[Bit]], budget: float) -> tuple[float, tuple[int, ...]]:
     return best
 
 
-def _ripple_times(rows: list[list[Bit]]) -> list[tuple[float, float]]:
+def _ripple_times(rows: list[list[Bit]], carry: Bit | None) -> list[tuple[float, float]]:
     """For every column of a ripple from the lowest on: when its sum, and when the carry out of it is there."""
     nodes: list[Node] = []
-    results, _ = _ripple(rows, None, nodes)
+    results, _ = _ripple(rows, carry, nodes)
     carries = {id(node.sum): node.carry.time for node in nodes}
     return [(0.0, 0.0) if bit is None else (bit.time, carries.get(id(bit), bit.time)) for bit in results]
 

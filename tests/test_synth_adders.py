@@ -44,6 +44,7 @@ SUMS = {
     "sum with a carry out": ("input [6:0] a, input [6:0] b, output [7:0] y", "assign y = a + b;", (7,)),
     "increment": ("input [9:0] a, input c, output [11:0] y", "assign y = a + c;", (4,)),
     "increment of two numbers": ("input [7:0] a, input c, output [11:0] y", "assign y = {a[7:5], 2'b00, a[4:0]} + c;", (8,)),
+    "counter": ("input [9:0] a, output [9:0] y", "assign y = a + 1;", (5,)),
     "three addends": ("input [5:0] a, input [5:0] b, input [3:0] c, output [7:0] y", "assign y = a + b + c;", ()),
 }
 
@@ -83,7 +84,7 @@ def test_rebuilt_sums_are_equal(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "name", ["multiply and accumulate", "all of a product", "signed product", "difference", "increment",
-             "increment of two numbers", "three addends"])
+             "increment of two numbers", "counter", "three addends"])
 def test_sums_with_chosen_blocks_are_equal(name: str, tmp_path: Path) -> None:
     """The fastest that is found, whatever its area."""
     source, module = rebuilt(tmp_path, *SUMS[name][:2], (), 1.0)
@@ -128,6 +129,12 @@ def test_blocks_are_chosen_by_width(width: int) -> None:
     assert 0 < sum(shorter) < width and delay(width, shorter) <= delay(width, ()) - 60
     fastest = choose_blocks(columns, 1.0).blocks
     assert delay(width, fastest) <= delay(width, shorter)
+
+
+def test_a_constant_carries_too() -> None:
+    """A counter: its ripple begins at the one that is added."""
+    columns = [[Bit(net=2), Bit(net="1")], *([Bit(net=3 + c)] for c in range(23))]
+    assert choose_blocks(columns, inf).time > 20 * 36 and choose_blocks(columns, 400.0).blocks
 
 
 def test_products_in_levels_are_faster() -> None:
