@@ -55,10 +55,15 @@ FRAME_KEYS = (
     "latency", "bytes_per_cycle", "cycles_per_s")
 """What the reports keep of frame.json."""
 
-SYNTHESISED = ("pixel_core", "vrc_row")
+SYNTHESISED = (
+    "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
+    "hierarchical_sorter", "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "axi_master",
+    "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
+    "fixed_to_float", "float_to_fixed")
 """Units of the area table."""
 
-SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps")
+SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps",
+                  "memory_bits")
 
 
 def data_folder() -> Path:
