@@ -10,7 +10,7 @@ from pathlib import Path
 from golden.accuracy import as_markdown
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
-from rtl.culling.compare import comparison, table, unit_cost
+from rtl.culling.compare import unit_cost
 from rtl.float.add import FloatAdd
 from rtl.float.convert import FixedToFloat, FloatToFixed
 from rtl.float.divide import FloatDivide, FloatReciprocal
@@ -83,7 +83,7 @@ def results_table(reports: Reports) -> str:
 
 def _gains(machine: list[dict]) -> list[list[str]]:
     """Merging and pipelining against the baseline, and how busy what limits a frame is."""
-    rows, frames = [], [r for r in machine if r["camera"] != "away"]
+    rows, frames = [], [r for r in machine if r["gaze"]]
     for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
         ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
         base = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and not r["pipeline"]}
@@ -188,7 +188,7 @@ def machine_table(reports: Reports) -> str:
     """Merging and pipelining against the baseline, by frame and memory."""
     pairs: dict[tuple, dict[bool, dict]] = {}
     for r in reports.get("machine", {"rows": []})["rows"]:
-        if r["camera"] != "away":
+        if r["camera"] != "away" and r["gaze"]:
             pairs.setdefault((r["scene"], *r["size"], r["bytes_per_cycle"] or 0), {})[r["pipeline"]] = r
     rows = []
     for (scene, width, height, speed), pair in pairs.items():
@@ -208,13 +208,12 @@ def culling_table(reports: Reports) -> str:
     """Points and splats a cycle in the paper's machine, by memory."""
     rows = []
     for r in reports.get("machine", {"rows": []})["rows"]:
-        if r["camera"] == "away" or (r["pipeline"] and (r["scene"], r["size"]) in (
-                ("truck", [640, 360]), ("rock_sh3", [640, 360]), ("garden_large", [640, 360]))):
+        if r["pipeline"] and (r["camera"] == "away" or r["size"] == [640, 360]):
             events, cycles = r["events"], r["geometry_cycles"]
             culled = sum(events[f"culled_{why}"] for why in ("near", "faint", "outside"))
             size = "x".join(map(str, r["size"]))
             rows.append([
-                f"{r['scene']}, {'looking away' if r['camera'] == 'away' else size}",
+                f"{r['scene']}, {'looking away' if r['camera'] == 'away' else size}{', foveated' * bool(r['gaze'])}",
                 f"{r['bytes_per_cycle']} B" if r["bytes_per_cycle"] else "the bus's", f"{events['points']:,}", f"{culled:,}",
                 f"{events['survivors']:,}", f"{cycles:,}", f"{events['points'] / cycles:.3f}",
                 f"{cycles / events['survivors']:.2f}" if events["survivors"] else "-"])
@@ -233,9 +232,13 @@ def order_table(reports: Reports) -> str:
     return markdown(header, rows)
 
 
-def operators_table(_reports: Reports) -> str:
-    """One unit at full rate against several that take turns (`python -m rtl.culling.compare`)."""
-    return table(comparison(PAPER))
+def shared_table(reports: Reports) -> str:
+    """One pipeline at full rate against several units that take turns; all of it is in docs/synthesis.md."""
+    rows = [[r["part"].replace("_", " "), r["throughput"], f"{r['units']}", f"{r['interval']}", f"{r['operators']:,}",
+             f"{r['register_bits']:,}", f"{r['mux_bits']:,}", f"{r['area_um2']:,.0f}"]
+            for r in reports.get("culling_area", {"rows": []})["rows"] if r["units"] in (1, 8)]
+    header = ["part", "throughput", "units", "cycles an item each", "operators", "register bits", "2:1 mux bits", "um², ASAP7"]
+    return markdown(header, rows)
 
 
 def time_table(reports: Reports) -> str:
@@ -257,7 +260,7 @@ def time_table(reports: Reports) -> str:
 
 TABLES: dict[str, Callable[[Reports], str]] = {
     "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
-    "machine": machine_table, "culling": culling_table, "order": order_table, "operators": operators_table, "time": time_table,
+    "machine": machine_table, "culling": culling_table, "order": order_table, "shared": shared_table, "time": time_table,
 }
 
 
