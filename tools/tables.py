@@ -122,7 +122,7 @@ def units_table(reports: Reports) -> str:
          "9 cycles and memory's, 1 entry/cycle", "list_reader"),
         ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", f"{sim}sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
         ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", f"{sim}sort",
-         "the group, 1 entry/cycle", "hierarchical_sorter"),
+         "the group, 1 entry/cycle", ""),
         ("line buffer, double buffer", "sort_tmu/handover", "-", f"{sim}sort", "2 cycles, the group; 1 entry/cycle", ""),
         ("splat fetch", "vrc_array/splat_fetch", "views", f"{sim}vrc", "5 cycles, 1 entry/cycle", "splat_fetch"),
         ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle",
