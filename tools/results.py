@@ -82,7 +82,7 @@ def measure_frames() -> None:
               for merge in "10" for pipeline in "10"]
     wanted += [(scene, size, gaze, "1", "1") for scene, size, centre in LARGE_FRAMES for gaze in (None, centre)]
     write_json(REPORTS / "frames.json", {"rows": frame_rows([
-        (scene, size, gaze, "--config", "default", "--merge", merge, "--pipeline", pipeline)
+        (scene, size, gaze, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
         for scene, size, gaze, merge, pipeline in wanted])})
 
 

@@ -27,6 +27,9 @@ READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
 STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
 """Its stages whose input streams are watched."""
 
+_FETCHED_AHEAD = 1024
+"""Entries whose splats have been asked for before the array takes them: more than the views that `READ_DEPTHS` lets wait."""
+
 _DRAINS = 2
 """Drains whose rows the line buffer behind the array holds. One would do, but the array would wait for all of a tile's rows to
 leave before the next drains: 3 % of the cycles of truck's foveated 640x360 with memory that is no limit."""
@@ -83,7 +86,7 @@ class RenderPhase(wiring.Component):
         m.submodules.headers = headers = HeaderMaker(self.config)
         m.submodules.sorter = sorter = HierarchicalSorter(self.config)
         m.submodules.handover = buffer = handover(self.config)
-        m.submodules.fetch = fetch = SplatFetch(self.config)
+        m.submodules.fetch = fetch = SplatFetch(self.config, pending=_FETCHED_AHEAD)
         rows = _DRAINS * self.config.cores_y if self.config.incremental else None
         m.submodules.array = array = VrcArray(self.config, lines=rows)
         m.submodules.writer = writer = PixelWriter(self.config)
