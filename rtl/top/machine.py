@@ -20,8 +20,8 @@ from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, ErrorCod
 READ_DEPTHS = {"geometry": 128, "tiles": 16, "colour": 128, "entries": 64, "spill": 64, "views": 512}
 """Most beats of each read client on their way or waiting for it: what a latency of 100 cycles takes at the client's rate.
 
-Views are fetched further ahead: while the array works on tiles that blend, memory works for those that do not. That gains 3 % of
-the cycles of truck's foveated 640x360.
+Views are fetched further ahead: while the array works on tiles that blend, memory works for those that do not. That gains
+3 % of the cycles of truck's foveated 640x360.
 """
 
 
