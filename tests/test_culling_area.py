@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # `tests` has a folder of the same name
 
 from spec.config import PAPER
 from tools import culling_area
