@@ -21,7 +21,7 @@ from types import ModuleType
 
 import numpy as np
 
-from spec import constants, formats, harmonics, memory, records, tables
+from spec import constants, formats, harmonics, memory, queues, records, tables
 from spec.config import CONFIGS, DEFAULT, PAPER, AcceleratorConfig, NumberFormats
 from spec.errors import InputError, run_command_line
 from spec.formats import Fixed, Format, SmallFloat
@@ -133,7 +133,7 @@ def records_section() -> list[str]:
 def constants_section() -> list[str]:
     """Constants with value and derivation, then the integers derived from them."""
     lines = ["## Constants", ""]
-    for module in (constants, harmonics, tables, records, memory):
+    for module in (constants, harmonics, tables, records, memory, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
         lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
     n = DEFAULT.formats

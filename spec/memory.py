@@ -25,8 +25,11 @@ from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS, Field, Record, gau
 BEAT_BYTES = 32
 """Bytes of a transaction: AXI data width and one LPDDR4 burst of 16 on a x16 channel."""
 
-WORDS = BEAT_BYTES // 4
-"""32-bit words of a beat, as records and the host see it."""
+WORD_BITS = 32
+"""A word, as the host sees memory."""
+
+WORDS = 8 * BEAT_BYTES // WORD_BITS
+"""Words of a beat, as records and the host see it."""
 
 ADDRESS_BITS = 32
 """Byte addresses."""

@@ -16,9 +16,10 @@ from rtl_streams import assert_rejected, exchange
 
 from rtl.emit import to_rtlil, to_verilog
 from rtl.vrc_array.splat_fetch import LATENCY, SplatFetch, emit_splat_fetch
-from rtl.vrc_array.splat_tags import WAYS, SplatTags
+from rtl.vrc_array.splat_tags import SplatTags
 from spec.config import PAPER, TINY
 from spec.memory import read_data
+from spec.queues import CACHE_WAYS
 from spec.records import array_entry, chunk_entry, tile_use
 from tb.common import exact
 from tb.common.exact import problems
@@ -72,13 +73,14 @@ def test_faults_are_found(tiny):
 
 
 @pytest.mark.parametrize(("name", "lines", "ways", "keep_used"), [
-    ("every line", 128, WAYS, False), ("every line", 32, WAYS, False), ("conflicts", 64, 2, False), ("conflicts", 64, 8, False),
-    ("conflicts", 64, WAYS, True),
+    ("every line", 128, CACHE_WAYS, False), ("every line", 32, CACHE_WAYS, False), ("conflicts", 64, 2, False),
+    ("conflicts", 64, 8, False),
+    ("conflicts", 64, CACHE_WAYS, True),
 ])
 def test_another_cache_is_told_apart(tiny, name, lines, ways, keep_used):
     case = next(case for case in (make(TINY) for make in DIRECTED) if case.name == name)
     reads = tiny[1].recordings[f"{name}, 0 cycles"].outputs["reads"]
-    assert len(reads) == find_misses(case.index, case.level, TINY.splat_cache_lines, WAYS, False, False).sum()
+    assert len(reads) == find_misses(case.index, case.level, TINY.splat_cache_lines, CACHE_WAYS, False, False).sum()
     assert len(reads) != find_misses(case.index, case.level, lines, ways, keep_used, False).sum()
 
 
@@ -97,7 +99,7 @@ def test_a_tag_written_in_the_cycle_of_its_reading_must_be_seen(monkeypatch, tmp
 
 def small(case) -> tuple[list[int], list[int], list[int], list[int]]:
     """Sorted items, tiles, data and entries of a case as bit patterns."""
-    missed = find_misses(case.index, case.level, SMALL.splat_cache_lines, WAYS, False, False)
+    missed = find_misses(case.index, case.level, SMALL.splat_cache_lines, CACHE_WAYS, False, False)
     data = suite.beats_of(SMALL, case.views[missed], np.random.default_rng(0))
     return tuple([record(SMALL).pack(row) for row in rows] for record, rows in (
         (chunk_entry, case.sorted), (tile_use, case.tiles), (read_data, data), (array_entry, case.entries)))

@@ -15,7 +15,7 @@ from amaranth.lib.wiring import In, Out
 from rtl_streams import assert_rejected, exchange
 
 from golden.msv2_ref.tiling import tile_test
-from rtl.culling.level_table import GROUP, LevelTable
+from rtl.culling.level_table import LevelTable
 from rtl.culling.schedule import cost, schedule
 from rtl.culling.tile_columns import falloff_format, tile_columns
 from rtl.culling.tile_expand import TileExpand
@@ -25,6 +25,7 @@ from spec import tables
 from spec.config import DEFAULT, PAPER, TINY, NumberFormats
 from spec.constants import TILE
 from spec.formats import SmallFloat
+from spec.queues import LEVEL_GROUP
 from spec.records import entry_item, projected_splat, tile_level
 from tb.common.exact import problems
 from tb.tiles import suite
@@ -70,7 +71,7 @@ def runs_of(splats: np.ndarray, levels: np.ndarray, tiles_x: int) -> list[tuple]
             codes = {column: tuple(levels[row * tiles_x + column].tolist()) for column in columns}
             begin = columns[0]
             for column in columns:
-                if column == columns[-1] or column % GROUP == GROUP - 1 or codes[column] != codes[column + 1]:
+                if column == columns[-1] or column % LEVEL_GROUP == LEVEL_GROUP - 1 or codes[column] != codes[column + 1]:
                     ends = int(column == columns[-1] and row == rows[-1])
                     found.append((int(splat["bound"]), row, begin, column, *codes[column], ends))
                     begin = column + 1
@@ -93,9 +94,10 @@ def test_walk_cuts_boxes_into_runs_one_a_cycle(kind, pauses):
         dut, {dut.splats: words, dut.table: [tile_level(FAST).pack(row) for row in table]}, dut.runs, len(expected) + 1,
         pauses=pauses)
     runs = [shape.from_bits(word) for word in got]
-    assert [(r.splat.bound, r.row, r.group * GROUP + r.begin, r.group * GROUP + r.stop, r.code.level, r.code.blend, r.last)
-            for r in runs[:-1]] == expected
-    assert all(r.tile == r.row * 18 + r.group * GROUP for r in runs[:-1])
+    assert [
+        (r.splat.bound, r.row, r.group * LEVEL_GROUP + r.begin, r.group * LEVEL_GROUP + r.stop, r.code.level, r.code.blend,
+         r.last) for r in runs[:-1]] == expected
+    assert all(r.tile == r.row * 18 + r.group * LEVEL_GROUP for r in runs[:-1])
     assert [r.end for r in runs] == [0] * len(expected) + [1]
     if not pauses:
         assert cycles[-1] - cycles[0] == len(expected)

@@ -7,11 +7,8 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi.registers import counters_layout
+from spec.queues import COUNTER_BITS
 from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, Phase
-
-STAGE_COUNTER_BITS = 32
-EVENT_BITS = 32
-"""Of an event's count in one frame."""
 
 
 class StageCounters(wiring.Component):
@@ -33,7 +30,7 @@ class StageCounters(wiring.Component):
         if count < 1:
             raise ValueError(f"count must be at least 1, not {count!r}")
         self.count = count
-        each = Out(unsigned(STAGE_COUNTER_BITS)).array(count)
+        each = Out(unsigned(COUNTER_BITS)).array(count)
         super().__init__({
             "valid": In(count), "ready": In(count), "active": In(1), "clear": In(1),
             "busy": each, "starved": each, "blocked": each})
@@ -50,7 +47,7 @@ class StageCounters(wiring.Component):
 
 def events_layout() -> data.StructLayout:
     """How often every event happened in a frame."""
-    return data.StructLayout(dict.fromkeys(EVENTS, EVENT_BITS))
+    return data.StructLayout(dict.fromkeys(EVENTS, COUNTER_BITS))
 
 
 class PerformanceCounters(wiring.Component):

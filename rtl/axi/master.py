@@ -13,10 +13,8 @@ from rtl.shapes import layout
 from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.memory import ADDRESS_BITS, BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, write_request
+from spec.queues import IN_FLIGHT
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS
-
-DEFAULT_IN_FLIGHT = 256
-"""Reads in all, and writes of each client, that may wait for their answers."""
 
 
 def id_bits(readers: int, writers: int) -> int:
@@ -56,7 +54,7 @@ class AxiMaster(wiring.Component):
     `beats`, one from B to `writes_idle`. Throughput: a read and a write a cycle.
     """
 
-    def __init__(self, config: AcceleratorConfig, readers: int, writers: int, in_flight: int = DEFAULT_IN_FLIGHT):
+    def __init__(self, config: AcceleratorConfig, readers: int, writers: int, in_flight: int = IN_FLIGHT):
         for name, value, high in (("readers", readers, 16), ("writers", writers, 16), ("in_flight", in_flight, 1 << 16)):
             if not isinstance(value, int) or isinstance(value, bool):
                 raise TypeError(f"{name} must be an integer, not {value!r}")

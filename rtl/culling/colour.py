@@ -18,10 +18,8 @@ from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.harmonics import terms
 from spec.memory import BEAT_BITS, colour_beats, read_data, read_request, write_request
+from spec.queues import COLOUR_LOOKAHEAD
 from spec.records import surviving_splat
-
-LOOKAHEAD = 128
-"""Cycles of the memory's latency that cost nothing."""
 
 LEAST_INTERVAL = 4
 """Cycles a splat takes at least: three beats come one a cycle, and a step reads two of them."""
@@ -59,8 +57,8 @@ class ColourUnit(wiring.Component):
             it is high, and after a reset.
         error: the memory answered with an error; until the next frame's first item. The frame goes on.
 
-    Throughput: a splat every `splat_interval` cycles, whatever its degree, while memory answers within LOOKAHEAD cycles; one of
-    3 or 4 levels may take 1 or 2 cycles more where the interval is 4. Latency, from transfer to first write: that of the
+    Throughput: a splat every `splat_interval` cycles, whatever its degree, while memory answers within COLOUR_LOOKAHEAD cycles;
+    one of 3 or 4 levels may take 1 or 2 cycles more where the interval is 4. Latency, from transfer to first write: that of the
     datapath or that of memory, whichever is longer, and the degree's steps and 5 cycles.
     """
 
@@ -77,7 +75,7 @@ class ColourUnit(wiring.Component):
         self._sum = ColourSum(config, sh_degree=sh_degree, lanes=-(-terms(sh_degree) // interval), carried=carried)
         self._views = ViewWriter(config, carried=carried)
         inside = self._path.schedule.depth if self._path else 0
-        self._waiting = max(2, -(-LOOKAHEAD // interval) - inside)
+        self._waiting = max(2, -(-COLOUR_LOOKAHEAD // interval) - inside)
         self._most = self._waiting + inside + 8  # with those in registers on the way
         super().__init__({
             "survivors": In(stream.Signature(layout(surviving_splat(config)))),

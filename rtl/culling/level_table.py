@@ -9,12 +9,10 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
+from spec.queues import LEVEL_GROUP
 from spec.records import TILE_BITS, tile_index, tile_level
 
-GROUP = 16
-"""Tiles of a word of the table: neighbours in a row, the first in a column that is a multiple."""
-
-GROUP_PLACES = GROUP.bit_length() - 1
+GROUP_PLACES = LEVEL_GROUP.bit_length() - 1
 
 CODE = data.StructLayout({"level": unsigned(2), "blend": unsigned(1)})
 """What is kept of a tile."""
@@ -52,7 +50,7 @@ class LevelTable(wiring.Component):
             "enable": In(1),
             "row": In(TILE_BITS),
             "group": In(TILE_BITS - GROUP_PLACES),
-            "codes": Out(data.ArrayLayout(CODE, GROUP)),
+            "codes": Out(data.ArrayLayout(CODE, LEVEL_GROUP)),
             "row_start": Out(tile_index(config).width),
         })
 
@@ -62,7 +60,7 @@ class LevelTable(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.words = words = memory.Memory(
-            shape=data.ArrayLayout(CODE, GROUP), depth=self._rows * self._groups, init=[])
+            shape=data.ArrayLayout(CODE, LEVEL_GROUP), depth=self._rows * self._groups, init=[])
         m.submodules.starts = starts = memory.Memory(shape=self.row_start.shape(), depth=self._rows, init=[])
         write, read = words.write_port(granularity=1), words.read_port()
         write_start, read_start, tile = starts.write_port(), starts.read_port(), Signal.like(self.row_start)

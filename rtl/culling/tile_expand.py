@@ -12,10 +12,9 @@ from rtl.shapes import layout
 from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
+from spec.queues import COUNTER_BITS
 from spec.records import TILE_BITS, Record, entry_item, projected_splat, surviving_splat, tile_index
 
-COUNTER_BITS = 32
-"""Of a frame's counters."""
 
 def kept_record(config: AcceleratorConfig) -> Record:
     """What entries and survivors want of a splat."""

@@ -10,9 +10,10 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling.level_table import CODE, GROUP, GROUP_PLACES
+from rtl.culling.level_table import CODE, GROUP_PLACES
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
+from spec.queues import LEVEL_GROUP
 from spec.records import TILE_BITS, Record, projected_splat, tile_index
 
 PLACE = unsigned(GROUP_PLACES)
@@ -76,7 +77,7 @@ class TileRuns(wiring.Component):
             "enable": Out(1),
             "row": Out(TILE_BITS),
             "group": Out(TILE_BITS - GROUP_PLACES),
-            "codes": In(data.ArrayLayout(CODE, GROUP)),
+            "codes": In(data.ArrayLayout(CODE, LEVEL_GROUP)),
             "row_start": In(tile_index(config).width),
             "runs": Out(stream.Signature(run_layout(config))),
         })
@@ -85,7 +86,8 @@ class TileRuns(wiring.Component):
         m = Module()
         walked = _Stage("walked", self.config, {"begin": PLACE, "stop": PLACE})
         cut = _Stage("cut", self.config, {
-            "tile": self.row_start.shape(), "begin": PLACE, "stops": unsigned(GROUP), "codes": data.ArrayLayout(CODE, GROUP)})
+            "tile": self.row_start.shape(), "begin": PLACE, "stops": unsigned(LEVEL_GROUP),
+            "codes": data.ArrayLayout(CODE, LEVEL_GROUP)})
         self._walk(m, walked)
         self._cut(m, walked, cut)
         self._pick(m, cut)
@@ -115,7 +117,7 @@ class TileRuns(wiring.Component):
         with m.If(leaves):
             m.d.sync += [walked.valid.eq(1), out.row.eq(row), out.group.eq(group), out.last.eq(last), out.end.eq(splat.end),
                          out.begin.eq(Mux(group == first, splat.first_x[:GROUP_PLACES], 0)),
-                         out.stop.eq(Mux(row_ends, splat.last_x[:GROUP_PLACES], GROUP - 1)),
+                         out.stop.eq(Mux(row_ends, splat.last_x[:GROUP_PLACES], LEVEL_GROUP - 1)),
                          *(out.splat[name].eq(splat[name]) for name in _TESTED)]
         with m.Elif(walked.ready):
             m.d.sync += walked.valid.eq(0)
@@ -124,7 +126,7 @@ class TileRuns(wiring.Component):
         """Where the group's runs stop: at the box's end, and where the next tile is of another kind."""
         item, out, codes = walked.payload, cut.payload, [Value.cast(code) for code in self.codes]
         changes = Cat(*(a != b for a, b in pairwise(codes)), 0)
-        within = Cat((item.begin <= i) & (i < item.stop) for i in range(GROUP))
+        within = Cat((item.begin <= i) & (i < item.stop) for i in range(LEVEL_GROUP))
         stops = (changes & within) | (1 << item.stop)
         m.d.comb += walked.ready.eq(cut.ready | ~cut.valid)
         passed_on = ("splat", "row", "group", "last", "end", "begin")
@@ -138,12 +140,12 @@ class TileRuns(wiring.Component):
     def _pick(self, m: Module, cut: _Stage) -> None:
         """One run after the other: the lowest of the stops that are left."""
         item, runs, free = cut.payload, self.runs, Signal()
-        rest, lowest = Signal(GROUP), Signal(GROUP)
+        rest, lowest = Signal(LEVEL_GROUP), Signal(LEVEL_GROUP)
         passed_on = ("splat", "row", "group", "tile", "begin", "end")
-        place = Cat(Cat(lowest[i] for i in range(GROUP) if i >> k & 1).any() for k in range(GROUP_PLACES))
-        code = reduce(or_, (Mux(lowest[i], Value.cast(item.codes[i]), 0) for i in range(GROUP)))
+        place = Cat(Cat(lowest[i] for i in range(LEVEL_GROUP) if i >> k & 1).any() for k in range(GROUP_PLACES))
+        code = reduce(or_, (Mux(lowest[i], Value.cast(item.codes[i]), 0) for i in range(LEVEL_GROUP)))
         m.d.comb += [
-            lowest.eq(Cat(item.stops[i] & ~item.stops[:i].any() for i in range(GROUP))),  # trees, not a borrow's chain
+            lowest.eq(Cat(item.stops[i] & ~item.stops[:i].any() for i in range(LEVEL_GROUP))),  # trees, not a borrow's chain
             rest.eq(item.stops & ~lowest),
             free.eq(runs.ready | ~runs.valid),
             cut.ready.eq(free & (rest == 0)),

@@ -17,11 +17,8 @@ from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
+from spec.queues import TILE_TEST_BESIDE
 from spec.records import TILE_BITS, entry_item, projected_splat, surviving_splat, tile_level
-
-_BESIDE = 10
-"""Splats that may be inside besides those in the ellipse test: four on the way to it, two behind it, and as many as the queue
-takes cycles to show one, with some to spare."""
 
 
 class TileTest(wiring.Component):
@@ -99,7 +96,7 @@ class TileTest(wiring.Component):
         """A frame's splats: into the walk, and into the queue for the expansion."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
-            width=kept.size, depth=self._ellipse.schedule.depth + _BESIDE)
+            width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
         begun, ended, may, taken = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
             may.eq(levels.filled & ~ended & queue.w_rdy),

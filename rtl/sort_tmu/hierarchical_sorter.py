@@ -17,16 +17,8 @@ from rtl.sort_tmu.run_writer import BeatPacker, RunWriter
 from rtl.sort_tmu.spill_dispatch import SpillDispatch, cut_layout
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request, write_request
+from spec.queues import COUNTER_BITS, SORT_CUTS, SORT_MERGES, SORT_PARTS
 from spec.records import chunk_entry, tile_entry
-
-_CUTS = 8
-"""Chunks of large groups inside the sorter, which holds two chunks: the last of each may be short."""
-
-_PARTS = 8
-"""Spilled groups that wait to be merged."""
-
-_MERGES = 4
-"""Merges that have runs in the reader; a run is longer than a way's FIFO, but for a group's last one."""
 
 
 class HierarchicalSorter(wiring.Component):
@@ -82,7 +74,7 @@ class HierarchicalSorter(wiring.Component):
             "spill_base": In(BEAT_BITS),
             "spill_beats": In(BEAT_BITS),
             "clear": In(1),
-            "spilled": Out(32),
+            "spilled": Out(COUNTER_BITS),
             "overflow": Out(1),
             "error": Out(1),
             "busy": Out(1),
@@ -136,7 +128,7 @@ class HierarchicalSorter(wiring.Component):
     def _cut(self, m: Module, sorter: ChunkSorter, dispatch: SpillDispatch) -> None:
         """Groups to chunks; which of them are not whole groups goes beside the sorter."""
         cut = cut_layout(self.config)
-        m.submodules.cuts = cuts = SyncFIFO(width=cut.size, depth=_CUTS)  # seen in the next cycle: before the chunk is sorted
+        m.submodules.cuts = cuts = SyncFIFO(width=cut.size, depth=SORT_CUTS)  # seen in the next cycle: before it is sorted
         place, number, more = Signal(range(sorter.capacity)), Signal(cut["number"].shape), Signal()
         item, chunk, put = self.groups.payload, sorter.chunks.payload, data.View(cut, cuts.w_data)
         taken = self.groups.valid & self.groups.ready
@@ -159,7 +151,7 @@ class HierarchicalSorter(wiring.Component):
 
     def _parts(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, there: Value) -> None:
         """Parts to the plan, as soon as memory has them."""
-        m.submodules.parts = parts = SyncFIFOBuffered(width=part_layout(self.config).size, depth=_PARTS)
+        m.submodules.parts = parts = SyncFIFOBuffered(width=part_layout(self.config).size, depth=SORT_PARTS)
         visible = Signal(range(16))
         gone = plan.parts.valid & plan.parts.ready
         m.d.comb += [
@@ -177,7 +169,7 @@ class HierarchicalSorter(wiring.Component):
     ) -> None:
         """Merged entries out or back to memory; chunks where nothing is to be merged."""
         merge = merge_layout(self.config)
-        m.submodules.merges = merges = SyncFIFOBuffered(width=merge.size, depth=_MERGES)
+        m.submodules.merges = merges = SyncFIFOBuffered(width=merge.size, depth=SORT_MERGES)
         goal, head, out, back = data.View(merge, merges.r_data), tree.source.payload, self.sorted.payload, packer.sink.payload
         fields = [out[f.name] for f in tile_entry(self.config).fields]
         there, ready = tree.source.valid & merges.r_rdy, Mux(goal.back, packer.sink.ready, self.sorted.ready)

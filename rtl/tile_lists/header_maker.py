@@ -15,19 +15,14 @@ from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS
+from spec.queues import HEADER_TILES, HEADERS
 from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_header, tile_use
-
-_AHEAD = 64
-"""Tiles that wait beyond two rows, so that a table's beat that is late costs nothing."""
-
-_HEADERS = 16
-"""Headers that wait for the array while the splat fetch unit works ahead of it."""
 
 
 def waiting_tiles(config: AcceleratorConfig) -> int:
     """Tiles that may wait: the array's next tile can come only when its whole group has been read and sorted, and the list
     reader gets no group that this unit does not take. A group is a row of tiles at most; two of them, and some."""
-    return 2 * -(-config.row_width // TILE) + _AHEAD
+    return 2 * -(-config.row_width // TILE) + HEADER_TILES
 
 
 class HeaderMaker(wiring.Component):
@@ -104,7 +99,7 @@ class HeaderMaker(wiring.Component):
     def _join(self, m: Module, tile: data.View, waiting: SyncFIFOBuffered, table: TileSettings) -> None:
         """A tile and its setting to both outputs."""
         m.submodules.levels = levels = Buffer(self.levels.payload.shape())
-        m.submodules.headers = headers = SyncFIFOBuffered(width=tile_header(self.config).width, depth=_HEADERS)
+        m.submodules.headers = headers = SyncFIFOBuffered(width=tile_header(self.config).width, depth=HEADERS)
         wiring.connect(m, levels.source, wiring.flipped(self.levels))
         setting, header, use = table.settings.payload, Signal(self.headers.payload.shape()), levels.sink.payload
         column, row = Signal.like(header.tile_x), Signal.like(header.tile_y)

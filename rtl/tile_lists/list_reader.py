@@ -16,10 +16,8 @@ from rtl.tile_lists.entry_writer import UNIT_BITS
 from rtl.tile_lists.page_walk import ListedTiles, PageWalk
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, WORDS
+from spec.queues import LIST_BEATS
 from spec.records import ENTRY_BYTES, chunk_entry, tile_entry, tile_group
-
-IN_FLIGHT = 128
-"""Beats that may be asked for and not yet unpacked; memory's queues may hold fewer of them."""
 
 
 class ListReader(wiring.Component):
@@ -37,9 +35,9 @@ class ListReader(wiring.Component):
         error: memory answered with an error; the entries of such beats mean nothing but go their way, and pages whose
             pointers were lost are read from anywhere. As many entries leave in any case.
 
-    Storage: `page_walk.LOOKAHEAD` tiles, 64 pointers, IN_FLIGHT descriptors of beats, two beats. Throughput: one entry a cycle
-    while memory keeps up, IN_FLIGHT beats ahead; for a latency of 100 cycles wherever 32 neighbouring tiles with entries have
-    more than about 130 of them. At a frame's beginning a latency more, if its first tiles need their directory.
+    Storage: LIST_TILES tiles, LIST_POINTERS pointers, LIST_BEATS descriptors of beats, two beats. Throughput: one entry a
+    cycle while memory keeps up, LIST_BEATS beats ahead; for a latency of 100 cycles wherever 32 neighbouring tiles with entries
+    have more than about 130 of them. At a frame's beginning a latency more, if its first tiles need their directory.
     Latency: 8 cycles from a tile to its first request, one from a beat to its entry; a tile that may be its group's last with
     entries waits for those behind it.
     """
@@ -64,7 +62,7 @@ class ListReader(wiring.Component):
         wiring.connect(m, wiring.flipped(self.tiles), listed.tiles)
         wiring.connect(m, listed.listed, walk.listed)
         kinds = data.StructLayout({"directory": 1, "more": range(WORDS), "last": 1})
-        m.submodules.flight = flight = SyncFIFOBuffered(width=kinds.size, depth=IN_FLIGHT)
+        m.submodules.flight = flight = SyncFIFOBuffered(width=kinds.size, depth=LIST_BEATS)
         self._request(m, walk.wanted, flight)
         self._unpack(m, kinds(flight.r_data), flight, walk.pointers)
         return m

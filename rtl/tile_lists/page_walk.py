@@ -19,13 +19,8 @@ from rtl.tile_lists.beats import check_config
 from rtl.tile_lists.entry_writer import FIRST_PAGE_BEATS, UNIT_BITS
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
+from spec.queues import LIST_POINTERS, LIST_TILES
 from spec.records import COUNT_BITS, tile_group, tile_index
-
-LOOKAHEAD = 32
-"""Tiles with entries whose pointers have been asked for before it is their turn."""
-
-_POINTERS = 64
-"""Pointers that may wait: those of four tiles at least."""
 
 _UNIT_LOW = BEAT_BITS - UNIT_BITS
 """Bits of a beat inside its unit."""
@@ -107,8 +102,8 @@ class PageWalk(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.waiting = waiting = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LOOKAHEAD)
-        m.submodules.pointers = pointers = SyncFIFOBuffered(width=UNIT_BITS, depth=_POINTERS)
+        m.submodules.waiting = waiting = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LIST_TILES)
+        m.submodules.pointers = pointers = SyncFIFOBuffered(width=UNIT_BITS, depth=LIST_POINTERS)
         m.d.comb += [
             pointers.w_data.eq(self.pointers.payload), pointers.w_en.eq(self.pointers.valid),
             self.pointers.ready.eq(pointers.w_rdy),
@@ -127,7 +122,7 @@ class PageWalk(wiring.Component):
         """Tiles into the queue, behind requests for their pointers; `asks`: one is wanted; `used`: a pointer left."""
         tile, valid, second = Signal(self.listed.payload.shape(), reset_less=True), Signal(), Signal()
         place = Signal(COUNT_BITS + 1, reset_less=True)  # of the tile's last entry: its top bit is of the last page
-        room = Signal(range(_POINTERS + 1), init=_POINTERS)
+        room = Signal(range(LIST_POINTERS + 1), init=LIST_POINTERS)
         asked, leaves = Signal(), Signal()
         exist = Cat(place[_SECOND_PAGE + slot :].any() for slot in range(DIRECTORY_SLOTS))  # pages come in turn
         low, high = exist[:WORDS], exist[WORDS:]

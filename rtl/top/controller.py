@@ -23,11 +23,9 @@ from rtl.shapes import shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
+from spec.queues import WATCHDOG_BITS
 from spec.records import frame_tiles
 from spec.registers import ErrorCode, Phase
-
-WATCHDOG_BITS = 24
-"""Far above the longest time that the smallest array renders without a beat."""
 
 _RESET_CYCLES = 4
 _TILE_SHIFT = (TILE - 1).bit_length()

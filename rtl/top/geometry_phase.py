@@ -13,10 +13,9 @@ from rtl.shapes import layout
 from rtl.tile_lists.entry_writer import EntryWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.table_loader import TableLoader
-from rtl.top.ports import connect_settings, memory_ports, watch
+from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
-from spec.memory import frame_settings
-from spec.records import frame_tiles, tile_hit
+from spec.records import tile_hit
 
 READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
 """Its memory clients, by the names of `spec.registers`."""
@@ -52,18 +51,10 @@ class GeometryPhase(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig):
-        if not isinstance(config, AcceleratorConfig):
-            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        tiles = In(range(frame_tiles(config) + 1))
         super().__init__({
-            "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles,
-            "clear": In(1), "start_table": In(1), "start": In(1),
-            **memory_ports(config, READERS, WRITERS),
-            "hits": Out(stream.Signature(layout(tile_hit(config)))),
-            "table_done": Out(1), "done": Out(1), "full": Out(1), "ready": Out(1),
-            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)),
-            **{name: Out(32) for name in _COUNTS},
+            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+            "start_table": In(1), "hits": Out(stream.Signature(layout(tile_hit(config)))), "table_done": Out(1), "full": Out(1),
         })
 
     def elaborate(self, platform) -> Module:

@@ -11,7 +11,9 @@ from amaranth.lib.wiring import In, Member, Out
 
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
-from spec.memory import read_data, read_request, write_request
+from spec.memory import frame_settings, read_data, read_request, write_request
+from spec.queues import COUNTER_BITS
+from spec.records import frame_tiles
 
 
 def memory_ports(config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str]) -> dict[str, Member]:
@@ -24,6 +26,24 @@ def memory_ports(config: AcceleratorConfig, readers: Sequence[str], writers: Seq
         members[f"writes_{name}"] = Out(stream.Signature(layout(write_request(config))))
         members[f"idle_{name}"] = In(1)
     return members
+
+
+def phase_ports(
+    config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str], stages: Sequence[str], counts: Sequence[str],
+) -> dict[str, Member]:
+    """What both phases have: the frame's `settings`, `tiles_x` and `tile_count`; strobes `clear` and `start`; their clients;
+    `done` and `ready`; handshakes of their `stages`; `counts` of the frame.
+
+    Raises:
+        TypeError: `config` is no AcceleratorConfig.
+    """
+    if not isinstance(config, AcceleratorConfig):
+        raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+    tiles = In(range(frame_tiles(config) + 1))
+    return {
+        "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles, "clear": In(1), "start": In(1),
+        **memory_ports(config, readers, writers), "done": Out(1), "ready": Out(1),
+        "stage_valid": Out(len(stages)), "stage_ready": Out(len(stages)), **{name: Out(COUNTER_BITS) for name in counts}}
 
 
 def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:

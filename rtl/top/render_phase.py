@@ -13,26 +13,19 @@ from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.stream import Fork
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
-from rtl.top.ports import connect_settings, memory_ports, watch
+from rtl.top.ports import connect_settings, phase_ports, watch
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.splat_fetch import SplatFetch
 from spec.config import AcceleratorConfig
-from spec.memory import frame_settings
-from spec.records import frame_tiles, tile_hit
+from spec.queues import OUTPUT_DRAINS
+from spec.records import tile_hit
 
 READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
 """Its memory clients, by the names of `spec.registers`."""
 
 STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
 """Its stages whose input streams are watched."""
-
-_FETCHED_AHEAD = 1024
-"""Entries whose splats have been asked for before the array takes them: more than the views that `READ_DEPTHS` lets wait."""
-
-_DRAINS = 2
-"""Drains whose rows the line buffer behind the array holds. One would do, but the array would wait for all of a tile's rows to
-leave before the next drains: 3 % of the cycles of truck's foveated 640x360 with memory that is no limit."""
 
 _COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "ops", "skipped", "pixels")
 
@@ -64,18 +57,10 @@ class RenderPhase(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig):
-        if not isinstance(config, AcceleratorConfig):
-            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        tiles = In(range(frame_tiles(config) + 1))
         super().__init__({
-            "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles,
-            "clear": In(1), "start": In(1),
-            **memory_ports(config, READERS, WRITERS),
-            "hits": In(stream.Signature(layout(tile_hit(config)))),
-            "counted": Out(1), "done": Out(1), "overflow": Out(1), "saturated": Out(1), "ready": Out(1),
-            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)),
-            **{name: Out(32) for name in _COUNTS},
+            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+            "hits": In(stream.Signature(layout(tile_hit(config)))), "counted": Out(1), "overflow": Out(1), "saturated": Out(1),
         })
 
     def elaborate(self, platform) -> Module:
@@ -86,8 +71,8 @@ class RenderPhase(wiring.Component):
         m.submodules.headers = headers = HeaderMaker(self.config)
         m.submodules.sorter = sorter = HierarchicalSorter(self.config)
         m.submodules.handover = buffer = handover(self.config)
-        m.submodules.fetch = fetch = SplatFetch(self.config, pending=_FETCHED_AHEAD)
-        rows = _DRAINS * self.config.cores_y if self.config.incremental else None
+        m.submodules.fetch = fetch = SplatFetch(self.config)
+        rows = OUTPUT_DRAINS * self.config.cores_y if self.config.incremental else None
         m.submodules.array = array = VrcArray(self.config, lines=rows)
         m.submodules.writer = writer = PixelWriter(self.config)
         for unit in (merge, reader, headers, sorter, fetch, array, writer):

@@ -27,12 +27,8 @@ from rtl.vrc_array.expand import Expand
 from rtl.vrc_array.row import PIPELINE, VrcRow
 from rtl.vrc_array.setup import SetupUnit
 from spec.config import AcceleratorConfig
+from spec.queues import ARRAY_TILES, COUNTER_BITS
 from spec.records import array_entry, pixel_row, tile_header
-
-TILES_IN_FLIGHT = 4
-"""Tiles between their header's transfer and their last op's leaving the rows; keeps short tiles flowing."""
-
-COUNTER_BITS = 32
 
 
 class VrcArray(wiring.Component):
@@ -115,10 +111,10 @@ class VrcArray(wiring.Component):
         A level's pixels are known to have stopped once its first op in the tile has left the last row; and what is known
         is of the tile that the setup unit works on only while no other is in flight.
         """
-        in_flight = Signal(range(TILES_IN_FLIGHT + 1))
-        m.submodules.places = places = SyncFIFOBuffered(width=place_layout(self.config).size, depth=TILES_IN_FLIGHT)
+        in_flight = Signal(range(ARRAY_TILES + 1))
+        m.submodules.places = places = SyncFIFOBuffered(width=place_layout(self.config).size, depth=ARRAY_TILES)
         place, header = data.View(place_layout(self.config), places.w_data), self.tiles.payload
-        taken, room = Signal(), in_flight != TILES_IN_FLIGHT
+        taken, room = Signal(), in_flight != ARRAY_TILES
         m.d.comb += [
             setup.tiles.payload.eq(header),
             setup.tiles.valid.eq(self.tiles.valid & room),

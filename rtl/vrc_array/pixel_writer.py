@@ -22,12 +22,9 @@ from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.formats import Fixed
-from spec.memory import BEAT_BITS, PIXEL_BYTES, WORDS, frame_pixel, frame_settings, write_request
+from spec.memory import BEAT_BITS, PIXEL_BYTES, WORD_BITS, WORDS, frame_pixel, frame_settings, write_request
+from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row, uint
-
-COUNTER_BITS = 32
-
-WORD_BITS = 32
 
 PIXEL_WORDS = PIXEL_BYTES // 4
 """Words of a FramePixel; a DisplayPixel is one."""

@@ -35,16 +35,11 @@ from rtl.stream import Buffer
 from rtl.vrc_array.splat_tags import SplatTags, line_bits
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request, splat_view
+from spec.queues import COUNTER_BITS, VIEWS_PENDING
 from spec.records import array_entry, chunk_entry, tile_use
-
-COUNTER_BITS = 32
 
 LATENCY = 5
 """Cycles from an entry's transfer to its view at `entries`, where nothing waits and its view is in the cache."""
-
-PENDING = 256
-"""Entries between tags and lines: at an entry a cycle, the memory's latency in cycles that costs nothing."""
-
 
 class SplatFetch(wiring.Component):
     """Entries with the index of their splat to entries with its view.
@@ -70,7 +65,7 @@ class SplatFetch(wiring.Component):
     gives a beat a miss; an empty tile takes a cycle. Latency: LATENCY cycles, and for a miss the memory's.
     """
 
-    def __init__(self, config: AcceleratorConfig, *, pending: int = PENDING):
+    def __init__(self, config: AcceleratorConfig, *, pending: int = VIEWS_PENDING):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         if not isinstance(pending, int) or isinstance(pending, bool):

@@ -1,6 +1,6 @@
 """The tags of the splat cache, which are looked up and changed in the order of the requests, far ahead of the data.
 
-The index' low bits choose a set of WAYS lines; the rest of the index and the level are a line's tag. A set's tags are one word,
+The index' low bits choose a set of lines; the rest of the index and the level are a line's tag. A set's tags are one word,
 in which a miss replaces the tag that came first. A request that follows another to the same set in the very next cycle must see
 what that one wrote, so that the read port lets a write through::
 
@@ -18,12 +18,10 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from spec.config import AcceleratorConfig
+from spec.queues import CACHE_WAYS
 from spec.records import INDEX_BITS
 
-WAYS = 4
-"""Lines that a view may lie in."""
-
-_WAY_BITS = WAYS.bit_length() - 1
+_WAY_BITS = CACHE_WAYS.bit_length() - 1
 
 
 def wanted_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -70,15 +68,15 @@ class SplatTags(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        sets, set_bits = self.config.splat_cache_lines // WAYS, line_bits(self.config) - _WAY_BITS
+        sets, set_bits = self.config.splat_cache_lines // CACHE_WAYS, line_bits(self.config) - _WAY_BITS
         tag = data.StructLayout({"valid": 1, "above": INDEX_BITS - set_bits, "level": 2})
-        word = data.StructLayout({"tags": data.ArrayLayout(tag, WAYS), "oldest": _WAY_BITS})
+        word = data.StructLayout({"tags": data.ArrayLayout(tag, CACHE_WAYS), "oldest": _WAY_BITS})
         m.submodules.tags = tags = memory.Memory(shape=word, depth=sets, init=[])
         write = tags.write_port()
         read = tags.read_port(transparent_for=(write,))
         wanted, held, out = self.wanted.payload, Signal(wanted_layout(self.config), reset_less=True), self.found.payload
         occupied, clearing, place = Signal(), Signal(init=1), Signal(range(sets))
-        advance, taken, key, hits = Signal(), Signal(), Signal(tag), Signal(WAYS)
+        advance, taken, key, hits = Signal(), Signal(), Signal(tag), Signal(CACHE_WAYS)
         m.d.comb += [
             advance.eq(~occupied | self.found.ready),
             self.wanted.ready.eq(advance & ~clearing),
@@ -88,20 +86,20 @@ class SplatTags(wiring.Component):
             key.valid.eq(1),
             key.above.eq(held.index[set_bits:]),
             key.level.eq(held.level),
-            *(hits[way].eq(read.data.tags[way] == key) for way in range(WAYS)),
+            *(hits[way].eq(read.data.tags[way] == key) for way in range(CACHE_WAYS)),
             self.found.valid.eq(occupied),
             out.wanted.eq(held),
             out.missed.eq(~hits.any()),
             self.busy.eq(occupied | clearing),
         ]
-        hit = Cat(Cat(hits[way] for way in range(WAYS) if way >> bit & 1).any() for bit in range(_WAY_BITS))
+        hit = Cat(Cat(hits[way] for way in range(CACHE_WAYS) if way >> bit & 1).any() for bit in range(_WAY_BITS))
         m.d.comb += out.line.eq(Cat(Mux(out.missed, read.data.oldest, hit), held.index[:set_bits]))
         with m.If(occupied):
             m.d.comb += [
                 write.en.eq(self.found.ready & out.missed),
                 write.addr.eq(held.index[:set_bits]),
                 write.data.oldest.eq(read.data.oldest + 1),
-                *(write.data.tags[way].eq(Mux(read.data.oldest == way, key, read.data.tags[way])) for way in range(WAYS)),
+                *(write.data.tags[way].eq(Mux(read.data.oldest == way, key, read.data.tags[way])) for way in range(CACHE_WAYS)),
             ]
         with m.Else():
             m.d.comb += [write.en.eq(clearing), write.addr.eq(place)]

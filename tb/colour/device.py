@@ -12,16 +12,17 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling.colour import LOOKAHEAD, ColourUnit, splat_interval
+from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request, write_request
+from spec.queues import COLOUR_LOOKAHEAD
 from spec.records import surviving_splat
 from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream
 
-MOST_DELAY = LOOKAHEAD - 1
+MOST_DELAY = COLOUR_LOOKAHEAD - 1
 """Cycles from a request to its beat."""
 
 _SETTINGS = (("sh_degree", 2), ("colour_base", BEAT_BITS), ("views_base", BEAT_BITS), ("view_shift", 2))

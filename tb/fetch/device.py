@@ -15,9 +15,10 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
 from rtl.shapes import layout
-from rtl.vrc_array.splat_fetch import COUNTER_BITS, SplatFetch
+from rtl.vrc_array.splat_fetch import SplatFetch
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request
+from spec.queues import COUNTER_BITS
 from spec.records import array_entry, chunk_entry, tile_use
 from tb.common.playback import Playback, Stream
 

@@ -6,22 +6,21 @@ An entry costs the 8 bytes of its place in the tile's list, and a beat where its
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numba
 import numpy as np
 
-from golden.msv2_ref.pipeline import Frame, render
+from golden.msv2_ref.pipeline import Frame
 from golden.scenes.files import atomic_output
-from golden.scenes.request import resolve
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.errors import run_command_line
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
 from spec.records import ENTRY_BYTES
 from tb.common.runner import ROOT
+from tb.common.scenes import scene_path, traced_frame
 
 SCENES = (
     ("embedded", "128x128"), ("truck.splat", "256x144"), ("truck.splat", "640x360"), ("truck.splat", "1280x720"),
@@ -87,17 +86,13 @@ def cycles_per_entry(share: float) -> float:
 
 
 def _frames(config: AcceleratorConfig) -> Iterator[tuple[str, Frame]]:
-    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
     for scene, size in SCENES:
-        path = scene if scene == "embedded" else str(folder / scene)
-        if scene != "embedded" and not Path(path).exists():
+        path = scene_path(scene)
+        if path is None:
             continue
         width, height = (int(number) for number in size.split("x"))
         for gaze, levels in (("none", None), (f"{width // 2},{height // 2}", 4)):
-            request = resolve(argparse.Namespace(
-                scene=path, size=size, camera="orbit", gaze=gaze, levels=levels, background="0,0,0", seed=0))
-            name = f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}"
-            yield name, render(request.model, request.camera, config=config, foveation=request.foveation)
+            yield traced_frame(config, path, size, gaze, levels)
 
 
 def report(name: str, frame: Frame) -> list[str]:

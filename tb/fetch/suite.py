@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rtl.vrc_array.splat_fetch import LATENCY
-from rtl.vrc_array.splat_tags import WAYS
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
+from spec.queues import CACHE_WAYS
 from tb.common import codec, exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.fetch.device import MOST_DELAY, playback
 from tb.fetch.miss_rates import find_misses
 from tb.fetch.stimuli import DIRECTED, INDICES, Case, Tile, case_of, random_case, traced_case
@@ -61,7 +61,7 @@ class Plan:
             self._accesses, self._counted, self._wrong = self._accesses[:, :0], [0, 0], 0
         before = self._accesses.shape[1]
         self._accesses = np.concatenate([self._accesses, [case.index, case.level]], axis=1)
-        missed = find_misses(*self._accesses, self._config.splat_cache_lines, WAYS, False, False)[before:]
+        missed = find_misses(*self._accesses, self._config.splat_cache_lines, CACHE_WAYS, False, False)[before:]
         self._counted[0] += int((~missed).sum())
         self._counted[1] += int(missed.sum())
         self._wrong |= bool(wrong)
@@ -145,20 +145,17 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    size = "128x128" if config.row_width < 640 else "256x144"
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, size)]
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "128x128"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds and misses of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            entries, misses = len(item.expected["entries"]), len(item.expected["reads"])
-            lines.append(
-                f"{item.name}: {entries} entries, {misses / entries:.3f} of them missed, {recording.cycles} cycles, "
-                f"{entries / recording.cycles:.4f} entries a cycle")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        entries, misses = len(item.expected["entries"]), len(item.expected["reads"])
+        lines.append(
+            f"{item.name}: {entries} entries, {misses / entries:.3f} of them missed, {recording.cycles} cycles, "
+            f"{entries / recording.cycles:.4f} entries a cycle")
     return lines
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.tiling import TileTest, tile_test
-from rtl.culling.level_table import GROUP
 from spec.config import AcceleratorConfig
 from spec.constants import EXPONENT_SCALE, LOW_PASS, MAX_LEVELS, TILE
+from spec.queues import LEVEL_GROUP
 from spec.records import INDEX_BITS, projected_splat, tile_level
 from spec.tables import log2_alpha_min
 
@@ -102,7 +102,7 @@ class Case:
         tiles_x = -(-self.width // TILE)
         grid = levels.reshape(-1, tiles_x, 2)
         stops = np.ones(grid.shape[:2], np.int64)
-        stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % GROUP == 0)
+        stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % LEVEL_GROUP == 0)
         before = np.zeros((len(grid) + 1, tiles_x + 1), np.int64)
         before[1:, 1:] = stops.cumsum(0).cumsum(1)
         first_x, last_x, first_y, last_y = (splats[f"{end}_{axis}"] for axis in "xy" for end in ("first", "last"))

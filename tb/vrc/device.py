@@ -7,9 +7,10 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.vrc_array import Pixels
-from rtl.vrc_array.array import COUNTER_BITS, emit_vrc_array
+from rtl.vrc_array.array import emit_vrc_array
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
+from spec.queues import COUNTER_BITS
 from spec.records import array_entry, pixel_row, tile_header
 from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream

@@ -21,11 +21,12 @@ from golden.msv2_ref.views import frame_pixels
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
-from rtl.vrc_array.pixel_writer import COUNTER_BITS, PixelWriter
+from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.constants import TILE
 from spec.errors import InputError, run_command_line
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
+from spec.queues import COUNTER_BITS
 from spec.records import ENTRY_BYTES, array_entry, frame_tiles, tile_header
 from tb.common.exact import Planned, planned, run_plan
 from tb.common.playback import Playback, Stream

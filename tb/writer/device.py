@@ -10,9 +10,10 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
 from rtl.shapes import layout
-from rtl.vrc_array.pixel_writer import COUNTER_BITS, PixelWriter
+from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, write_request
+from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row
 from tb.common.playback import Playback, Stream
 
