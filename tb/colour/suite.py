@@ -14,7 +14,7 @@ from tb.colour.stimuli import Case, extreme_case, fine_case, frame_case, random_
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.runner import Waves
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
 """Machines that can be tested."""
@@ -82,20 +82,17 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    size = "160x96" if config.row_width < 640 else "320x180"
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, size)]
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "320x180"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            splats = int(np.sum(item.run.inputs["survivors"]["end"] == 0))
-            lines.append(
-                f"{item.name}: {splats} splats, {len(item.expected['writes'])} views, {recording.cycles} cycles, "
-                f"{recording.cycles / max(splats, 1):.2f} a splat")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        splats = int(np.sum(item.run.inputs["survivors"]["end"] == 0))
+        lines.append(
+            f"{item.name}: {splats} splats, {len(item.expected['writes'])} views, {recording.cycles} cycles, "
+            f"{recording.cycles / max(splats, 1):.2f} a splat")
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -87,6 +87,16 @@ def every_pattern(ports: Sequence[str], seed: int) -> dict[str, dict[str, tuple[
 def rate(recording: Recording, port: str) -> float:
     """Items that an input port took a cycle in which one was offered."""
     return recording.items[port] / max(recording.items[port] + recording.stalls[port], 1)
+
+
+def recorded(plan: Sequence[Planned], outcome: Outcome) -> Iterator[tuple[Planned, Recording]]:
+    """The runs of a plan that were not cut off, each with what it gave."""
+    return ((item, outcome.recordings[item.name]) for item in plan if item.name in outcome.recordings)
+
+
+def at_full_rate(plan: Sequence[Planned], outcome: Outcome, *kinds: str) -> Iterator[tuple[Planned, Recording]]:
+    """Those of the recorded runs that show how fast the unit is: whose names begin with one of `kinds`, or a suite's usual."""
+    return (pair for pair in recorded(plan, outcome) if pair[0].name.startswith(kinds or ("rate", "traced")))
 
 
 def run_plan(

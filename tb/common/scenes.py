@@ -15,17 +15,30 @@ from tb.common.runner import ROOT
 TRAINED = ("truck.splat", "rock_sh3")
 
 
+def scene_path(scene: str) -> str | None:
+    """A scene as commands take it: `embedded`, or where the trained one of this name lies; None where it is not there."""
+    path = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained" / scene
+    return scene if scene == "embedded" else str(path) if path.exists() else None
+
+
+def traced_frame(
+    config: AcceleratorConfig, scene: str, size: str, gaze: str = "none", levels: int | None = None,
+) -> tuple[str, Frame]:
+    """Name and frame of a `scene_path` at a size such as "640x360", with a gaze where it is "x,y"."""
+    request = resolve(argparse.Namespace(
+        scene=scene, size=size, camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
+    return f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}", render(
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+
+
 @cache
 def traced_frames(config: AcceleratorConfig, size: str, trained: tuple[str, ...] = TRAINED) -> dict[str, Frame]:
     """Frames by name: of the embedded scene, and of those of the trained ones that are there, without a gaze and with one."""
-    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
-    scenes = ["embedded", *(str(folder / name) for name in trained if (folder / name).exists())]
-    frames = {}
-    for scene in scenes:
-        for gaze, levels in (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]:
-            request = resolve(argparse.Namespace(
-                scene=scene, size=size, camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
-            name = f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}"
-            frames[name] = render(
-                request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    return frames
+    gazes = (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]
+    paths = filter(None, map(scene_path, ("embedded", *trained)))
+    return dict(traced_frame(config, path, size, *gaze) for path in paths for gaze in gazes)
+
+
+def traced_size(config: AcceleratorConfig, size: str, small: str = "160x96") -> str:
+    """The size of a suite's traced frames: `small` where the machine's rows are."""
+    return small if config.row_width < 640 else size

@@ -15,7 +15,7 @@ from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.culling.stimuli import (
     EDITS,
     REASONS,
@@ -111,20 +111,17 @@ def traced_plan(config: AcceleratorConfig, size: str, most: int | None = None) -
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything; of trained scenes as many points as the slowest machine takes in a minute."""
-    size = "160x96" if config.row_width < 640 else "640x360"
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, size, 100_000)]
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"), 100_000)]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            points, splats = len(item.run.inputs["sink"]) - 1, len(item.expected["source"]) - 1
-            lines.append(
-                f"{item.name}: {points} points, {splats} splats, {recording.cycles / points:.4f} cycles a point, "
-                f"{recording.cycles} cycles from the first point in to the end out")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        points, splats = len(item.run.inputs["sink"]) - 1, len(item.expected["source"]) - 1
+        lines.append(
+            f"{item.name}: {points} points, {splats} splats, {recording.cycles / points:.4f} cycles a point, "
+            f"{recording.cycles} cycles from the first point in to the end out")
     return lines
 
 

@@ -91,9 +91,8 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
     """Cycles of the runs without pauses, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.most_cycles is not None:
+    for item, recording in exact.recorded(plan, outcome):
+        if item.most_cycles is not None:
             entries = len(item.run.inputs["sink"])
             lines.append(f"{item.name}: {entries} items, {entries / recording.cycles:.4f} a cycle in {recording.cycles} cycles")
     return lines

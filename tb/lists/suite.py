@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 
-from rtl.tile_lists.page_walk import LOOKAHEAD
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
+from spec.queues import LIST_TILES
 from spec.records import frame_tiles
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.lists.device import OBSERVED, emit_list_device, inputs, outputs, settings
 from tb.lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
 
@@ -112,7 +112,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for name, counts in (
             ("long tiles", rng.integers(500, 3000, 8)), ("tiles of two pages", rng.integers(33, 97, 80)),
             ("short tiles", rng.choice([1, 2, 3, 33, 34], 400)), ("full beats", np.full(200, 8)),
-            (f"a page in {LOOKAHEAD} tiles", np.where(np.arange(320) % LOOKAHEAD, 4, 40))):
+            (f"a page in {LIST_TILES} tiles", np.where(np.arange(320) % LIST_TILES, 4, 40))):
         frames = [mixed_tiles(rng, counts), np.repeat(np.arange(len(counts)), counts)]
         item = case(config, rng, f"rate, {name}", len(counts) // 4, 4, frames, gaussians=2000)
         clears = 0 if plan else frame_tiles(config)
@@ -131,23 +131,20 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    size = "160x96" if config.row_width < 640 else "640x360"
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, size)]
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the frames at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            entries, written = len(item.expected["groups"]), len(item.expected["written"])
-            loads = len(item.run.inputs["load"]) + item.run.reset * frame_tiles(config)
-            cycles = recording.cycles - loads
-            lines.append(
-                f"{item.name}: {entries} entries, {written - entries} pages, {len(item.expected['headers'])} tiles, "
-                f"{cycles} cycles from the first entry in to the last out, {recording.observed['gaps']} without an entry "
-                f"while lists are read")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        entries, written = len(item.expected["groups"]), len(item.expected["written"])
+        loads = len(item.run.inputs["load"]) + item.run.reset * frame_tiles(config)
+        cycles = recording.cycles - loads
+        lines.append(
+            f"{item.name}: {entries} entries, {written - entries} pages, {len(item.expected['headers'])} tiles, "
+            f"{cycles} cycles from the first entry in to the last out, {recording.observed['gaps']} without an entry "
+            f"while lists are read")
     return lines
 
 

@@ -18,7 +18,7 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
 from tb.common.memory import NO_BAD_BEAT, with_memory
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.sort.stimuli import ORDERS, items_of, random_chunk, random_chunks, whole_groups
 
 SMALL = TINY.with_(name="small", row_width=64, sort_buffer_bytes=256, merge_ways=2)
@@ -215,8 +215,7 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    size = "160x96" if config.row_width < 640 else "256x144"
-    traced = traced_plan(config, size) if chunk_capacity(config) >= 256 else []
+    traced = traced_plan(config, traced_size(config, "256x144")) if chunk_capacity(config) >= 256 else []
     memory = memory_plan(config, seed) if chunk_capacity(config) <= 256 else []  # millions of cycles that find no more
     return [*directed_plan(config, seed), *memory, *rate_plan(config, seed), *traced]
 
@@ -224,15 +223,13 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            items = item.run.inputs["groups"]
-            entries, groups = int((items["empty"] == 0).sum()), int(items["last"].sum())
-            lines.append(
-                f"{item.name}: {entries} entries in {groups} groups, {recording.observed['spilled']} written to memory, "
-                f"{rate(recording, 'groups'):.4f} entries a cycle taken, {entries / recording.cycles:.4f} from the first entry "
-                f"in to the last out, {recording.cycles} cycles")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        items = item.run.inputs["groups"]
+        entries, groups = int((items["empty"] == 0).sum()), int(items["last"].sum())
+        lines.append(
+            f"{item.name}: {entries} entries in {groups} groups, {recording.observed['spilled']} written to memory, "
+            f"{rate(recording, 'groups'):.4f} entries a cycle taken, {entries / recording.cycles:.4f} from the first entry "
+            f"in to the last out, {recording.cycles} cycles")
     return lines
 
 

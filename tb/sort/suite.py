@@ -15,7 +15,7 @@ from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.sort.stimuli import ORDERS, group_chunks, items_of, random_chunk, random_chunks
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
@@ -96,21 +96,18 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    size = "160x96" if config.row_width < 640 else "640x360"
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, size)]
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            items = item.run.inputs["chunks"]
-            entries, chunks = int((items["empty"] == 0).sum()), int(items["last"].sum())
-            lines.append(
-                f"{item.name}: {entries} entries in {chunks} chunks, {rate(recording, 'chunks'):.4f} entries a cycle, "
-                f"{recording.cycles} cycles from the first entry in to the last out")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        items = item.run.inputs["chunks"]
+        entries, chunks = int((items["empty"] == 0).sum()), int(items["last"].sum())
+        lines.append(
+            f"{item.name}: {entries} entries in {chunks} chunks, {rate(recording, 'chunks'):.4f} entries a cycle, "
+            f"{recording.cycles} cycles from the first entry in to the last out")
     return lines
 
 

@@ -15,7 +15,7 @@ from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.tiles.stimuli import Case, case_of, corner_cases, random_case, sharp_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
@@ -89,24 +89,22 @@ def traced_plan(config: AcceleratorConfig, size: str, **scenes: object) -> list[
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    return [*unit_plan(config, seed), *traced_plan(config, "160x96" if config.row_width < 640 else "640x360")]
+    return [*unit_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the traced frames, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith("traced"):
-            splats, table = item.run.inputs["splats"], item.run.inputs["table"]
-            levels = np.stack([table["level"], table["blend"]], 1).astype(np.int64)
-            case = Case(item.name, config, item.run.settings["width"], item.run.settings["height"], (
-                (splats[:-1], levels),), bool(item.run.settings["obb"]))
-            (cost,), cycles = case.costs(), recording.cycles - len(table)
-            lines.append(
-                f"{item.name}: {len(splats) - 1} splats, {cost.runs} runs, {cost.entries} entries, "
-                f"{recording.observed['filtered']} pairs filtered, in {cycles} cycles after the table's {len(table)}: "
-                f"{cost.runs / cycles:.4f} runs and {cost.entries / cycles:.4f} entries a cycle")
+    for item, recording in exact.at_full_rate(plan, outcome, "traced"):
+        splats, table = item.run.inputs["splats"], item.run.inputs["table"]
+        levels = np.stack([table["level"], table["blend"]], 1).astype(np.int64)
+        case = Case(item.name, config, item.run.settings["width"], item.run.settings["height"], (
+            (splats[:-1], levels),), bool(item.run.settings["obb"]))
+        (cost,), cycles = case.costs(), recording.cycles - len(table)
+        lines.append(
+            f"{item.name}: {len(splats) - 1} splats, {cost.runs} runs, {cost.entries} entries, "
+            f"{recording.observed['filtered']} pairs filtered, in {cycles} cycles after the table's {len(table)}: "
+            f"{cost.runs / cycles:.4f} runs and {cost.entries / cycles:.4f} entries a cycle")
     return lines
 
 

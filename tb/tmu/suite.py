@@ -14,7 +14,7 @@ from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.tmu.stimuli import Case, case_of, corner_cases, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
@@ -84,20 +84,18 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    return [*unit_plan(config, seed), *traced_plan(config, "160x96" if config.row_width < 640 else "640x360")]
+    return [*unit_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the traced frames, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith("traced"):
-            groups, hits = item.expected["groups"], len(item.run.inputs["hits"]) - 1
-            cycles = recording.cycles - item.run.reset * frame_tiles(config)  # clearing after a reset
-            lines.append(
-                f"{item.name} {recording.observed['beta_used']}: {hits} hits and {len(groups)} tiles, in "
-                f"{groups['group'][-1] + 1} groups, {(hits + len(groups)) / cycles:.4f} a cycle in {cycles} cycles")
+    for item, recording in exact.at_full_rate(plan, outcome, "traced"):
+        groups, hits = item.expected["groups"], len(item.run.inputs["hits"]) - 1
+        cycles = recording.cycles - item.run.reset * frame_tiles(config)  # clearing after a reset
+        lines.append(
+            f"{item.name} {recording.observed['beta_used']}: {hits} hits and {len(groups)} tiles, in "
+            f"{groups['group'][-1] + 1} groups, {(hits + len(groups)) / cycles:.4f} a cycle in {cycles} cycles")
     return lines
 
 

@@ -17,7 +17,7 @@ from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode, settings
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_size
 from tb.frame.bound import array_ops
 from tb.top.check import counter_errors, frame_run, mismatches
 from tb.top.device import Machine, machine
@@ -130,8 +130,7 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[PlannedFrame]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Everything."""
-    size = "96x64" if config.row_width < 640 else "256x144"
-    return [*good_plan(config, seed), *broken_plan(config, seed), *traced_plan(config, size)]
+    return [*good_plan(config, seed), *broken_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "96x64"))]
 
 
 def problems(item: PlannedFrame, result: FrameResult) -> list[str]:

@@ -115,11 +115,9 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """Speeds of the runs at full rate, a line each."""
     lines = []
-    for item in plan:
-        recording = outcome.recordings.get(item.name)
-        if recording and item.name.startswith(("rate", "traced")):
-            beats = len(item.expected["writes"])
-            lines.append(f"{item.name}: {beats} beats in {recording.cycles} cycles, {beats / recording.cycles:.4f} a cycle")
+    for item, recording in exact.at_full_rate(plan, outcome):
+        beats = len(item.expected["writes"])
+        lines.append(f"{item.name}: {beats} beats in {recording.cycles} cycles, {beats / recording.cycles:.4f} a cycle")
     return lines
 
 
