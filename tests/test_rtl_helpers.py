@@ -9,15 +9,15 @@ from amaranth.hdl import Module, Signal, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
-from rtl_streams import exchange
+from rtl_streams import assert_rejected, exchange
 
 from rtl.fixed import fits, modular, negated_round_shift, round_shift, saturate
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
-from rtl.stream import Buffer
+from rtl.stream import Buffer, Fork
 from spec.config import DEFAULT, TINY
 from spec.formats import SQ, UQ
-from spec.records import RECORDS
+from spec.records import RECORDS, tile_group
 
 
 @pytest.mark.parametrize("record", RECORDS)
@@ -85,6 +85,58 @@ def test_buffer_keeps_order_and_speed(pauses):
     assert found == words
     if not pauses:
         assert cycles == list(range(1, 1 + len(words)))
+
+
+@pytest.mark.parametrize("pauses", [0.0, 0.5])
+def test_a_fork_gives_every_item_to_each_at_its_pace(pauses):
+    dut, got = Fork(8, 3), [[], [], []]
+
+    async def bench(ctx):
+        rng, words = random.Random(2), list(range(200))
+        for cycle in range(1000):
+            ctx.set(dut.sink.valid, bool(words))
+            ctx.set(dut.sink.payload, words[0] if words else 0)
+            for source, share in zip(dut.sources, (0.0, pauses, pauses / 2), strict=True):
+                ctx.set(source.ready, rng.random() >= share)
+            await ctx.delay(1e-10)
+            for source, found in zip(dut.sources, got, strict=True):
+                if ctx.get(source.valid) and ctx.get(source.ready):
+                    found.append((cycle, ctx.get(source.payload)))
+            if words and ctx.get(dut.sink.ready):
+                words.pop(0)
+            assert max(map(len, got)) - min(map(len, got)) <= 2
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert all([word for _, word in found] == list(range(200)) for found in got)
+    if not pauses:
+        assert [cycle for cycle, _ in got[0]] == list(range(1, 201))
+
+
+def test_a_fork_holds_back_no_consumer_for_another_beyond_two_items():
+    dut = Fork(8)
+
+    async def bench(ctx):
+        ctx.set(dut.sink.valid, 1)
+        ctx.set(dut.sources[0].ready, 1)
+        taken = 0
+        for _ in range(20):
+            taken += ctx.get(dut.sources[0].valid)
+            await ctx.tick()
+        assert taken == 2
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
+def test_bad_forks_are_rejected():
+    for count, error in ((0, ValueError), (True, TypeError), ("2", TypeError)):
+        assert_rejected(lambda count=count: Fork(layout(tile_group(TINY)), count), error, count)
 
 
 class Sum(wiring.Component):
