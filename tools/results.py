@@ -47,6 +47,11 @@ SPEED_FRAMES = (
 BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
 
+FRAME_SOURCES = (
+    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "rtl/**/*.py", "tb/frame/*.py",
+    "tb/top/[cdimp]*.py", "tb/top/memory.sv", "tb/common/emission.py", "tb/common/runner.py")
+"""Whatever a frame through the machine and its numbers are made of."""
+
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
     "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
@@ -118,10 +123,15 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if scene_path(frame[0])]))
 
 
+def frame_sources(root: Path = ROOT) -> list[Path]:
+    """The files of FRAME_SOURCES."""
+    return sorted({path for pattern in FRAME_SOURCES for path in root.glob(pattern)})
+
+
 def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> dict[str, object]:
     """What is kept of one frame through the machine; one that these sources have given already is not simulated again."""
-    sources = [path.read_bytes() for folder in ("spec", "golden", "rtl") for path in sorted((ROOT / folder).rglob("*.py"))]
-    key = hashlib.sha256(repr((scene, size, gaze, options)).encode() + b"".join(sources)).hexdigest()[:12]
+    sources = b"".join(path.read_bytes() for path in frame_sources())
+    key = hashlib.sha256(repr((scene, size, gaze, options)).encode() + sources).hexdigest()[:12]
     out = ROOT / "build" / "results" / f"frame-{key}"
     view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
     if not (out / "frame.json").exists():

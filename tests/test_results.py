@@ -1,0 +1,33 @@
+"""The results' commands: what the frames that they keep depend on, no more and no less."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from test_import_law import ROOT, reached
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # `tests` has a folder of the same name
+
+from tools.results import frame_sources
+
+COMMAND, MACHINE = Path("tb/frame/__main__.py"), Path("tb/frame/whole.py")
+
+
+def names() -> set[str]:
+    return {path.relative_to(ROOT).as_posix() for path in frame_sources()}
+
+
+def test_a_frame_is_made_anew_when_what_it_imports_changes() -> None:
+    """Of what the command imports for its arguments alone, the other units' benches, no frame is made."""
+    imported = reached(MACHINE) | {path for path in reached(COMMAND) if path.parts[0] in ("spec", "golden", "rtl")}
+    assert MACHINE in imported and len(imported) > 60
+    assert not {path.as_posix() for path in imported} - names()
+    assert "tb/top/memory.sv" in names()
+
+
+def test_a_frame_stays_when_what_it_does_not_import_changes() -> None:
+    """Training, measures of quality, renderers' benchmarks: whatever else grows."""
+    golden = {name for name in names() if name.startswith("golden/")}
+    assert golden - {path.as_posix() for path in reached(COMMAND)} == {"golden/scenes/save.py"}
+    assert {name.partition("/")[0] for name in names()} == {"golden", "rtl", "spec", "tb"}
