@@ -95,17 +95,9 @@ class EntryWriter(wiring.Component):
     `hits`, 7 to `writes`. Behind a frame's `end`, one cycle a tile of the frame is spent on clearing, while its lists are read;
     the next frame's entries would wait for it. After a reset, one cycle a tile of the largest frame.
 
-    Entries of a splat lie in different tiles, so that each is a write of its own, of a quarter of a beat. Beats that wait for
-    more entries of their tile, in lines by the tile's low bits, would save of these writes, in traced frames without a gaze
-    (`python -m tb.lists.combining`, reports/write_combining.md)::
-
-        lines                      64     256    1024    4096
-        embedded 640x360          7 %    27 %    74 %    74 %
-        truck 640x360            27 %    57 %    75 %    75 %
-        embedded 1920x1080        1 %     3 %    11 %    40 %
-        truck 1920x1080           4 %    13 %    35 %    64 %
-
-    A line is 256 bits and a tag: what would pay for large frames is larger than all other memories here together.
+    Entries of a splat lie in different tiles, so that each is a write of its own, of a quarter of a beat. What beats would save
+    that wait for more entries of their tile is in reports/write_combining.md (`python -m tb.lists.combining`): in frames of
+    1920x1080 it takes 4,096 lines of 256 bits to save much, more than places and origins of PAPER together.
     """
 
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):

@@ -4,4 +4,5 @@
     device      the units around it
     stimuli     frames by hand, at random and of scenes
     suite       what is run, in which configurations
+    combining   what waiting for more entries of a beat would save
 """
