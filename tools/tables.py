@@ -197,12 +197,23 @@ def machine_table(reports: Reports) -> str:
         limit = max(ours["bounds"], key=ours["bounds"].get)
         rows.append([
             f"{scene}, {width}x{height}", f"{speed} B" if speed else "the bus's", f"{ours['entries']:,}",
+            f"{100 * ours['events']['spilled_entries'] / ours['entries']:.0f} %",
             f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
             f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
             f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
-    header = ["foveated frame", "memory, a cycle", "entries", "geometry cycles", "rendering: baseline", "ours", "gain",
-              "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
+    header = ["foveated frame", "memory, a cycle", "entries", "spilled in sorting", "geometry cycles", "rendering: baseline",
+              "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
     return markdown(header, rows)
+
+
+def sorting_table(reports: Reports) -> str:
+    """The sorter alone on scenes' frames: what of them is in groups larger than its buffer, and how fast entries are taken."""
+    report = reports.get("sorting", {"rows": []})
+    rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
+             f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
+             f"{r['entries_written']:,}", f"{r['taken_per_cycle']:.3f}"] for r in report["rows"]]
+    return markdown(["frame", "entries", "groups", f"entries in groups beyond {report.get('buffer_entries', 0):,}",
+                     "entries written to memory", "entries taken a cycle"], rows)
 
 
 def culling_table(reports: Reports) -> str:
@@ -261,7 +272,8 @@ def time_table(reports: Reports) -> str:
 
 TABLES: dict[str, Callable[[Reports], str]] = {
     "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
-    "machine": machine_table, "culling": culling_table, "order": order_table, "shared": shared_table, "time": time_table,
+    "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
+    "order": order_table, "shared": shared_table, "time": time_table,
 }
 
 
