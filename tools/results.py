@@ -3,6 +3,7 @@
     python tools/results.py                    everything (about 20 minutes); scenes in MSV2_DATA, liberties in MSV2_PDK
     python tools/results.py --only frames      one part: accuracy, frames, machine, sorting, order, synthesis, culling_area,
                                                colour, bench
+    python tools/results.py --only synthesis --unit splat_fetch    one unit's row alone; the others stay
     python tools/results.py --only tables      only rewrite the tables from reports/
     python tools/results.py --check            exit 1 where the README differs from what reports/ give
 """
@@ -15,6 +16,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -150,19 +152,32 @@ def measure_order() -> None:
     write_json(REPORTS / "order.json", {"rows": rows})
 
 
-def measure_synthesis() -> None:
-    """reports/synthesis.json: area and slack of SYNTHESISED in ASAP7; skipped without MSV2_PDK."""
+def measure_synthesis(units: Sequence[str] = SYNTHESISED) -> None:
+    """reports/synthesis.json: area and slack of SYNTHESISED in ASAP7, those of `units` made anew; skipped without MSV2_PDK.
+
+    Raises:
+        InputError: no row is kept of a unit, nor is it made.
+    """
     if "MSV2_PDK" not in os.environ:
         print("skipped: synthesis (MSV2_PDK names no liberty folder)")
         return
-    rows, out = [], ROOT / "build" / "results" / "synth"
-    for unit in SYNTHESISED:
-        run("-m", "synth", "--unit", unit, "--tech", "asap7", "--clock-ps", "1000", "--out", str(out))
-        report = json.loads((out / f"{unit}-asap7.json").read_text())
-        variants = {name: _numbers(variant) for name, variant in report["variants"].items()}
-        named = {key: report[key] for key in ("unit", "config", "node", "cell_list", "yosys", "sta")}
-        rows.append({**named, **_numbers(report), "variants": variants})
-    write_json(REPORTS / "synthesis.json", {"rows": rows})
+    report, out = REPORTS / "synthesis.json", ROOT / "build" / "results" / "synth"
+    rows = {row["unit"]: row for row in json.loads(report.read_text())["rows"]} if report.exists() else {}
+    missing = set(SYNTHESISED) - set(rows) - set(units)
+    if missing:
+        raise InputError(f"no area is known of {', '.join(sorted(missing))}: run the whole part")
+    for unit in units:
+        rows[unit] = synthesised(unit, out)
+    write_json(report, {"rows": [rows[unit] for unit in SYNTHESISED]})
+
+
+def synthesised(unit: str, out: Path) -> dict[str, object]:
+    """What is kept of a unit's synthesis; `out` keeps the rest."""
+    run("-m", "synth", "--unit", unit, "--tech", "asap7", "--clock-ps", "1000", "--out", str(out))
+    report = json.loads((out / f"{unit}-asap7.json").read_text())
+    variants = {name: _numbers(variant) for name, variant in report["variants"].items()}
+    named = {key: report[key] for key in ("unit", "config", "node", "cell_list", "yosys", "sta")}
+    return {**named, **_numbers(report), "variants": variants}
 
 
 def _numbers(report: dict) -> dict:
@@ -188,9 +203,14 @@ def main() -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=list(PARTS), help="one part instead of all")
+    parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README is stale")
     args = parser.parse_args()
-    if not args.check:
+    if args.unit and args.only != "synthesis":
+        raise InputError(f"--unit {args.unit} is of --only synthesis, not of {args.only or 'everything'}")
+    if args.unit and not args.check:
+        measure_synthesis([args.unit])
+    elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
             PARTS[name]()
