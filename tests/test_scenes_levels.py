@@ -23,6 +23,17 @@ def test_levels_are_nested_random_subsets_of_the_right_sizes():
     assert abs(kept.mean() - 500) < 50
 
 
+def test_sizes_can_be_given():
+    model = float32_model(n=300, levels=1)
+    bound = smfr_levels(model, 3, seed=2, counts=(300, 77, 76)).quality_bound
+    assert [int((bound > level).sum()) for level in range(3)] == [300, 77, 76]
+    drawn = smfr_levels(model, 3, seed=2).quality_bound  # one permutation ranks the points, whatever the sizes
+    assert (drawn[bound == 3] >= 2).all()
+    for counts in ((299, 77, 76), (300, 76, 77), (300, 77, 0), (300, 77)):
+        with pytest.raises(ValueError, match="300 down to"):
+            smfr_levels(model, 3, counts=counts)
+
+
 def test_seed_decides():
     model = float32_model(n=300, levels=1)
     first = smfr_levels(model, seed=3).quality_bound

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ from golden.scenes.model import GaussianModel
 from spec.constants import AMP_MAX, MAX_LEVELS, SMFR_FRACTIONS
 
 
-def smfr_levels(model: GaussianModel, levels: int = MAX_LEVELS, seed: int = 0) -> GaussianModel:
+def smfr_levels(
+    model: GaussianModel, levels: int = MAX_LEVELS, seed: int = 0, counts: Sequence[int] | None = None
+) -> GaussianModel:
     """Nested random subsets of a model's points (SMFR, Single-Model FR: paper section 7, variants).
 
     One seeded permutation ranks the points; level L uses the first SMFR_FRACTIONS[L] of them, so each level is a subset of the
@@ -19,16 +22,22 @@ def smfr_levels(model: GaussianModel, levels: int = MAX_LEVELS, seed: int = 0) -
     Args:
         levels: 1..4.
         seed: of the permutation.
+        counts: points of each level instead of the fractions; the first must be all, none more than the one before.
 
     Raises:
-        ValueError: levels outside 1..4.
+        ValueError: levels outside 1..4, or counts that do not suit.
     """
     if levels not in range(1, MAX_LEVELS + 1):
         raise ValueError(f"levels must be 1..{MAX_LEVELS}, not {levels!r}")
     n = len(model)
     rank = np.random.default_rng(seed).permutation(n)
-    sizes = [round(fraction * n) for fraction in SMFR_FRACTIONS[:levels]]
-    sizes[1:] = [max(size, 1) for size in sizes[1:]]  # a tiny model keeps a point in every level
+    if counts is None:
+        sizes = [round(fraction * n) for fraction in SMFR_FRACTIONS[:levels]]
+        sizes[1:] = [max(size, 1) for size in sizes[1:]]  # a tiny model keeps a point in every level
+    else:
+        sizes = list(counts)
+        if len(sizes) != levels or sizes[0] != n or sizes != sorted(sizes, reverse=True) or sizes[-1] < 1:
+            raise ValueError(f"counts must be {levels} numbers from {n} down to at least 1, not {counts!r}")
     bound = sum((rank < size).astype(np.uint8) for size in sizes)
     return replace(
         model, quality_bound=bound, opacity=np.repeat(model.opacity[:, :1], levels, axis=1),
