@@ -1,0 +1,62 @@
+"""Progress of a stage: a bar on a terminal, a line for every tenth elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any, TextIO
+
+from tqdm import tqdm
+
+MEMORY = 0.95
+"""Share of the moving PSNR that each measurement leaves standing."""
+
+LINES = 10
+"""Lines per stage where there is no terminal."""
+
+
+class Progress:
+    """What a stage shows while it runs: iterations, time left, loss, moving PSNR, points.
+
+    Args:
+        title: shown before the bar.
+        total: iterations of the stage.
+        done: iterations taken by an earlier run.
+        stream: where to; a terminal gets a bar.
+    """
+
+    def __init__(self, title: str, total: int, done: int = 0, stream: TextIO | None = None) -> None:
+        self.title, self.total, self.first, self.stream = title, total, done, stream or sys.stderr
+        self.psnr = math.nan
+        self.begin = time.monotonic()
+        self.shown = done * LINES // max(total, 1)
+        self.bar = tqdm(total=total, initial=done, desc=title, unit="it", file=self.stream, dynamic_ncols=True) \
+            if self.stream.isatty() else None
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+    def update(self, done: int, record: Mapping[str, Any]) -> None:
+        """Shows that `done` iterations are taken, the last of which logged `record`."""
+        psnr = float(record.get("psnr", math.nan))
+        if math.isfinite(psnr):
+            self.psnr = MEMORY * self.psnr + (1 - MEMORY) * psnr if math.isfinite(self.psnr) else psnr
+        numbers = {"loss": f"{float(record['loss']):.4g}"} if "loss" in record else {}
+        if math.isfinite(self.psnr):
+            numbers["psnr"] = f"{self.psnr:.2f}"
+        if "points" in record:
+            numbers["points"] = f"{int(record['points']):,}"
+        if self.bar is not None:
+            self.bar.set_postfix(numbers, refresh=False)
+            self.bar.update(done - self.bar.n)
+        elif done * LINES // max(self.total, 1) > self.shown or done >= self.total:
+            self.shown = done * LINES // max(self.total, 1)
+            left = (time.monotonic() - self.begin) / max(done - self.first, 1) * max(self.total - done, 0)
+            print(f"{self.title}: {done}/{self.total}, " + "".join(f"{name} {text}, " for name, text in numbers.items())
+                  + f"{left:.0f} s left", file=self.stream, flush=True)
