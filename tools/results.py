@@ -1,8 +1,8 @@
 """Run what the README's tables rest on, keep the numbers in reports/, and write the tables.
 
     python tools/results.py                    everything (about 20 minutes); scenes in MSV2_DATA, liberties in MSV2_PDK
-    python tools/results.py --only frames      one part: accuracy, frames, machine, sorting, order, synthesis, culling_area,
-                                               colour, bench
+    python tools/results.py --only frames      one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
+                                               culling_area, colour, bench
     python tools/results.py --only synthesis --unit splat_fetch    one unit's row alone; the others stay
     python tools/results.py --only tables      only rewrite the tables from reports/
     python tools/results.py --check            exit 1 where the README differs from what reports/ give
@@ -194,6 +194,7 @@ def measure_bench() -> None:
 PARTS = {
     "accuracy": lambda: run("golden/accuracy.py", "--out", str(REPORTS)), "frames": measure_frames, "machine": measure_machine,
     "sorting": lambda: run("-m", "tools.sorting_report"), "order": measure_order,
+    "latencies": lambda: run("-m", "tools.latency_report"),
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "tools.culling_area"),
     "colour": lambda: run("-m", "tools.colour_report"), "bench": measure_bench, "tables": lambda: None,
 }

@@ -10,13 +10,13 @@ from pathlib import Path
 from golden.accuracy import as_markdown
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
-from rtl.culling.compare import unit_cost
+from rtl.culling.colour import splat_interval
 from rtl.float.add import FloatAdd
 from rtl.float.convert import FixedToFloat, FloatToFixed
 from rtl.float.divide import FloatDivide, FloatReciprocal
 from rtl.float.multiply import FloatMul
 from rtl.float.roots import FloatRsqrt, FloatSqrt
-from rtl.vrc_array import blend, expand, row, setup
+from rtl.vrc_array import blend, expand, row, setup, splat_fetch
 from spec.config import DEFAULT, PAPER
 from spec.constants import TILE
 
@@ -97,59 +97,75 @@ def _gains(machine: list[dict]) -> list[list[str]]:
     return rows
 
 
-def latencies(*units: type) -> str:
-    """Latencies of float units, as their classes state them."""
-    return f"{', '.join(str(unit.latency) for unit in units)} cycles, 1/cycle"
+UNITS = (
+    ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", "sim TEST=lists",
+     "memory's, 1 beat/cycle", ""),
+    ("near test, projection", "culling/projection_unit", "culling", "sim TEST=culling", "{projection} cycles, 1 point/cycle",
+     "near_test, projection"),
+    ("tile test, foveation filter", "culling/tile_test", "tiling", "sim TEST=culling",
+     "{tile_test} cycles, 1 run and 1 entry/cycle", "tile_test"),
+    ("colour unit", "culling/colour", "colour", "sim TEST=culling", "{colour_unit} cycles, 1 SH-3 splat/{interval} cycles",
+     "colour_unit"),
+    ("entry writer", "tile_lists/entry_writer", "tile_lists", "sim TEST=lists", "{entry_writer} cycles, 1 entry/cycle",
+     "entry_writer"),
+    ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "sim TEST=tmu",
+     "{tile_merge_unit} cycles, 1 entry, 1 tile/cycle", "tile_merge_unit"),
+    ("list reader, header maker", "tile_lists/list_reader, header_maker", "tile_lists", "sim TEST=lists",
+     "{list_reader_request} + {list_reader_answer}, {header_maker_request} + {header_maker_answer} cycles and memory's, "
+     "1 entry, 1 tile/cycle", "list_reader"),
+    ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "sim TEST=sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
+    ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", "sim TEST=sort", "the group, 1 entry/cycle",
+     ""),
+    ("line buffer, double buffer", "sort_tmu/handover", "-", "sim TEST=sort",
+     "{line_buffer}, the group and {double_buffer} cycles, 1 entry/cycle", ""),
+    ("splat fetch", "vrc_array/splat_fetch", "views", "sim TEST=vrc", "{splat_fetch} cycles, 1 entry/cycle", "splat_fetch"),
+    ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", "{setup} cycles, 1 op/cycle", "setup"),
+    ("expansion", "vrc_array/expand", "array_kernel", "test_rtl_expand", "{expand} cycles, 1 op/cycle", "expand"),
+    ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", "{pixel_core} cycles, 1 op/cycle",
+     "pixel_core"),
+    ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "{vrc_row} cycle to the next row", "vrc_row"),
+    ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "{blend} cycles, 1 row/cycle", "blend"),
+    ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc", "1 entry/cycle", ""),
+    ("pixel writer", "vrc_array/pixel_writer", "views", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle", "pixel_writer"),
+    ("AXI master, read queues", "axi/master, read_port", "-", "sim TEST=axi",
+     "{axi_master_request} + {axi_master_answer}, {read_queue} cycles, a read and a write/cycle", "axi_master"),
+    ("registers, counters", "axi/registers, counters", "-", "sim TEST=axi", "{register_file} cycles to start", "register_file"),
+    ("frame controller, machine", "top/controller, machine", "pipeline", "sim TEST=top, frame", "see frames", ""),
+    ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", "{float_add}, {float_mul} cycles, 1/cycle",
+     "float_add, float_mul"),
+    ("float divide, 1/x", "float/divide", "rounding", "sim TEST=float",
+     "{float_divide}, {float_reciprocal} cycles, 1/cycle", "float_divide, float_reciprocal"),
+    ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", "{float_rsqrt}, {float_sqrt} cycles, 1/cycle",
+     "float_rsqrt, float_sqrt"),
+    ("float from, to fixed", "float/convert", "rounding", "sim TEST=float",
+     "{fixed_to_float}, {float_to_fixed} cycles, 1/cycle", "fixed_to_float, float_to_fixed"),
+)
+"""Title, source, golden, tests, latency and throughput by the names of `unit_cycles`, names in synth/."""
+
+
+class _Cycles(dict):
+    """Numbers by name; what was not measured is shown as such."""
+
+    def __missing__(self, name: str) -> str:
+        return "?"
+
+
+def unit_cycles(reports: Reports) -> dict[str, int]:
+    """Latencies by name: those that the RTL states and its tests hold, those that reports/latencies.json measured; `interval`
+    is the colour unit's."""
+    stated = {
+        "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
+        "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
+        "float_add": FloatAdd.latency, "float_mul": FloatMul.latency, "float_divide": FloatDivide.latency,
+        "float_reciprocal": FloatReciprocal.latency, "float_rsqrt": FloatRsqrt.latency, "float_sqrt": FloatSqrt.latency,
+        "fixed_to_float": FixedToFloat.latency, "float_to_fixed": FloatToFixed.latency}
+    return _Cycles(stated | reports.get("latencies", {"cycles": {}})["cycles"])
 
 
 def units_table(reports: Reports) -> str:
     """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
-    synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
-    core, sim, cull = row.PIPELINE + row.SUMS_LATER, "sim TEST=", unit_cost(PAPER, PAPER.point_interval).latency
-    units = [
-        ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", f"{sim}lists",
-         "memory's, 1 beat/cycle", ""),
-        ("near test, projection", "culling/projection_unit", "culling", f"{sim}culling", f"{cull} cycles, 1 point/cycle",
-         "near_test, projection"),
-        ("tile test, foveation filter", "culling/tile_test", "tiling", f"{sim}culling", "66 cycles, 1 run and 1 entry/cycle",
-         "tile_test"),
-        ("colour unit", "culling/colour", "colour", f"{sim}culling", "41 cycles, 1 SH-3 splat/4 cycles",
-         "colour_unit"),
-        ("entry writer", "tile_lists/entry_writer", "tile_lists", f"{sim}lists", "7 cycles, 1 entry/cycle", "entry_writer"),
-        ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", f"{sim}tmu", "8 cycles, 1 entry, 1 tile/cycle",
-         "tile_merge_unit"),
-        ("list reader, header maker", "tile_lists/list_reader, header_maker", "tile_lists", f"{sim}lists",
-         "9 cycles and memory's, 1 entry/cycle", "list_reader"),
-        ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", f"{sim}sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
-        ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", f"{sim}sort",
-         "the group, 1 entry/cycle", ""),
-        ("line buffer, double buffer", "sort_tmu/handover", "-", f"{sim}sort", "2 cycles, the group; 1 entry/cycle", ""),
-        ("splat fetch", "vrc_array/splat_fetch", "views", f"{sim}vrc", "5 cycles, 1 entry/cycle", "splat_fetch"),
-        ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", f"{setup.LATENCY} cycles, 1 op/cycle",
-         "setup"),
-        ("expansion", "vrc_array/expand", "array_kernel", "test_rtl_expand", f"{expand.latency(DEFAULT)} cycles, 1 op/cycle",
-         "expand"),
-        ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", f"{core} cycles, 1 op/cycle",
-         "pixel_core"),
-        ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "1 cycle to the next row", "vrc_row"),
-        ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", f"{blend.BLEND_LATENCY} cycles, 1 row/cycle",
-         "blend"),
-        ("whole array", "vrc_array/array", "vrc_array", f"{sim}vrc", "1 entry/cycle", ""),
-        ("pixel writer", "vrc_array/pixel_writer", "views", f"{sim}vrc", "2 cycles, 1 beat/cycle", "pixel_writer"),
-        ("AXI master, read queues", "axi/master, read_port", "-", f"{sim}axi", "2 cycles, a read and a write/cycle",
-         "axi_master"),
-        ("registers, counters", "axi/registers, counters", "-", f"{sim}axi", "2 cycles", "register_file"),
-        ("frame controller, machine", "top/controller, machine", "pipeline", f"{sim}top, frame", "see frames", ""),
-        ("float add, multiply", "float/add, multiply", "rounding", f"{sim}float", latencies(FloatAdd, FloatMul),
-         "float_add, float_mul"),
-        ("float divide, 1/x", "float/divide", "rounding", f"{sim}float", latencies(FloatDivide, FloatReciprocal),
-         "float_divide, float_reciprocal"),
-        ("float 1/sqrt, sqrt", "float/roots", "rounding", f"{sim}float", latencies(FloatRsqrt, FloatSqrt),
-         "float_rsqrt, float_sqrt"),
-        ("float from, to fixed", "float/convert", "rounding", f"{sim}float", latencies(FixedToFloat, FloatToFixed),
-         "fixed_to_float, float_to_fixed"),
-    ]
-    rows = [[*unit[:5], _areas(synthesis, unit[5])] for unit in units]
+    synthesis, cycles = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}, unit_cycles(reports)
+    rows = [[*unit[:4], unit[4].format_map(cycles), _areas(synthesis, unit[5])] for unit in UNITS]
     header = ["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "logic in ASAP7 (slack at 1 ns)"]
     return markdown(header, rows)
 
