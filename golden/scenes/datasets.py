@@ -88,12 +88,22 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def fit_to_images(cameras: list[Camera], images: list[Path]) -> tuple[Camera, ...]:
-    """Each camera at its photograph's size: sets are shipped with photographs scaled down, intrinsics are not."""
-    sizes = [image_size(path) for path in images]
-    return tuple(
-        camera if (camera.width, camera.height) == size else camera.resized(*size)
-        for camera, size in zip(cameras, sizes, strict=True)
-    )
+    """Each camera at its photograph's size: sets are shipped with photographs scaled down, intrinsics are not.
+
+    Raises:
+        InputError: a photograph is missing or unreadable, or not of its camera's proportions.
+    """
+    return tuple(_fitted(camera, path) for camera, path in zip(cameras, images, strict=True))
+
+
+def _fitted(camera: Camera, image: Path) -> Camera:
+    """The camera at its photograph's size, which is its own, scaled and rounded up or down to whole pixels."""
+    width, height = image_size(image)
+    scale = (width / camera.width + height / camera.height) / 2
+    if abs(width - scale * camera.width) > 1 or abs(height - scale * camera.height) > 1:
+        raise InputError(f"{image}: is {width}x{height}, its camera {camera.width}x{camera.height}; photographs of the "
+                         "camera's proportions are accepted (was it cropped, rotated or taken for another?)")
+    return camera if (camera.width, camera.height) == (width, height) else camera.resized(width, height)
 
 
 def load_dataset(path: Path | str) -> Dataset:

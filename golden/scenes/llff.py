@@ -10,7 +10,7 @@ import numpy as np
 from golden.scenes.camera import Camera
 from golden.scenes.colmap import find_images, read_points
 from golden.scenes.conventions import camera_from_llff, up_of_cameras
-from golden.scenes.datasets import Dataset, image_size
+from golden.scenes.datasets import Dataset, fit_to_images
 from golden.scenes.files import read_bytes
 from spec.errors import InputError
 
@@ -40,7 +40,7 @@ def load_llff(folder: Path) -> Dataset:
     images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
     if len(images) != len(poses):
         raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; as many needed")
-    cameras = tuple(_camera(pose, image) for pose, image in zip(poses, images, strict=True))
+    cameras = fit_to_images([_camera(pose, image) for pose, image in zip(poses, images, strict=True)], images)
     lone = folder / "sparse" / "0" / "points3D.bin"
     points, colours = read_points(lone) if lone.exists() else (np.empty((0, 3)), np.empty((0, 3), np.uint8))
     return Dataset(
@@ -52,6 +52,5 @@ def load_llff(folder: Path) -> Dataset:
 def _camera(pose: np.ndarray, image: Path) -> Camera:
     rotation, translation = camera_from_llff(pose)
     height, width, focal = pose[:, 4]
-    camera = Camera(rotation=rotation, translation=translation, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
-                    width=round(width), height=round(height), name=image.name)
-    return camera.resized(*image_size(image))
+    return Camera(rotation=rotation, translation=translation, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
+                  width=round(width), height=round(height), name=image.name)

@@ -11,7 +11,7 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import UP_BY_FORMAT, camera_from_opencv, camera_from_opengl
-from golden.scenes.datasets import Dataset, image_size
+from golden.scenes.datasets import Dataset, fit_to_images, image_size
 from golden.scenes.files import read_bytes, read_json
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError
@@ -75,7 +75,8 @@ def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
 def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) -> Camera:
     distorted = [key for key in DISTORTION if _number(path, entry, key, 0.0)]
     if distorted or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
-        raise InputError(f"{path}: {image.name} has a distorted lens ({distorted or 'fisheye'}); a pinhole is accepted")
+        raise InputError(f"{path}: {image.name} has a distorted lens ({distorted or 'fisheye'}); a pinhole is "
+                         "accepted (colmap image_undistorter makes them, then import its model)")
     rotation, translation = camera_from_opengl(_pose(path, entry))
     size = image_size(image) if image_exists else (0, 0)
     width, height = round(_number(path, entry, "w", size[0])), round(_number(path, entry, "h", size[1]))
@@ -90,7 +91,7 @@ def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) 
         raise InputError(f"{path}: focal length of {image.name} is {min(fx, fy):g} pixels; more than 0 is needed")
     camera = Camera(rotation=rotation, translation=translation, fx=fx, fy=fy, cx=_number(path, entry, "cx", width / 2),
                     cy=_number(path, entry, "cy", height / 2), width=width, height=height, name=image.name)
-    return camera.resized(*size) if image_exists and size != (width, height) else camera
+    return fit_to_images([camera], [image])[0] if image_exists else camera
 
 
 def _points(path: Path) -> tuple[np.ndarray, np.ndarray]:

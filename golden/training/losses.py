@@ -1,0 +1,21 @@
+"""Losses on whole images."""
+
+from __future__ import annotations
+
+import torch
+
+from golden.metrics.ssim import Ssim
+
+SSIM_SHARE = 0.2
+"""Weight of 1 - SSIM against the absolute difference (3DGS)."""
+
+
+def photometric(image: torch.Tensor, ssim: Ssim, target: torch.Tensor) -> torch.Tensor:
+    """3DGS's loss, 0.8 L1 + 0.2 (1 - SSIM), a scalar.
+
+    Args:
+        image: (H, W, 3) rendered, not clamped.
+        ssim: prepared for `target`.
+        target: (H, W, 3) the photograph.
+    """
+    return (1 - SSIM_SHARE) * (image - target).abs().mean() + SSIM_SHARE * (1 - ssim(image))

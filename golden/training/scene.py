@@ -1,0 +1,146 @@
+"""What a model is trained from: cameras, photographs, SfM points, and which views train, validate and test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from golden.scenes.camera import Camera
+from golden.scenes.datasets import TEST_EVERY, Dataset, load_dataset
+from golden.scenes.embedded import UP, embedded_cameras, surface_points
+from golden.training.embedded_photographs import embedded_photographs
+from golden.training.photographs import area_resized, check_photographs, read_photographs
+from spec.errors import InputError
+
+VALIDATE_EVERY = 8
+"""Every 8th view that is not a test view validates: gates read those, so that nothing is chosen by the test views."""
+
+MIN_EDGE = 32
+"""Smallest frame edge in pixels: the HVSQ pyramid's, and above SSIM's window of 11."""
+
+MIN_POINTS = 4
+"""A point and its three nearest neighbours, which give its first scale."""
+
+EXTENT_MARGIN = 1.1
+"""3DGS's scene extent is the radius of the cameras' positions around their mean, times this."""
+
+EMBEDDED_POINTS = 6000
+"""Surface points that stand in for structure from motion in the embedded scene."""
+
+EMBEDDED_SIZE = (256, 256)
+"""Default frame size of the embedded scene."""
+
+
+@dataclass(frozen=True)
+class TrainingScene:
+    """V posed photographs of one size H x W, and P points.
+
+    Attributes:
+        name: short, for folders and reports.
+        up: (3,) unit vector, the scene's up in world axes.
+        cameras: one per view, at the size trained at.
+        images: (V, H, W, 3) uint8, the photographs.
+        train, validation, test: indices of views, disjoint, none empty.
+        extent: 3DGS's scene extent, of the training cameras, world units.
+        points: (P, 3) float64, world units.
+        colours: (P, 3) float64 in 0..1.
+    """
+
+    name: str
+    up: np.ndarray
+    cameras: tuple[Camera, ...]
+    images: np.ndarray
+    train: tuple[int, ...]
+    validation: tuple[int, ...]
+    test: tuple[int, ...]
+    extent: float
+    points: np.ndarray
+    colours: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of every view."""
+        return self.cameras[0].width, self.cameras[0].height
+
+    def photograph(self, index: int) -> torch.Tensor:
+        """(H, W, 3) float32 in 0..1, as displayed; made from the bytes at each call, which takes under a millisecond."""
+        return torch.from_numpy(self.images[index]).to(torch.float32).div_(255)
+
+    def resized(self, width: int, height: int) -> TrainingScene:
+        """The scene with cameras and photographs at a smaller size, photographs reduced by area."""
+        if (width, height) == self.size:
+            return self
+        cameras = tuple(camera.resized(width, height) for camera in self.cameras)
+        return replace(self, cameras=cameras, images=area_resized(self.images, width, height))
+
+
+def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *, points_needed: bool = True) -> TrainingScene:
+    """The scene at `path`, or the embedded one.
+
+    Test views are every 8th, as everywhere in the field; of the others every 8th, from the 4th on, validates. Photographs with
+    masks (a folder `masks`, `mask_path`, or transparent pixels) are refused. Photographs that a COLMAP model does not name are
+    not used. Points that are not finite are dropped.
+
+    Args:
+        path: a data set as `load_dataset` reads it, or 'embedded'.
+        size: (width, height) to train at, no larger than the photographs and of their proportions; None for theirs.
+        points_needed: False where a trained model is there to start from.
+
+    Raises:
+        InputError: anything wrong with the data set; the message names the file, the value and what is accepted.
+    """
+    if str(path) == "embedded":
+        return _embedded(*(size or EMBEDDED_SIZE))
+    path = Path(path)
+    data = load_dataset(path)
+    check_photographs(data, path)
+    width, height = _accepted_size(data, size, path)
+    finite = np.isfinite(data.points).all(axis=1)
+    if points_needed and finite.sum() < MIN_POINTS:
+        raise InputError(f"{path}: has {finite.sum()} points; at least {MIN_POINTS} are needed, from COLMAP's points3D or "
+                         "nerfstudio's ply_file_path (or a trained model to start from)")
+    cameras = tuple(camera.resized(width, height) for camera in data.cameras)
+    return _scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
+                  data.point_colours[finite] / 255)
+
+
+def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
+    full = data.cameras[0].width, data.cameras[0].height
+    width, height = size or full
+    if min(width, height) < MIN_EDGE or width > full[0] or height > full[1]:
+        raise InputError(f"{path}: size {width}x{height} is not accepted: from {MIN_EDGE} pixels an edge up to the "
+                         f"photographs' {full[0]}x{full[1]}")
+    if abs(width * full[1] - height * full[0]) > max(full):  # more than a pixel off on either edge
+        raise InputError(f"{path}: size {width}x{height} is not accepted: {width}x{round(width * full[1] / full[0])} has the "
+                         f"proportions of the photographs, {full[0]}x{full[1]}")
+    return width, height
+
+
+def _scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
+           colours: np.ndarray) -> TrainingScene:
+    """The scene with its views divided and its extent measured."""
+    test = tuple(range(0, len(cameras), TEST_EVERY))
+    others = [i for i in range(len(cameras)) if i % TEST_EVERY]
+    validation = tuple(others[min(VALIDATE_EVERY // 2 - 1, len(others) - 1) :: VALIDATE_EVERY])
+    train = tuple(i for i in others if i not in validation)
+    positions = np.array([cameras[i].position for i in train])
+    extent = EXTENT_MARGIN * float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    if extent == 0:  # one training view, or all from one place: the points say how large the scene is
+        extent = float(np.linalg.norm(points - positions[0], axis=1).mean()) if len(points) else 1.0
+    return TrainingScene(name=name, up=up, cameras=cameras, images=images, train=train, validation=validation, test=test,
+                         extent=extent, points=points, colours=colours)
+
+
+def _embedded(width: int, height: int) -> TrainingScene:
+    """The embedded scene: ray-traced photographs, kept in the cache, and surface points for SfM's."""
+    if min(width, height) < MIN_EDGE:
+        raise InputError(f"size {width}x{height} is not accepted for the embedded scene: both must be at least {MIN_EDGE}")
+    cameras = tuple(embedded_cameras(width, height))
+    points, colours, _ = surface_points(EMBEDDED_POINTS)
+    return _scene("embedded", UP, cameras, embedded_photographs(cameras), points, colours)
