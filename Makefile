@@ -42,8 +42,8 @@ synth: tested ## synthesis; UNIT= TECH=generic|asap7 CLOCK_PS=N, liberty folder 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
-results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part
-	@$(RUN) tools/results.py $(call option,ONLY,only)
+results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
+	@$(RUN) tools/results.py $(call option,ONLY,only) $(call option,UNIT,unit)
 
 docs: tested ## regenerate docs/formats.md
 	@$(RUN) -m spec.document

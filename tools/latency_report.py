@@ -21,7 +21,7 @@ from amaranth.sim import Simulator
 from rtl.axi.master import AxiMaster
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
-from rtl.culling.colour import ColourUnit
+from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.tile_test import TileTest
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer
@@ -81,7 +81,7 @@ def word(record: records.Record, **values: object) -> int:
 
 def latency(
     dut: wiring.Component, last: Offer, leaves: Value, *others: Offer, high: Sequence[Value] = (),
-    settings: Mapping[str, int] | None = None,
+    settings: Mapping[str, int] | None = None, settling: int = SETTLING,
 ) -> int:
     """Cycles from the transfer of `last`'s last word to the first in which `leaves` is high.
 
@@ -89,6 +89,7 @@ def latency(
         others: items for further inputs; all of them offer on their own.
         high: inputs that are 1 all the time.
         settings: inputs of `dut` by name.
+        settling: cycles from the end of reset to the first offers.
 
     Raises:
         ValueError: nothing leaves within LIMIT cycles.
@@ -100,7 +101,7 @@ def latency(
             ctx.set(getattr(dut, name), value)
         for signal in high:
             ctx.set(signal, 1)
-        await ctx.tick().repeat(SETTLING)
+        await ctx.tick().repeat(settling)
         sent, asked, begin = [0] * len(offers), [0] * len(offers), None
         for cycle in range(LIMIT):
             for place, offer in enumerate(offers):
@@ -147,11 +148,15 @@ def tile_test(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def colour_unit(config: AcceleratorConfig) -> dict[str, int]:
-    """A splat of SH degree 3 and one level."""
-    dut = ColourUnit(config)
-    return {"colour_unit": latency(
-        dut, to(dut.survivors, word(records.surviving_splat(config), levels=1)), dut.writes.valid,
-        to(dut.data, 0, 0, 0, after=dut.reads), high=[dut.reads.ready, dut.writes.ready], settings={"sh_degree": 3})}
+    """A splat of SH degree 3 and one level: the least, and the most, as one enters the datapath in one cycle of an interval."""
+    found = []
+    for phase in range(splat_interval(config)):
+        dut = ColourUnit(config)
+        splat = to(dut.survivors, word(records.surviving_splat(config), levels=1))
+        found.append(latency(
+            dut, splat, dut.writes.valid, to(dut.data, 0, 0, 0, after=dut.reads), high=[dut.reads.ready, dut.writes.ready],
+            settings={"sh_degree": 3}, settling=SETTLING + phase))
+    return {"colour_unit": min(found), "colour_unit_most": max(found)}
 
 
 def entry_writer(config: AcceleratorConfig) -> dict[str, int]:
