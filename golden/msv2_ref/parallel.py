@@ -13,12 +13,12 @@ threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 """Threads in use; tests set it to 1 and 2 and compare."""
 
 
-def for_slices(kernel: Callable[..., None], count: int, *args: object) -> None:
-    """Calls `kernel(slice, begin, end, *args)` for every slice of `count` items.
+def for_slices(kernel: Callable[..., None], count: int, *args: object, workers: int | None = None) -> None:
+    """Calls `kernel(slice, begin, end, *args)` for every slice of `count` items, on `workers` threads (default: `threads`).
 
     Kernels release the GIL and write to disjoint places, by row or by slice.
     """
     edges = [count * s // SLICES for s in range(SLICES + 1)]
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(workers or threads) as pool:
         for done in [pool.submit(kernel, s, edges[s], edges[s + 1], *args) for s in range(SLICES)]:
             done.result()
