@@ -1,0 +1,172 @@
+"""Dense training: from SfM's points to a model of the photographs, as the field does it, scheduled for short runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from golden.metrics.ssim import Ssim
+from golden.scenes.model import SH_REST_COUNT
+from golden.training.densify import MIN_OPACITY, PERCENT_DENSE, ScreenGradients, densify
+from golden.training.gaussians import Gaussians
+from golden.training.initial import initial_gaussians
+from golden.training.losses import photometric
+from golden.training.optimiser import Optimiser, dense_rates
+from golden.training.render import render
+from golden.training.scene import MIN_EDGE, TrainingScene
+from golden.training.stage import Stage
+from golden.training.views import PerView, generator, view_at, views_within
+
+SSIM_BYTES = 48
+"""Bytes a pixel that a view's target and its SSIM statistics take."""
+
+TARGETS_BYTES = 256 << 20
+"""Memory for targets; what does not fit is made at each use."""
+
+
+@dataclass(frozen=True)
+class DenseOptions:
+    """How dense training goes; moments are shares of the run, so that runs of any length go alike.
+
+    Attributes:
+        iterations: one view each.
+        max_points: cap on the Gaussians.
+        sh_degree: 0..3, reached one degree at a time.
+        sh_every: share of the run between degrees (3DGS: 1,000 of 30,000 iterations).
+        coarse_until: share of the run trained at half the resolution.
+        densify_from, densify_until: shares of the run between which Gaussians are added.
+        densify_every: iterations between additions (3DGS).
+        threshold: smallest mean screen gradient, in half frames, of a Gaussian that is cloned or split (3DGS: 2e-4).
+        opacity_decay: what opacities are multiplied by at each addition.
+    """
+
+    iterations: int = 7000
+    max_points: int = 60_000
+    sh_degree: int = 3
+    sh_every: float = 0.1
+    coarse_until: float = 0.3
+    densify_from: float = 0.05
+    densify_until: float = 0.5
+    densify_every: int = 100
+    threshold: float = 2e-4
+    opacity_decay: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1:
+            raise ValueError(f"iterations must be at least 1, not {self.iterations!r}")
+        if not 0 <= self.densify_from <= self.densify_until <= 1:
+            raise ValueError(f"densify_from and densify_until must be ordered in 0..1, not {self.densify_from!r}, "
+                             f"{self.densify_until!r}")
+
+
+@dataclass(frozen=True)
+class _Target:
+    """A view's photograph and its SSIM statistics."""
+
+    image: torch.Tensor
+    ssim: Ssim
+
+
+class DenseStage(Stage):
+    """Gradient descent on one training view at a time, with adaptive density control.
+
+    Args:
+        scene: what to train from.
+        options: how.
+        seed: of the order of views, of the points kept and of where splits fall.
+        device: where to train.
+    """
+
+    name = "dense"
+
+    def __init__(self, scene: TrainingScene, options: DenseOptions, seed: int, device: torch.device | str = "cpu") -> None:
+        self.options, self.seed, self.total, self.done = options, seed, options.iterations, 0
+        self._fine = scene
+        half = max(scene.size[0] // 2, MIN_EDGE), max(scene.size[1] // 2, MIN_EDGE)
+        self._coarse = scene.resized(*half) if options.coarse_until else scene
+        first = initial_gaussians(scene, seed, max_points=options.max_points, sh_degree=0)
+        self._first_points = len(first)
+        self._optimiser = Optimiser(first.to(device), dense_rates(0.0, scene.extent))
+        self._gradients = ScreenGradients(len(first), device)
+        self._targets: PerView[_Target] | None = None
+        self._targets_of: TrainingScene | None = None
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The Gaussians so far."""
+        return self._optimiser.gaussians
+
+    def step(self) -> dict[str, float]:
+        """One view. A loss that is not finite is returned and changes nothing."""
+        progress = self.done / self.total
+        self._optimiser.set_rates(dense_rates(progress, self._fine.extent))
+        self._widen(progress)
+        scene = self._coarse if progress < self.options.coarse_until else self._fine
+        view = view_at(scene.train, self.seed, self.name, self.done)
+        target = self._target(scene, view)
+        rendering = render(self.gaussians, scene.cameras[view])
+        loss = photometric(rendering.image, target.ssim, target.image)
+        value = float(loss.detach())
+        if math.isfinite(value):
+            loss.backward()
+            self._gradients.observe(rendering.index, rendering.mean2d.grad, scene.size)
+            self._optimiser.step()
+            self.done += 1
+            self._control_density()
+        error = float((rendering.image.detach().clamp(0, 1) - target.image).square().mean())
+        return {"loss": value, "points": len(self.gaussians), "psnr": -10 * math.log10(max(error, 1e-10)), "view": view,
+                "entries": int(rendering.entries)}
+
+    def result(self) -> Gaussians:
+        """The Gaussians, harmonics of the full degree."""
+        self._optimiser.widen(SH_REST_COUNT[self.options.sh_degree])
+        return self.gaussians.detached()
+
+    def state(self) -> dict[str, object]:
+        """See `Stage`."""
+        return {"done": self.done, "optimiser": self._optimiser.state(), "gradients": self._gradients.state()}
+
+    def load(self, state: dict[str, object]) -> None:
+        """See `Stage`."""
+        self.done = state["done"]
+        self._optimiser.load(state["optimiser"])
+        self._gradients.load(state["gradients"])
+
+    def _widen(self, progress: float) -> None:
+        """The SH degree that is due; coefficients of higher degrees do not exist yet, which saves their time."""
+        every, highest = self.options.sh_every, self.options.sh_degree
+        degree = min(highest, int(progress / every)) if every else highest
+        if SH_REST_COUNT[degree] > self.gaussians.sh_rest.shape[1]:
+            self._optimiser.widen(SH_REST_COUNT[degree])
+
+    def _control_density(self) -> None:
+        """Add where gradients are large, remove what is transparent, when it is time."""
+        options, progress = self.options, self.done / self.total
+        if self.done % options.densify_every or not options.densify_from <= progress <= options.densify_until:
+            return
+        share = (progress - options.densify_from) / max(options.densify_until - options.densify_from, 1e-9)
+        opaque = torch.sigmoid(self.gaussians.opacity.detach()) >= MIN_OPACITY
+        gradient = self._gradients.mean[opaque]
+        self._optimiser.select(opaque)
+        goal = self._first_points + share * (options.max_points - self._first_points)
+        densify(self._optimiser, gradient, threshold=options.threshold, budget=round(goal) - len(self.gaussians),
+                small=PERCENT_DENSE * self._fine.extent, random=generator(self.seed, f"{self.name} splits", self.done))
+        if options.opacity_decay < 1:
+            opacity = options.opacity_decay * torch.sigmoid(self.gaussians.opacity.detach())
+            self.gaussians.opacity.data.copy_(torch.logit(opacity))
+        self._gradients = ScreenGradients(len(self.gaussians), self.gaussians.device)
+
+    def _target(self, scene: TrainingScene, view: int) -> _Target:
+        if self._targets_of is not scene:
+            device = self.gaussians.device
+
+            def make(index: int) -> _Target:
+                photograph = scene.photograph(index).to(device)
+                return _Target(photograph, Ssim(photograph))
+
+            width, height = scene.size
+            self._targets = PerView(make, views_within(width * height, SSIM_BYTES, TARGETS_BYTES))
+            self._targets_of = scene
+        return self._targets(view)

@@ -1,0 +1,102 @@
+"""Adaptive density control (3DGS section 5.2): where Gaussians are added, by the gradients of their places on the screen."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from golden.training.gaussians import Gaussians
+from golden.training.optimiser import Optimiser
+
+PERCENT_DENSE = 0.01
+"""Gaussians up to this share of the scene's extent are cloned, larger ones split (3DGS)."""
+
+SPLIT_SHRINK = 1.6
+"""What the scale of a split Gaussian's halves is divided by (3DGS)."""
+
+MIN_OPACITY = 0.005
+"""Gaussians below are removed (3DGS)."""
+
+
+class ScreenGradients:
+    """Each Gaussian's mean gradient on the screen over the views that showed it, since the last change of rows.
+
+    Args:
+        points: number of Gaussians.
+    """
+
+    def __init__(self, points: int, device: torch.device | str = "cpu") -> None:
+        self.total = torch.zeros(points, device=device)
+        self.views = torch.zeros(points, device=device)
+
+    def observe(self, index: torch.Tensor, grad: torch.Tensor, size: tuple[int, int]) -> None:
+        """Add a view's gradients.
+
+        Args:
+            index: (M,) rows of the Gaussians on the screen, each once.
+            grad: (M, 2) of the loss by pixels.
+            size: (width, height) of the frame; gradients count by half frames, as in 3DGS, so that no resolution is favoured.
+        """
+        norm = torch.hypot(grad[:, 0] * (size[0] / 2), grad[:, 1] * (size[1] / 2))
+        self.total[index] += norm
+        self.views[index] += 1
+
+    @property
+    def mean(self) -> torch.Tensor:
+        """(N,) 0 for what no view has shown."""
+        return self.total / self.views.clamp(min=1)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """For `load`; copies."""
+        return {"total": self.total.clone(), "views": self.views.clone()}
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Back to `state`."""
+        self.total, self.views = (state[name].to(self.total.device).clone() for name in ("total", "views"))
+
+
+def densify(optimiser: Optimiser, gradient: torch.Tensor, *, threshold: float, budget: int, small: float,
+            random: np.random.Generator) -> int:
+    """Clone and split the Gaussians with the largest gradients.
+
+    A small one gets a copy of itself; a large one gives way to two of 1/1.6 of its size, drawn from its own distribution.
+
+    Args:
+        gradient: (N,) see `ScreenGradients`.
+        threshold: gradients must exceed it.
+        budget: number of Gaussians that may be added.
+        small: largest standard deviation, in world units, that counts as small.
+
+    Returns:
+        The number added.
+    """
+    rows = torch.argsort(gradient, descending=True, stable=True)[: max(budget, 0)]
+    rows = rows[gradient[rows] > threshold].sort().values
+    g = optimiser.gaussians.select(rows)
+    large = g.log_scales.max(dim=1).values.exp() > small
+    clones, parents = g.select(~large), g.select(large)
+    kept = torch.ones(len(optimiser.gaussians), dtype=torch.bool, device=g.device)
+    kept[rows[large]] = False
+    optimiser.select(kept)
+    optimiser.append(clones)
+    optimiser.append(split(parents, random))
+    return len(rows)
+
+
+def split(parents: Gaussians, random: np.random.Generator) -> Gaussians:
+    """Two Gaussians for each parent, drawn from its distribution, of 1/1.6 of its size: all first ones, then all second."""
+    n = len(parents)
+    noise = torch.from_numpy(random.standard_normal((2 * n, 3)).astype(np.float32)).to(parents.device)
+    both = parents.map(lambda tensor: tensor.repeat(2, *[1] * (tensor.ndim - 1)))
+    offset = rotated(both.quats, noise * both.log_scales.exp())
+    both.means = both.means + offset
+    both.log_scales = both.log_scales - float(np.log(SPLIT_SHRINK))
+    return both
+
+
+def rotated(quats: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
+    """(N, 3) `vectors` turned by the wxyz `quats` (N, 4), which need not be normalised."""
+    quats = torch.nn.functional.normalize(quats, dim=1)
+    w, axis = quats[:, :1], quats[:, 1:]
+    twice = 2 * torch.linalg.cross(axis, vectors, dim=1)
+    return vectors + w * twice + torch.linalg.cross(axis, twice, dim=1)
