@@ -3,7 +3,7 @@
 The backward pass divides by nothing. A tile's forward pass is repeated, keeping each row's alphas and shares T alpha; then,
 back to front, dL/dalpha = T (g . c - G), with g the gradient at the pixel and G that of what lies behind, composited from
 transmittance 1: G <- G + alpha (g . c - G), starting from the background. Alphas of 1 and transmittances of 0 need no care.
-Each pair of a splat and a tile has its own row of gradients, summed per splat in the order of pairs: nothing depends on threads.
+Each pair of a splat and a tile has its own gradients, summed per splat in the order of pairs: nothing depends on threads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numba
 import numpy as np
 
 from golden.msv2_ref.parallel import SLICES
-from golden.training.pairs import TileLists, run_slices
+from golden.training.pairs import TileLists
+from golden.training.slices import run_slices
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, T_STOP, TILE
 
 _kernel = numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

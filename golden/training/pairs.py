@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numba import njit
 
-from golden.msv2_ref.parallel import SLICES, for_slices
+from golden.msv2_ref.parallel import SLICES
+from golden.training.slices import run_slices
 from spec.constants import TILE
 
 SLACK = 1e-5
@@ -40,11 +40,6 @@ class TileLists:
     pair: np.ndarray
     order: np.ndarray
     room: np.ndarray
-
-
-def run_slices(kernel: object, count: int, *args: object) -> None:
-    """`for_slices` on as many threads as torch uses: one setting for both."""
-    for_slices(kernel, count, *args, workers=torch.get_num_threads())
 
 
 @_kernel

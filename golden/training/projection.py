@@ -1,25 +1,26 @@
-"""Projection of Gaussians to splats in torch, differentiable: the oracle's semantics (`golden.oracle.project`) in float32.
+"""Projection of Gaussians to splats, differentiable: the oracle's semantics (`golden.oracle.project`) in float32.
 
-What survives is decided first, without gradients; only survivors are projected with them. Vectors are kept as rows of
-components, (3, N) and (2, 3, N): few operations, each over contiguous memory. Sources: Zwicker et al. 2001, Kerbl et al. 2023.
+On the CPU fused kernels do it (`projection_cpu`), elsewhere torch operations: what survives is decided first, without
+gradients; only survivors are projected with them. Vectors are kept as rows of components, (3, N) and (2, 3, N): few
+operations, each over contiguous memory. Sources: Zwicker et al. 2001, Kerbl et al. 2023.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
+from torch.autograd.function import once_differentiable
 
 from golden.oracle.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 from golden.scenes.camera import Camera
 from golden.scenes.model import SH_REST_COUNT
 from golden.training.gaussians import Gaussians
+from golden.training.projection_cpu import FRAME_SLACK, project_backward, project_forward, view_of
 from spec.constants import ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS, SH_C0
-
-FRAME_SLACK = 1e-5
-"""Added to the exponent's bound where footprints are held against the frame: covers float32, so that no pixel is missed."""
 
 
 @dataclass
@@ -199,8 +200,50 @@ def project(gaussians: Gaussians, camera: Camera, support_sigma: float | None) -
     Args:
         support_sigma: Mahalanobis radius that bounds the support, or None for the alpha bound alone.
     """
-    view = _view(camera, gaussians.device)
     support = math.inf if support_sigma is None else support_sigma**2 / 2
+    on_cpu = gaussians.device.type == "cpu"
+    splats = _project_kernels(gaussians, camera, support) if on_cpu else project_torch(gaussians, camera, support)
+    if splats.mean2d.requires_grad:
+        splats.mean2d.retain_grad()
+    return splats
+
+
+class _Kernels(torch.autograd.Function):
+    """The fused kernels; `extras` takes index, q_max and radius."""
+
+    @staticmethod
+    def forward(ctx, means, log_scales, quats, opacity, log_amp, sh_dc, sh_rest, view, support, extras):
+        fields = (means, log_scales, quats, opacity, log_amp, sh_dc, sh_rest)
+        ctx.save_for_backward(*fields)
+        ctx.view = view
+        index, *results, q_max, radius = map(torch.from_numpy, project_forward(_arrays(fields), view, support))
+        ctx.index = index
+        extras.extend((index, q_max, radius))
+        return tuple(results)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, *gradients):
+        needed = ctx.needs_input_grad
+        results = project_backward(
+            _arrays(ctx.saved_tensors), ctx.view, ctx.index.numpy(), _arrays(gradients), any(needed[:3]), needed[6])
+        fields = (torch.from_numpy(result) if wanted else None for result, wanted in zip(results, needed, strict=False))
+        return (*fields, None, None, None)
+
+
+def _arrays(tensors: Sequence[torch.Tensor]) -> tuple[np.ndarray, ...]:
+    return tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in tensors)
+
+
+def _project_kernels(gaussians: Gaussians, camera: Camera, support: float) -> Projection:
+    extras: list[torch.Tensor] = []
+    splats = _Kernels.apply(*gaussians.tensors().values(), view_of(camera), support, extras)
+    return Projection(*splats, *extras)
+
+
+def project_torch(gaussians: Gaussians, camera: Camera, support: float) -> Projection:
+    """As `project`, in torch operations on any device; `support` bounds the falloff's exponent."""
+    view = _view(camera, gaussians.device)
     with torch.no_grad():
         q_max = torch.log(gaussians.amplified_opacity / ALPHA_MIN).clamp(max=support)
         index = _survivors(view, camera.near, gaussians, q_max)
@@ -208,8 +251,6 @@ def project(gaussians: Gaussians, camera: Camera, support_sigma: float | None) -
     offset = _offset(view, rows.means)
     point = view.rotation @ offset
     mean2d = (point[:2] / point[2] * view.focal + view.centre).T.contiguous()
-    if mean2d.requires_grad:
-        mean2d.retain_grad()
     xx, xy, yy, determinant = _covariance(view, point, rows.log_scales, rows.quats)
     factor = _factor(xy, yy + LOW_PASS, determinant).T
     with torch.no_grad():

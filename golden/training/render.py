@@ -14,6 +14,7 @@ from golden.oracle.render import ALPHA_MAX
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from golden.training.blend_cpu import Blending
+from golden.training.device import import_blend_warp, resolve_backend
 from golden.training.gaussians import Gaussians
 from golden.training.pairs import tile_lists
 from golden.training.projection import Projection, check_gaussians, project
@@ -121,6 +122,7 @@ def render(
     support_sigma: float | None = SUPPORT_SIGMA,
     usage: bool = False,
     tile_mask: torch.Tensor | np.ndarray | None = None,
+    backend: str | None = None,
 ) -> Rendering:
     """Render one level, differentiably: image, depth sum and transmittance carry gradients to every field that needs one.
 
@@ -136,20 +138,21 @@ def render(
         support_sigma: Mahalanobis radius that bounds a splat's support, or None for the alpha bound alone.
         usage: also `dominated` and `weight`; costs about another forward pass.
         tile_mask: (tiles_y, tiles_x) bool; tiles outside show the background.
+        backend: `numba` or `warp`; by default numba for Gaussians on the CPU, Warp for those on CUDA.
 
     Raises:
         TypeError, ValueError: a field's dtype or shape, or a setting, naming what is accepted.
+        InputError: Warp is needed and not installed.
     """
     check_gaussians(gaussians)
     _check_settings(camera, alpha_max, background, support_sigma)
-    if gaussians.device.type != "cpu":
-        raise ValueError(f"Gaussians must be on the cpu, not on {gaussians.device}")
+    blend = _blend_cpu if resolve_backend(gaussians.device, backend) == "numba" else import_blend_warp().blend
     splats = project(gaussians, camera, support_sigma)
     mask = _checked_mask(tile_mask, camera)
-    images, blending = _blend_cpu(splats, camera, alpha_max, background, mask)
-    dominated, weight = map(torch.from_numpy, blending.usage()) if usage else (None, None)
+    images, blending = blend(splats, camera, alpha_max, background, mask)
+    dominated, weight = map(torch.as_tensor, blending.usage()) if usage else (None, None)
     return Rendering(
-        *images, splats.index, splats.mean2d, splats.radius, torch.from_numpy(blending.tiles), len(blending.lists.splat),
+        *images, splats.index, splats.mean2d, splats.radius, torch.as_tensor(blending.tiles), len(blending.lists.splat),
         dominated, weight)
 
 
