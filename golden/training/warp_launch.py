@@ -1,0 +1,27 @@
+"""Warp kernels on torch's tensors: the same memory, the same device, the same stream."""
+
+from __future__ import annotations
+
+import torch
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING  # no banner, no word on each module compiled
+wp.init()
+
+BLOCK = 256
+"""Threads of a block on a GPU: the pixels of a tile. On the CPU, a block is one thread."""
+
+_SCALARS = {int: wp.int32, float: wp.float32}
+
+
+def array(tensor: torch.Tensor, dtype: object) -> wp.array:
+    """A contiguous tensor as Warp's array of `dtype`, `int` and `float` being of 32 bits; vectors lie along the last axis."""
+    return wp.from_torch(tensor.detach(), dtype=_SCALARS.get(dtype, dtype), requires_grad=False)
+
+
+def launch(kernel: object, threads: int, device: torch.device, *args: object) -> None:
+    """Runs `kernel` on `threads` threads, after what torch has queued on the device and before what it queues next."""
+    if threads == 0:
+        return
+    stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
+    wp.launch(kernel, dim=threads, inputs=list(args), device=wp.device_from_torch(device), stream=stream, block_dim=BLOCK)
