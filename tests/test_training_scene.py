@@ -10,7 +10,6 @@ torch = pytest.importorskip("torch")
 from PIL import Image  # noqa: E402
 from test_scenes_datasets import HEIGHT, VIEWS, WIDTH, little_scene, paint, write_colmap, write_set  # noqa: E402
 
-from golden.scenes.files import atomic_output  # noqa: E402
 from golden.training import embedded_photographs as embedded  # noqa: E402
 from golden.training.initial import OPACITY, WIDEST, initial_gaussians  # noqa: E402
 from golden.training.photographs import area_resized  # noqa: E402
@@ -39,10 +38,10 @@ def test_a_scene_of_each_format(tmp_path):
 @pytest.mark.parametrize("views", [3, 4, 9, 17, 100])
 def test_views_are_divided(views):
     cameras = little_scene()[0]
-    from golden.training.scene import _scene
+    from golden.training.scene import divided_scene
 
-    scene = _scene("many", np.array([0.0, 0, 1]), tuple(cameras[i % VIEWS] for i in range(views)),
-                   np.zeros((views, HEIGHT, WIDTH, 3), np.uint8), np.ones((4, 3)), np.ones((4, 3)))
+    scene = divided_scene("many", np.array([0.0, 0, 1]), tuple(cameras[i % VIEWS] for i in range(views)),
+                          np.zeros((views, HEIGHT, WIDTH, 3), np.uint8), np.ones((4, 3)), np.ones((4, 3)))
     assert sorted(scene.test + scene.validation + scene.train) == list(range(views))
     assert min(len(scene.test), len(scene.validation), len(scene.train)) >= 1 and scene.extent > 0
     assert scene.test == tuple(range(0, views, 8))
@@ -205,18 +204,24 @@ def test_a_subset_of_the_points_is_drawn_by_the_seed():
     assert len(one) == 100 and torch.equal(one.means, again.means) and not torch.equal(one.means, other.means)
 
 
-def test_embedded_photographs_are_kept(tmp_path, monkeypatch):
+def test_embedded_photographs_and_points_are_kept(tmp_path, monkeypatch):
     cameras = load_training_scene("embedded", (32, 32)).cameras[:2]
-    first = embedded.embedded_photographs(cameras, tmp_path)
+
+    def equal(one, other):
+        return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+    first = embedded.photographs_and_points(cameras, 50, tmp_path)
+    assert first[0].shape == (2, 32, 32, 3) and first[1].shape == first[2].shape == (50, 3)
+    assert first[0].std() > 20 and np.array_equal(first[0], load_training_scene("embedded", (32, 32)).images[:2])
     (path,) = tmp_path.iterdir()
     monkeypatch.setattr(embedded.embedded, "render_reference", lambda camera: pytest.fail("traced again"))
-    assert np.array_equal(embedded.embedded_photographs(cameras, tmp_path), first)
+    assert equal(embedded.photographs_and_points(cameras, 50, tmp_path), first)
     monkeypatch.undo()
-    path.write_bytes(path.read_bytes()[:200])
-    assert np.array_equal(embedded.embedded_photographs(cameras, tmp_path), first)
-    with atomic_output(path) as file:
-        np.save(file, first[:1])
-    assert np.array_equal(embedded.embedded_photographs(cameras, tmp_path), first)
+    whole = path.read_bytes()
+    for broken in (b"", whole[:200], whole[:-100]):
+        path.write_bytes(broken)
+        assert equal(embedded.photographs_and_points(cameras, 50, tmp_path), first)
+    assert path.read_bytes() == whole
     with pytest.raises(InputError, match="31x32"):
         load_training_scene("embedded", (31, 32))
 

@@ -10,8 +10,8 @@ import torch
 
 from golden.scenes.camera import Camera
 from golden.scenes.datasets import TEST_EVERY, Dataset, load_dataset
-from golden.scenes.embedded import UP, embedded_cameras, surface_points
-from golden.training.embedded_photographs import embedded_photographs
+from golden.scenes.embedded import UP, embedded_cameras
+from golden.training.embedded_photographs import photographs_and_points
 from golden.training.photographs import area_resized, check_photographs, read_photographs
 from spec.errors import InputError
 
@@ -106,7 +106,7 @@ def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *
         raise InputError(f"{path}: has {finite.sum()} points; at least {MIN_POINTS} are needed, from COLMAP's points3D or "
                          "nerfstudio's ply_file_path (or a trained model to start from)")
     cameras = tuple(camera.resized(width, height) for camera in data.cameras)
-    return _scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
+    return divided_scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
                   data.point_colours[finite] / 255)
 
 
@@ -122,9 +122,9 @@ def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> t
     return width, height
 
 
-def _scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
-           colours: np.ndarray) -> TrainingScene:
-    """The scene with its views divided and its extent measured."""
+def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
+                  colours: np.ndarray) -> TrainingScene:
+    """The scene with its views divided and its extent measured; at least three views, fields as of `TrainingScene`."""
     test = tuple(range(0, len(cameras), TEST_EVERY))
     others = [i for i in range(len(cameras)) if i % TEST_EVERY]
     validation = tuple(others[min(VALIDATE_EVERY // 2 - 1, len(others) - 1) :: VALIDATE_EVERY])
@@ -143,4 +143,4 @@ def _embedded(width: int, height: int) -> TrainingScene:
         raise InputError(f"size {width}x{height} is not accepted for the embedded scene: both must be at least {MIN_EDGE}")
     cameras = tuple(embedded_cameras(width, height))
     points, colours, _ = surface_points(EMBEDDED_POINTS)
-    return _scene("embedded", UP, cameras, embedded_photographs(cameras), points, colours)
+    return divided_scene("embedded", UP, cameras, embedded_photographs(cameras), points, colours)
