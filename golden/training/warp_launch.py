@@ -16,6 +16,8 @@ _SCALARS = {int: wp.int32, float: wp.float32}
 
 def array(tensor: torch.Tensor, dtype: object) -> wp.array:
     """A contiguous tensor as Warp's array of `dtype`, `int` and `float` being of 32 bits; vectors lie along the last axis."""
+    if not tensor.numel():  # torch calls any empty tensor contiguous, Warp does not
+        tensor = torch.empty(tensor.shape, dtype=tensor.dtype, device=tensor.device)
     return wp.from_torch(tensor.detach(), dtype=_SCALARS.get(dtype, dtype), requires_grad=False)
 
 
