@@ -1,0 +1,109 @@
+"""Means over the windows of spatial pooling: boxes of fractional width around every pixel, one size or one a pixel.
+
+A box of width w around a pixel covers its neighbours in part: a neighbour counts by the share that lies in the box, so
+the mean is continuous in w and is the pixel itself up to w = 1. At the image's edges only what lies inside counts.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from golden.metrics.banded import Banded, separable
+
+
+class Pooling(Protocol):
+    """A linear map from planes (P, h, w) to the means over each pixel's window (P, h, w)."""
+
+    def mean(self, planes: torch.Tensor) -> torch.Tensor:
+        """The means, of the planes' dtype."""
+
+    def adjoint(self, planes: torch.Tensor) -> torch.Tensor:
+        """The transposed map."""
+
+
+class UniformPooling:
+    """Boxes of one width, as products with two banded matrices."""
+
+    def __init__(self, width_px: float, size: tuple[int, int], like: torch.Tensor) -> None:
+        """Prepare the matrices.
+
+        Args:
+            width_px: width of the box in pixels.
+            size: (h, w) of the planes.
+            like: a tensor of the planes' device and dtype.
+        """
+        self._bands = [Banded(_box_matrix(width_px, n), like) for n in size]
+
+    def mean(self, planes: torch.Tensor) -> torch.Tensor:
+        """See `Pooling`."""
+        return separable(planes, *self._bands)
+
+    def adjoint(self, planes: torch.Tensor) -> torch.Tensor:
+        """See `Pooling`."""
+        return separable(planes, *self._bands, adjoint=True)
+
+
+class MapPooling:
+    """Boxes of a width for each pixel, from the integral image in float64, interpolated where a box ends in a pixel."""
+
+    def __init__(self, width_px: np.ndarray, like: torch.Tensor) -> None:
+        """Prepare the boxes' corners.
+
+        Args:
+            width_px: (h, w) widths in pixels; below 1 counts as 1, which is the same.
+            like: a tensor of the planes' device.
+        """
+        self.size = width_px.shape
+        half = np.maximum(width_px, 1.0) / 2
+        ends = []
+        for axis, n in enumerate(self.size):
+            centre = np.arange(n).reshape((-1, 1) if axis == 0 else (1, -1)) + 0.5
+            ends.append((np.maximum(centre - half, 0.0), np.minimum(centre + half, n)))
+        (top, bottom), (left, right) = ends
+        area = (bottom - top) * (right - left)
+        # Each corner of the box lies between four points of the integral image: 16 terms a pixel.
+        terms = [
+            (row * (self.size[1] + 1) + column, (weight_y * weight_x / area).ravel())
+            for y, sign_y in ((top, -1), (bottom, 1))
+            for x, sign_x in ((left, -1), (right, 1))
+            for row, weight_y in _between(y, sign_y, self.size[0])
+            for column, weight_x in _between(x, sign_x, self.size[1])
+        ]
+        self._terms = [(torch.from_numpy(i.ravel()).to(like.device), torch.from_numpy(w).to(like.device)) for i, w in terms]
+
+    def mean(self, planes: torch.Tensor) -> torch.Tensor:
+        """See `Pooling`."""
+        integral = planes.double().cumsum(1).cumsum(2)
+        integral = torch.nn.functional.pad(integral, (1, 0, 1, 0)).flatten(1)
+        result = torch.zeros(len(planes), self.size[0] * self.size[1], dtype=torch.float64, device=planes.device)
+        for index, weight in self._terms:
+            result += integral[:, index] * weight
+        return result.view(planes.shape).to(planes)
+
+    def adjoint(self, planes: torch.Tensor) -> torch.Tensor:
+        """See `Pooling`."""
+        height, width = self.size
+        values = planes.double().flatten(1)
+        corners = torch.zeros(len(planes), (height + 1) * (width + 1), dtype=torch.float64, device=planes.device)
+        for index, weight in self._terms:
+            corners.index_add_(1, index, values * weight)
+        corners = corners.view(-1, height + 1, width + 1)[:, 1:, 1:]
+        return corners.flip(1, 2).cumsum(1).cumsum(2).flip(1, 2).to(planes).contiguous()
+
+
+def _box_matrix(width: float, n: int) -> np.ndarray:
+    """(n, n) float64: row i holds the weights of the inputs in the box around pixel i."""
+    centre = np.arange(n) + 0.5
+    start, end = np.maximum(centre - width / 2, 0.0)[:, None], np.minimum(centre + width / 2, n)[:, None]
+    pixel = np.arange(n)[None, :]
+    return np.maximum(np.minimum(pixel + 1, end) - np.maximum(pixel, start), 0.0) / (end - start)
+
+
+def _between(position: np.ndarray, sign: int, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The two points of the integral image around positions in 0..n, with their weights times `sign`."""
+    below = np.minimum(np.floor(position).astype(np.int64), n - 1)
+    share = position - below
+    return [(below, sign * (1 - share)), (below + 1, sign * share)]
