@@ -1,0 +1,68 @@
+"""The paper's tables of training: foveated representations compared, the ablation, points per level, and latency."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from golden.train import chosen_device, import_torch
+from spec.errors import InputError, run_command_line
+
+EXAMPLES = """examples:
+  python golden/tables_training.py                                     the embedded scene
+  python golden/tables_training.py embedded fern@504x378 --no-rtl      several scenes, sizes of their own, golden cycles alone
+  python golden/tables_training.py --out reports --name training      training.json, training.md and training.png in reports/
+
+A finished run of golden/train.py in build/train that fits what is asked for is not trained again; what the tables need beside
+it (scale decay alone, levels without opacity enhancement, MMFR) is. After Ctrl-C the same command goes on.
+"""
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="golden/tables_training.py", description=__doc__, epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("scenes", nargs="*", metavar="SCENE[@WxH]",
+        help="as golden/train.py takes them, each with a size of its own or --size's (default: embedded)")
+    add("--variant", metavar="H|M|L", help="as golden/train.py (default: a finished run's, else H)")
+    add("--size", metavar="WxH", help="size to train at (default: a finished run's, else that of golden/train.py)")
+    add("--iterations", type=int, metavar="N", help="of the recipe's own chain; the other models take 0.6 of them more")
+    add("--max-points", type=int, metavar="N", help="cap on the dense model's points")
+    add("--seed", type=int, metavar="N", help="of everything drawn at random")
+    add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
+    add("--edge", type=int, default=256, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
+    add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
+    add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
+    add("--work", default="build/tables-training/work", metavar="DIR", help="checkpoints and simulated frames")
+    add("--out", default="build/tables-training", metavar="DIR", help="of NAME.md, NAME.json and NAME.png")
+    add("--name", default="tables", help="of those files (default: tables)")
+    return parser.parse_args(argv)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work; its exit status."""
+    args = parse_arguments(argv)
+    if args.edge < 16:
+        raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")
+    import_torch()
+    from golden.training.chain import Interrupted
+    from golden.training.failure import TrainingError
+    from golden.training.tables import make_tables
+
+    try:
+        make_tables(args, chosen_device(args.device))
+    except (Interrupted, KeyboardInterrupt) as interrupt:
+        print(f"\n{str(interrupt) or 'interrupted'}; the same command goes on", file=sys.stderr)
+        return 130
+    except TrainingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(f"written: {args.out}/{args.name}.md, .json and .png")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command_line(main)

@@ -1,0 +1,57 @@
+"""Finished runs of `golden/train.py`: found by what they were asked for, so that nothing is trained twice."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from golden.scenes.files import read_json
+from golden.training.checkpoint import Checkpoint, Checkpoints
+from golden.training.recipe import RESULTS
+from spec.errors import InputError
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run with a report.
+
+    Attributes:
+        folder: its output.
+        options: what it was asked for, by the names of the command line.
+    """
+
+    folder: Path
+    options: dict[str, Any]
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the model that the run wrote."""
+        return hashlib.sha256((self.folder / "model.ply").read_bytes()).hexdigest()[:12]
+
+    def last(self) -> Checkpoint | None:
+        """Its last checkpoint; None where that is gone or not of a finished run."""
+        if not (self.folder / "checkpoints").is_dir():
+            return None
+        try:
+            last = Checkpoints(self.folder / "checkpoints", RESULTS).load()
+        except InputError:
+            return None
+        return last if last.stage == len(last.plan) else None
+
+
+def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
+    """The newest finished run in a folder of runs whose options are as `wanted`, as far as those are given (not None)."""
+    reports = sorted(folder.glob("*/report.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in reports:
+        try:
+            options = read_json(path)["options"]
+        except (InputError, KeyError):
+            continue
+        fits = all(options.get(name) == value for name, value in wanted.items() if value is not None)
+        own = options.get("baseline") is None and options.get("opacity-enhancement") is True
+        if fits and own and (path.parent / "model.ply").exists():
+            return FinishedRun(path.parent, options)
+    return None

@@ -1,0 +1,209 @@
+"""The paper's tables for scenes: foveated representations compared, techniques ablated, points per level, latency."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from golden.scenes.camera import Camera
+from golden.scenes.files import atomic_output
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size, write_json
+from golden.training import ablation, comparison, latency
+from golden.training.chain import Chain
+from golden.training.finished_runs import FinishedRun, find_run
+from golden.training.gaussians import Gaussians, to_model
+from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
+from golden.training.rtl_cycles import RtlCycles, rtl_cycles
+from golden.training.run import chosen_recipe, chosen_scene, run_options
+from golden.training.scene import TrainingScene
+from golden.training.table_runs import LEVELS, PLAIN, SEPARATE, Trained, table_plan
+from golden.training.tables_text import markdown
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A scene as the command line names it.
+
+    Attributes:
+        path: 'embedded' or a folder of photographs.
+        options: of `golden/train.py` by the attributes of its parsed arguments; None: a finished run's, else the default.
+    """
+
+    path: str
+    options: dict[str, Any]
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The same by the names that runs record, what was not asked for None."""
+        place = self.path if self.path == EMBEDDED else str(Path(self.path).resolve())
+        names = {"variant": "variant", "size": "size", "iterations": "iterations", "max_points": "max-points", "seed": "seed"}
+        return {"scene": place, **{key: self.options[name] for name, key in names.items()}}
+
+
+def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
+    """The scenes of the command line; `PATH@WxH` has a size of its own.
+
+    Raises:
+        InputError: a size that is none.
+    """
+    result = []
+    for text in args.scenes or [EMBEDDED]:
+        path, _, own = text.rpartition("@") if "@" in text and text.rpartition("@")[2][:1].isdigit() else (text, "", "")
+        size = own or args.size
+        options = {name: getattr(args, name) for name in ("variant", "iterations", "max_points", "seed")}
+        if size:
+            options["size"] = "{}x{}".format(*parse_size(size))
+        result.append(Wanted(path, {"size": None, **options}))
+    return result
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scene ready to train.
+
+    Attributes:
+        scene: photographs and cameras.
+        references: what the photographs are.
+        recipe: of the tables' chain.
+        ready: what the finished run left, by stage.
+        spent: what its stages took.
+        options: of the chain.
+    """
+
+    scene: TrainingScene
+    references: str
+    recipe: Recipe
+    ready: dict[str, Any]
+    spent: dict[str, dict[str, float]]
+    options: dict[str, Any]
+
+
+def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
+    """The scene, and what a finished run in `runs` has of it.
+
+    Raises:
+        InputError: an option or a scene that nothing can be trained from.
+    """
+    run = find_run(runs, wanted.keys)
+    if run is not None:
+        prepared = _from_run(wanted, run, device)
+        if prepared is not None:
+            return prepared
+    defaults = {"variant": "H", "seed": 0}
+    given = {name: defaults.get(name) if value is None else value for name, value in wanted.options.items()}
+    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, **given)
+    recipe = chosen_recipe(args)
+    scene, references = chosen_scene(wanted.path, parse_size(args.size) if args.size else None, None)
+    return Prepared(scene, references, recipe, {}, {}, run_options(args, recipe, scene, device) | {"reused": None})
+
+
+def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
+    """Of a finished run; None where nothing is left of it, or it went by other stages than today's."""
+    options, last = run.options, run.last()
+    if last is None:
+        return None
+    dense = last.results["dense"] if options["from"] else None
+    points = options["max-points"] or DEFAULTS["max_points"]  # none where the dense model was given: nothing to cap
+    recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"])
+    scene, references = chosen_scene(wanted.path, parse_size(options["size"]), dense)
+    if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
+        return None
+    options = options | {"device": device, "reused": run.fingerprint}
+    return Prepared(scene, references, recipe, last.results, last.spent, options)
+
+
+def train_scene(prepared: Prepared, device: str, work: Path, note: Callable[[str], None]) -> Trained:
+    """The models of a scene's tables; a chain that was interrupted goes on.
+
+    Args:
+        work: folder of the chains, one for each set of options.
+    """
+    key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
+    folder = make_folder(work / f"{prepared.scene.name}-{key}")
+    stages = table_plan(prepared.recipe, prepared.scene, device, prepared.ready)
+    begun = any((folder / "checkpoints").glob("iteration_*.pt"))
+    note(f"{prepared.scene.name}: {'going on in' if begun else 'training in'} {folder}"
+         + (", from a finished run" if prepared.ready else ""))
+    chain = Chain(stages, folder, prepared.options, resume=begun, classes=RESULTS)
+    results = chain.run()
+    results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
+    return Trained.of(results, chain.spent | prepared.spent, prepared.recipe.seed)
+
+
+def measure_scene(
+    prepared: Prepared, trained: Trained, *, edge: int, rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
+) -> tuple[dict[str, Any], list[latency.Version]]:
+    """Everything the tables say of a scene, ready for JSON, and the versions of the latency plot."""
+    scene, t = prepared.scene, trained
+    methods = {comparison.SMFR: t.smfr, comparison.MMFR: t.mmfr, comparison.OURS: t.ours, comparison.PLAIN: t.plain}
+    seconds = {comparison.MMFR: t.seconds_of(SEPARATE), comparison.OURS: t.seconds_of(LEVELS),
+               comparison.PLAIN: t.seconds_of(tuple(name + PLAIN for name in LEVELS))}
+    compared = comparison.compare(scene, methods, seconds)
+    steps = ablation.ablate(scene, (
+        (ablation.DENSE, t.dense), (ablation.DECAYED, t.decayed), (ablation.PRUNED, t.pruned), (ablation.TUNED, t.level1),
+        (ablation.FOVEATED, t.plain), (ablation.ENHANCED, t.ours)))
+    camera = latency.frame_camera(scene.cameras[scene.test[0]], edge)
+    with tqdm(total=len(latency.CRITERIA) * len(latency.REMOVED), desc="latency", unit="frame", disable=None) as progress:
+        versions = latency.measure(t.dense, scene, edge=edge, rtl=rtl, progress=progress.update)
+    by_name = {row.method: row for row in compared}
+    record = {
+        "scene": scene.name, "size": list(scene.size), "references": prepared.references, "options": prepared.options,
+        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
+        "comparison": [row.record() for row in compared], "ablation": [row.record() for row in steps],
+        "fewer_percent": comparison.fewer_percent(by_name[comparison.OURS], by_name[comparison.PLAIN]),
+        "latency": {"size": [camera.width, camera.height], "view": scene.test[0],
+                    "versions": [version.record() for version in versions],
+                    "proportionality": latency.proportionality(versions)},
+        "seconds": t.seconds,
+    }
+    return record, versions
+
+
+def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
+    """Cycles of a model's frame by the RTL, kept under `folder` by the model's points."""
+    def cycles(gaussians: Gaussians, camera: Camera) -> RtlCycles:
+        model = to_model(gaussians, up=scene.up, name=scene.name)
+        digest = hashlib.sha256(model.means.tobytes() + repr(camera).encode()).hexdigest()[:12]
+        return rtl_cycles(model, camera, folder / digest)
+
+    return cycles
+
+
+def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
+    """Trains what is missing, measures, writes NAME.json, NAME.md and NAME.png; what the JSON holds.
+
+    Raises:
+        InputError: an option or a scene that nothing can be trained from, or an RTL frame that is not bit-exact.
+        Interrupted: after SIGINT; the same command goes on.
+    """
+    out, work = make_folder(args.out), make_folder(args.work)
+    scenes, shown = [], []
+    for wanted in wanted_scenes(args):
+        begin = time.monotonic()
+        prepared = prepare(wanted, Path(args.runs), device)
+        trained = train_scene(prepared, device, work, lambda text: print(text, file=sys.stderr))
+        rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
+        record, versions = measure_scene(prepared, trained, edge=args.edge, rtl=rtl)
+        print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
+        scenes.append(record)
+        shown.append((prepared.scene.name, versions))
+        write(out, args.name, scenes, shown)
+    return {"scenes": scenes}
+
+
+def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[tuple[str, list[latency.Version]]]) -> None:
+    """The three files, of the scenes so far."""
+    write_json(folder / f"{name}.json", {"scenes": scenes})
+    with atomic_output(folder / f"{name}.md") as file:
+        file.write(markdown(scenes, f"{name}.png").encode())
+    latency.save_plot(shown, folder / f"{name}.png")
