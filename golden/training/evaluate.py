@@ -1,0 +1,104 @@
+"""What a model is worth on a set of views: PSNR, SSIM and HVSQ against the photographs, and what its frames cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from golden.metrics import image as metrics
+from golden.metrics.hvsq import Hvsq
+from golden.training.gaussians import Gaussians
+from golden.training.render import render
+from spec.constants import ALPHA_MAX_L1, TILE
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Means over views.
+
+    Attributes:
+        psnr: dB, the mean of the views' own.
+        ssim: scikit-image's, see `golden.metrics.image`.
+        entries: (splat, tile) pairs listed per frame: the tile-ellipse intersections of the paper.
+        entries_per_tile: the same over the frame's tiles.
+        points: Gaussians in the model.
+        hvsq: one value for each pooling size asked for.
+    """
+
+    psnr: float
+    ssim: float
+    entries: float
+    entries_per_tile: float
+    points: int
+    hvsq: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The least quality accepted of a pruned model, measured on validation views.
+
+    Attributes:
+        psnr: dB.
+        ssim: 0..1.
+    """
+
+    psnr: float
+    ssim: float
+
+    @classmethod
+    def of(cls, dense: Quality, loss: float) -> Gate:
+        """At most the share `loss` (0..1) of the dense model's PSNR and of its SSIM may go."""
+        if not 0 <= loss < 1:
+            raise ValueError(f"loss must be a share of the dense quality in 0..1, not {loss!r}")
+        return cls((1 - loss) * dense.psnr, (1 - loss) * dense.ssim)
+
+    def passes(self, quality: Quality) -> bool:
+        """Whether both are met."""
+        return quality.psnr >= self.psnr and quality.ssim >= self.ssim
+
+
+def evaluate(
+    gaussians: Gaussians,
+    scene: TrainingScene,
+    views: Sequence[int],
+    *,
+    alpha_max: float = ALPHA_MAX_L1,
+    pooling: Sequence[float] = (),
+    progress: Callable[[int], object] | None = None,
+) -> Quality:
+    """Render `views` of the scene and compare them with the photographs, images clamped to 0..1 as a display does.
+
+    Args:
+        gaussians: one level.
+        views: indices into the scene's cameras, at least one.
+        alpha_max: alpha's upper bound.
+        pooling: pooling sizes in pixels at which HVSQ is wanted.
+        progress: called with the number of views done.
+
+    Raises:
+        ValueError: no views.
+    """
+    if not len(views):
+        raise ValueError("views must name at least one view, not none")
+    rows = []
+    with torch.no_grad():
+        for done, view in enumerate(views, 1):
+            camera, photograph = scene.cameras[view], scene.photograph(view).to(gaussians.device)
+            rendering = render(gaussians, camera, alpha_max=alpha_max)
+            shown = rendering.image.clamp(0.0, 1.0)
+            tiles = -(-camera.width // TILE) * -(-camera.height // TILE)
+            left, right = shown.cpu().numpy(), photograph.cpu().numpy()
+            hvsq = [float(Hvsq(photograph, size)(shown)) for size in pooling]
+            entries = rendering.entries
+            rows.append([metrics.psnr(left, right), metrics.ssim(left, right), entries, entries / tiles, *hvsq])
+            if progress is not None:
+                progress(done)
+    psnr, ssim, entries, per_tile, *hvsq = (float(value) for value in np.mean(rows, axis=0))
+    return Quality(psnr, ssim, entries, per_tile, len(gaussians), tuple(hvsq))

@@ -1,0 +1,114 @@
+"""Fine-tuning of level 1 on what a viewer sees: HVSQ at the fovea's pooling (paper section 3.4, last step of L1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from golden.metrics.hvsq import Hvsq, pooling_px
+from golden.training.evaluate import Gate, Quality, evaluate
+from golden.training.gaussians import Gaussians
+from golden.training.optimiser import Optimiser
+from golden.training.render import render
+from golden.training.retrain import retraining_rates
+from golden.training.stage import Stage
+from golden.training.views import PerView, view_at, views_within
+from spec.constants import ALPHA_MAX_L1
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+HVSQ_BYTES = 216
+"""Bytes that an `Hvsq` keeps for a pixel, at most."""
+
+HVSQ_BUDGET = 2**30
+"""Bytes for the views' `Hvsq` objects; views beyond it have theirs made anew each time."""
+
+
+class FineTuneStage(Stage):
+    """All parameters trained on HVSQ at pooling 1; kept only where it helps.
+
+    Every `interval` iterations HVSQ, PSNR and SSIM of the validation views are measured. The result is the model with the
+    lowest HVSQ among those that pass the gate; the model that came in counts without a gate.
+
+    Args:
+        scene: training views are trained on, validation views judge.
+        gaussians: level 1.
+        gate: of the pruning before, or None: HVSQ alone decides.
+        iterations: in all.
+        interval: iterations between two looks.
+        seed: of the order of training views.
+        rates: Adam's, by field; None for `retraining_rates`.
+        name: in a chain.
+
+    Attributes:
+        before, after: quality of what came in and of the result, on the validation views, HVSQ at pooling 1 included.
+    """
+
+    def __init__(
+        self, scene: TrainingScene, gaussians: Gaussians, gate: Gate | None = None, *, iterations: int = 500,
+        interval: int = 100, seed: int = 0, rates: Mapping[str, float] | None = None, name: str = "finetune",
+    ) -> None:
+        if iterations < 1 or interval < 1:
+            raise ValueError(f"iterations and interval must be at least 1, not {iterations!r} and {interval!r}")
+        self.name, self.total, self.done = name, iterations, 0
+        self.before: Quality | None = None
+        self.after: Quality | None = None
+        self._scene, self._gate, self._interval, self._seed = scene, gate, interval, seed
+        self._optimiser = Optimiser(gaussians, retraining_rates(scene) if rates is None else rates)
+        self._best = gaussians.detached()
+        camera = scene.cameras[scene.train[0]]
+        self.pooling = pooling_px(0, camera.width)
+        self._hvsq = PerView(
+            lambda view: Hvsq(scene.photograph(view).to(gaussians.device), self.pooling),
+            views_within(camera.width * camera.height, HVSQ_BYTES, HVSQ_BUDGET))
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """What is trained."""
+        return self._optimiser.gaussians
+
+    def step(self) -> dict[str, float]:
+        """One iteration; where validation views were measured, `psnr`, `ssim` and `hvsq` too."""
+        if self.before is None:
+            self.before = self.after = self._quality()
+        view = view_at(self._scene.train, self._seed, self.name, self.done)
+        rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
+        loss = self._hvsq(view).absolute(rendering.image)
+        loss.backward()
+        self._optimiser.step()
+        self.done += 1
+        record = {"loss": float(loss.detach()), "points": len(self.gaussians)}
+        if self.done % self._interval == 0 or self.finished:
+            quality = self._quality()
+            record |= {"psnr": quality.psnr, "ssim": quality.ssim, "hvsq": quality.hvsq[0]}
+            passes = self._gate is None or self._gate.passes(quality)
+            if passes and math.isfinite(quality.hvsq[0]) and quality.hvsq[0] < self.after.hvsq[0]:
+                self.after, self._best = quality, self.gaussians.detached()
+        return record
+
+    def result(self) -> Gaussians:
+        """The model with the lowest validation HVSQ that passes the gate."""
+        return self._best
+
+    def state(self) -> dict[str, object]:
+        """For `load`."""
+        return {
+            "done": self.done, "before": _plain(self.before), "after": _plain(self.after), "best": self._best.tensors(),
+            "training": self._optimiser.state(),
+        }
+
+    def load(self, state: dict[str, object]) -> None:
+        """Back to where `state` was taken."""
+        self.done = state["done"]
+        self.before, self.after = (None if state[key] is None else Quality(**state[key]) for key in ("before", "after"))
+        self._best = Gaussians(**state["best"]).detached()
+        self._optimiser.load(state["training"])
+
+    def _quality(self) -> Quality:
+        return evaluate(self.gaussians, self._scene, self._scene.validation, pooling=[self.pooling])
+
+
+def _plain(quality: Quality | None) -> dict[str, object] | None:
+    return None if quality is None else vars(quality).copy()

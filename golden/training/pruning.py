@@ -1,0 +1,196 @@
+"""Perception-guided pruning: monitor quality, prune while it holds, retrain with scale decay while it does not.
+
+Paper section 3.4. The dense model's quality on the validation views sets the gate; no view of the test set is ever read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+
+from golden.training.efficiency import CRITERIA, Scores, without_lowest
+from golden.training.evaluate import Gate, Quality, evaluate
+from golden.training.gaussians import Gaussians
+from golden.training.retrain import Retraining
+from golden.training.scale_decay import next_gamma
+from golden.training.stage import Stage
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+QUALITY_LOSS = {"H": 0.01, "M": 0.02, "L": 0.03}
+"""Share of the dense model's PSNR and SSIM that each variant may lose."""
+
+
+@dataclass(frozen=True)
+class PruneOptions:
+    """How the loop goes.
+
+    Attributes:
+        iterations: of retraining, in all.
+        interval: iterations between two looks at the gate.
+        fraction: of the points, removed at each passed gate.
+        parts: that a prune is made in, with the scores measured anew before each.
+        criterion: one of CRITERIA, or None: nothing is pruned, scale decay alone is controlled.
+        scale_decay: whether gamma is ever above 0.
+        opacity_min: Gaussians below it go first, whatever their score.
+        opacity_clamp: opacities are clamped to it after a prune, None leaves them.
+        share: parts that training views are scored in, see `Scores`; 1 scores all views for each part of a prune.
+    """
+
+    iterations: int = 3000
+    interval: int = 50
+    fraction: float = 0.10
+    parts: int = 5
+    criterion: str | None = "ce"
+    scale_decay: bool = True
+    opacity_min: float = 0.005
+    opacity_clamp: float | None = None
+    share: int = 5
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "interval", "parts", "share"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
+        if not 0 < self.fraction < 1:
+            raise ValueError(f"fraction must lie in 0..1, not {self.fraction!r}")
+        if self.criterion is not None and self.criterion not in CRITERIA:
+            raise ValueError(f"criterion must be None or one of {CRITERIA}, not {self.criterion!r}")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One look at the gate.
+
+    Attributes:
+        iteration: of retraining, before it.
+        points: Gaussians, before the prune that follows a pass.
+        entries: (splat, tile) pairs per frame of the validation views.
+        psnr, ssim: on the validation views.
+        gamma: weight of scale decay that led here.
+        passed: whether the gate let it through.
+    """
+
+    iteration: int
+    points: int
+    entries: float
+    psnr: float
+    ssim: float
+    gamma: float
+    passed: bool
+
+
+class PruneStage(Stage):
+    """From a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
+
+    The dense model passes its own gate, so the first prune comes at once. Every `interval` iterations the gate is looked at
+    again: a pass keeps the model if no passing one had fewer entries, prunes it and raises gamma; a failure lowers gamma and
+    retrains on. The result is the passing model with the fewest entries, at worst the dense one.
+
+    Args:
+        scene: training views are trained on and scored on, validation views gate.
+        dense: the model to prune.
+        variant: H, M or L.
+        options: how.
+        seed: of the order of training views.
+        rates: Adam's, by field; None for `retraining_rates`.
+        name: in a chain.
+
+    Attributes:
+        history: one row for each look at the gate, the dense model's first.
+        gate: what must be reached; None before the first step.
+    """
+
+    def __init__(
+        self, scene: TrainingScene, dense: Gaussians, variant: str = "H", options: PruneOptions | None = None, *, seed: int = 0,
+        rates: Mapping[str, float] | None = None, name: str = "prune",
+    ) -> None:
+        if variant not in QUALITY_LOSS:
+            raise ValueError(f"variant must be one of {tuple(QUALITY_LOSS)}, not {variant!r}")
+        self.name, self.variant, self.options = name, variant, options or PruneOptions()
+        self.total, self.done = self.options.iterations, 0
+        self.gamma, self.gate, self.history = 0.0, None, []
+        self._scene = scene
+        self._training = Retraining(scene, dense, seed, name, rates)
+        self._scores = None
+        if self.options.criterion is not None:
+            cameras = [scene.cameras[view] for view in scene.train]
+            self._scores = Scores(self.options.criterion, cameras, share=self.options.share, seed=seed)
+        self._best = dense.detached()
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """What is trained."""
+        return self._training.gaussians
+
+    def step(self) -> dict[str, float]:
+        """One iteration of retraining; where the gate was looked at, `psnr`, `ssim`, `entries` and `passed` too."""
+        if self.gate is None:
+            dense = self._quality()
+            self.gate = Gate.of(dense, QUALITY_LOSS[self.variant])
+            self._decide(dense)
+        loss = self._training.step(self.done, self.gamma)
+        self.done += 1
+        record = {"loss": loss, "points": len(self.gaussians), "gamma": self.gamma}
+        if self.done % self.options.interval == 0 or self.finished:
+            check = self._decide(self._quality())
+            record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed}
+        return record
+
+    def result(self) -> Gaussians:
+        """The passing model with the fewest entries."""
+        return self._best
+
+    def state(self) -> dict[str, object]:
+        """For `load`."""
+        return {
+            "done": self.done, "gamma": self.gamma, "gate": None if self.gate is None else vars(self.gate).copy(),
+            "history": [vars(check).copy() for check in self.history], "best": self._best.tensors(),
+            "training": self._training.state(), "scores": None if self._scores is None else self._scores.state(),
+        }
+
+    def load(self, state: dict[str, object]) -> None:
+        """Back to where `state` was taken."""
+        self.done, self.gamma = state["done"], state["gamma"]
+        self.gate = None if state["gate"] is None else Gate(**state["gate"])
+        self.history = [Check(**check) for check in state["history"]]
+        self._best = Gaussians(**state["best"]).detached()
+        self._training.load(state["training"])
+        if self._scores is not None:
+            self._scores.load(state["scores"])
+
+    def _quality(self) -> Quality:
+        return evaluate(self.gaussians, self._scene, self._scene.validation)
+
+    def _decide(self, quality: Quality) -> Check:
+        """The gate: keeps the model, prunes it and changes gamma as it says."""
+        check = Check(
+            self.done, quality.points, quality.entries, quality.psnr, quality.ssim, self.gamma, self.gate.passes(quality))
+        fewest = min((row.entries for row in self.history if row.passed), default=None)
+        self.history.append(check)
+        if check.passed and (fewest is None or check.entries < fewest):
+            self._best = self.gaussians.detached()
+        if self.finished:
+            return check
+        if self.options.scale_decay:
+            self.gamma = next_gamma(self.gamma, check.passed)
+        if check.passed and self._scores is not None:
+            self._prune()
+        return check
+
+    def _prune(self) -> None:
+        """Drop what is almost transparent, then the lowest `fraction` in parts, scores measured before each."""
+        options = self.options
+        self._keep(self.gaussians.amplified_opacity.detach() >= options.opacity_min)
+        part = round(options.fraction / options.parts * len(self.gaussians))
+        for _ in range(options.parts):
+            self._keep(without_lowest(self._scores.measure(self.gaussians), part))
+        if options.opacity_clamp is not None:
+            self._training.clamp_opacity(options.opacity_clamp)
+
+    def _keep(self, keep: torch.Tensor) -> None:
+        self._training.select(keep)
+        self._scores.select(keep)

@@ -1,0 +1,97 @@
+"""Iterations of retraining a model of fixed points on photographs: what pruning and its baselines have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+
+from golden.metrics.ssim import Ssim
+from golden.training.gaussians import Gaussians
+from golden.training.losses import photometric
+from golden.training.optimiser import Optimiser, dense_rates
+from golden.training.render import render
+from golden.training.scale_decay import weighted_scale
+from golden.training.views import PerView, view_at, views_within
+from spec.constants import ALPHA_MAX_L1
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+SSIM_BYTES = 36
+"""Bytes that an `Ssim` keeps for a pixel."""
+
+SSIM_BUDGET = 2**30
+"""Bytes for the views' `Ssim` objects; views beyond it have theirs made anew each time."""
+
+
+PROGRESS = 0.5
+"""Of dense training, from where retraining takes the means' rate: a tenth of the first, ten times the last."""
+
+
+def retraining_rates(scene: TrainingScene) -> dict[str, float]:
+    """Rates of all fields but the amplifier's, constant."""
+    return dense_rates(PROGRESS, scene.extent)
+
+
+class Retraining:
+    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view an iteration.
+
+    Args:
+        scene: what is trained on; test and validation views are not touched.
+        gaussians: copied.
+        seed, purpose: of the order of views.
+        rates: Adam's, by field; None for `retraining_rates`.
+    """
+
+    def __init__(
+        self, scene: TrainingScene, gaussians: Gaussians, seed: int, purpose: str, rates: Mapping[str, float] | None = None
+    ) -> None:
+        self._scene, self._seed, self._purpose = scene, seed, purpose
+        self._rates = retraining_rates(scene) if rates is None else rates
+        width, height = scene.cameras[scene.train[0]].width, scene.cameras[scene.train[0]].height
+        device = gaussians.device
+        self._ssim = PerView(
+            lambda view: Ssim(scene.photograph(view).to(device)), views_within(width * height, SSIM_BYTES, SSIM_BUDGET))
+        self.restart(gaussians)
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """What is trained."""
+        return self._optimiser.gaussians
+
+    def restart(self, gaussians: Gaussians) -> None:
+        """Train these instead, with fresh moments."""
+        self._optimiser = Optimiser(gaussians, self._rates)
+
+    def select(self, keep: torch.Tensor) -> None:
+        """Drop all Gaussians but `keep`, (N,) bool, and their moments."""
+        self._optimiser.select(keep)
+
+    def clamp_opacity(self, highest: float) -> None:
+        """Opacities above `highest` (0..1) come down to it, and lose their moments."""
+        logits = self.gaussians.opacity.detach()
+        limit = float(torch.logit(torch.tensor(highest)))
+        above = torch.nonzero(logits > limit).squeeze(1)
+        self._optimiser.reset("opacity", torch.full_like(logits[above], limit), above)
+
+    def step(self, iteration: int, gamma: float) -> float:
+        """One iteration; the loss."""
+        view = view_at(self._scene.train, self._seed, self._purpose, iteration)
+        gaussians, device = self.gaussians, self.gaussians.device
+        rendering = render(gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
+        loss = photometric(rendering.image, self._ssim(view), self._scene.photograph(view).to(device))
+        if gamma > 0:
+            loss = loss + gamma * weighted_scale(gaussians.log_scales, rendering.index, rendering.tiles)
+        loss.backward()
+        self._optimiser.step()
+        return float(loss.detach())
+
+    def state(self) -> dict[str, object]:
+        """For `load`."""
+        return self._optimiser.state()
+
+    def load(self, state: dict[str, object]) -> None:
+        """Back to where `state` was taken."""
+        self._optimiser.load(state)
