@@ -64,13 +64,11 @@ def dense_render(
     alpha = torch.clamp(opacity * torch.exp(-q), max=alpha_max)
     seen = (alpha >= 1 / 255) & (z > camera.near) & (q <= (math.inf if support_sigma is None else support_sigma**2 / 2))
     light = torch.ones(camera.height, camera.width, dtype=torch.float64)
-    shares = torch.zeros_like(q)
-    parts: dict[int, torch.Tensor] = {}
+    alphas, parts = torch.where(seen, alpha, 0.0).unbind(-1), list(q.unbind(-1))
     for n in torch.argsort(z, stable=True).tolist():
-        used = torch.where(seen[..., n] & (light >= 1e-4), alpha[..., n], 0.0)
+        used = torch.where(light >= 1e-4, alphas[n], 0.0)
         parts[n] = light * used
         light = light * (1 - used)
-    if parts:
-        shares = torch.stack([parts[n] for n in range(len(z))], -1)
+    shares = torch.stack(parts, -1)
     image = shares @ colour + light[..., None] * torch.tensor(background, dtype=torch.float64)
     return image, shares @ z, light, shares

@@ -167,7 +167,7 @@ def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_d
         keep[i] = False
         point = _apply(view.rotation, _sum(1.0, _vector(means[i]), -1.0, view.eye))
         raw = _amplified(opacity[i], log_amp[i])[0]
-        if not (point[2] > view.near and ALPHA_MIN <= raw < math.inf):
+        if not (point[2] > view.near and raw >= ALPHA_MIN and abs(opacity[i]) + abs(log_amp[i]) < math.inf):
             continue
         shown = min(raw, AMP_MAX)
         q_max = min(math.log(shown / ALPHA_MIN), support)
