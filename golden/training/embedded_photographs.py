@@ -1,8 +1,9 @@
-"""The embedded scene's photographs: ray-traced once, then kept."""
+"""The embedded scene's photographs and points: ray-traced once, then kept."""
 
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,25 +16,31 @@ from golden.scenes.files import atomic_output
 from golden.scenes.pictures import to_bytes
 
 SOURCES = (embedded, embedded_textures, embedded_views, embedded_world, raytrace)
-"""What a photograph depends on, besides its size."""
+"""What photographs and points depend on, besides their size and number."""
 
 
-def embedded_photographs(cameras: Sequence[Camera], folder: Path = CACHE) -> np.ndarray:
-    """(V, H, W, 3) uint8 views of the embedded cameras, which are of one size.
+def photographs_and_points(
+    cameras: Sequence[Camera], count: int, folder: Path = CACHE
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Views of the embedded cameras, which are of one size, and points on the surfaces they see.
 
-    Kept in `folder`, one file for each size, number of views and state of the source; one that cannot be read is made anew.
+    Kept in `folder`, one file for each size, number of views and points, and state of the source; one that cannot be read is
+    made anew.
+
+    Returns:
+        (V, H, W, 3) uint8 photographs, (count, 3) float64 points in metres and their (count, 3) float64 colours in 0..1.
     """
     width, height = cameras[0].width, cameras[0].height
     source = hashlib.sha256(b"".join(Path(module.__file__).read_bytes() for module in SOURCES)).hexdigest()[:16]
-    path = folder / f"embedded-views-{len(cameras)}-{width}x{height}-{source}.npy"
+    path = folder / f"embedded-views-{len(cameras)}-{width}x{height}-{count}-{source}.npz"
     try:
-        stored = np.load(path, allow_pickle=False)
-        if stored.shape == (len(cameras), height, width, 3) and stored.dtype == np.uint8:
-            return stored
-    except (OSError, EOFError, ValueError):
+        with np.load(path, allow_pickle=False) as stored:
+            return stored["images"], stored["points"], stored["colours"]
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         pass  # absent or broken
-    traced = np.stack([to_bytes(embedded.render_reference(camera)[0]) for camera in cameras])
+    images = np.stack([to_bytes(embedded.render_reference(camera)[0]) for camera in cameras])
+    points, colours, _ = embedded.surface_points(count)
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_output(path) as file:
-        np.save(file, traced)
-    return traced
+        np.savez(file, images=images, points=points, colours=colours)
+    return images, points, colours

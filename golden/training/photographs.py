@@ -26,8 +26,12 @@ def area_resized(images: np.ndarray, width: int, height: int) -> np.ndarray:
         (..., height, width, 3) uint8, rounded to nearest.
     """
     (old_height, old_width), stack = images.shape[-3:-1], images.shape[:-3]
-    across, down = _overlap(old_width, width), _overlap(old_height, height)
     result = np.empty((*stack, height, width, 3), np.uint8)
+    if old_width % width == old_height % height == 0:  # whole pixels: tens of times faster
+        for at in np.ndindex(stack):
+            result[at] = Image.fromarray(images[at]).reduce((old_width // width, old_height // height))
+        return result
+    across, down = _overlap(old_width, width), _overlap(old_height, height)
     for at in np.ndindex(stack):
         rows = (down @ images[at].reshape(old_height, -1).astype(np.float32)).reshape(height, old_width, 3)
         mean = (across @ rows.transpose(1, 0, 2).reshape(old_width, -1)).reshape(width, height, 3)

@@ -142,5 +142,4 @@ def _embedded(width: int, height: int) -> TrainingScene:
     if min(width, height) < MIN_EDGE:
         raise InputError(f"size {width}x{height} is not accepted for the embedded scene: both must be at least {MIN_EDGE}")
     cameras = tuple(embedded_cameras(width, height))
-    points, colours, _ = surface_points(EMBEDDED_POINTS)
-    return divided_scene("embedded", UP, cameras, embedded_photographs(cameras), points, colours)
+    return divided_scene("embedded", UP, cameras, *photographs_and_points(cameras, EMBEDDED_POINTS))
