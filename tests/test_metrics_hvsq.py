@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from skimage.data import astronaut
 
 torch = pytest.importorskip("torch")
 
@@ -14,6 +15,15 @@ from spec.constants import REGION_START_DEG  # noqa: E402
 
 OFFSET_HVSQ = 0.05**2 / (51 * 3)
 """Of a uniform offset of 0.05: luma alone differs, in the low-pass alone."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    """Tensors this small gain nothing from threads, and on a busy machine wait for them."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 def picture(height, width, seed=0):
@@ -308,16 +318,20 @@ def test_odaks_pyramid_is_ours():
         assert torch.allclose(ours.view(3, 6, *ours.shape[1:]), torch.stack(level["b"], dim=2)[0], atol=1e-6)
 
 
-@pytest.mark.parametrize("width, most", [(1, 1.0), (2, 1.25), (3, 1.7), (4, 1.25), (7, 1.7), (12, 1.7)])
-def test_odak_agrees(width, most):
-    """Its pooling interpolates between means of separate blocks, which smooths more than a window around each pixel."""
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 7, 12])
+def test_odak_agrees(width):
+    """Its pooling interpolates between means of separate blocks, which smooths more than a window around each pixel.
+
+    What that takes depends on how far apart the differences' signs alternate: most from a photograph's shift.
+    """
     module, pyramid = odaks("metameric_loss_uniform")
-    reference = picture(288, 416)
-    for image in alterations(reference).values():
+    reference = astronaut()[:288, :416] / 255
+    for name, image in alterations(reference).items():
         theirs = module.MetamericLossUniform(pooling_size=width, n_orientations=6)
         theirs.pyramid_maker = pyramid
         expected = theirs(*(nchw(t) for t in tensors(image, reference))).item()
         ratio = Hvsq(*tensors(reference), width)(*tensors(image)).item() / expected
+        most = 1 if width == 1 else 1.6 if name == "shift" else 1.2
         assert 1 - 1e-4 < ratio < most + 1e-4
 
 
@@ -349,8 +363,8 @@ def boxes(image, width):
 
 def test_odaks_foveated_loss_agrees():
     module, pyramid = odaks("metameric_loss")
-    height, width = 288, 416
-    reference = picture(height, width)
+    height, width = 160, 224
+    reference = astronaut()[:height, :width] / 255
     ninety_degrees = {"real_image_width": 2.0, "real_viewing_distance": 1.0}
     gaze = (0.1, 0.5)
     display = Display(width, height)

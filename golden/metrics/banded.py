@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-BLOCK = 64
-"""Outputs of one block. From 32 to 96 all are about as fast at window widths up to a dozen."""
+BLOCK = 32
+"""Outputs of one block: the fastest at windows of 2 to 12 pixels; 24 to 64 come close."""
 
 
 class Banded:
@@ -38,7 +38,7 @@ def separable(planes: torch.Tensor, vertical: Banded, horizontal: Banded, adjoin
     count, _, columns = planes.shape
     rows = planes.new_empty(count, height, columns)
     for outputs, inputs, block in blocks:
-        rows[:, outputs] = block @ planes[:, inputs]
+        torch.bmm(block.expand(count, *block.shape), planes[:, inputs], out=rows[:, outputs])
     rows = rows.view(-1, columns)  # one product over all planes
     width, blocks = horizontal._half(adjoint)
     result = planes.new_empty(len(rows), width)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from torch.nn.functional import avg_pool2d, interpolate
+from torch.nn.functional import avg_pool2d, interpolate, threshold
 
 from golden.metrics.pooling import MapPooling, Pooling, UniformPooling
 from golden.metrics.pyramid import LEVELS, MULTIPLE, ORIENTATIONS, SteerablePyramid
@@ -193,25 +193,31 @@ class _Difference(torch.autograd.Function):
         mean, deviation = _statistics(maps, pooling)
         difference = mean - mean_r
         by_mean = 2 * difference if squared else difference.sign()
-        total = difference.square_() if squared else difference.abs_()
-        by_square = None
+        total = _size(difference, squared)
+        by_square = None  # twice the derivative by the pooled square
         if deviation is not None:
             difference = deviation - deviation_r
-            by_square = difference / deviation if squared else difference.sign() / (2 * deviation)
-            by_square *= deviation > math.sqrt(MIN_VARIANCE)  # flat where the variance is clamped
-            total += difference.square_() if squared else difference.abs_()
-            by_mean.addcmul_(mean, by_square, value=-2)
+            by_square = 2 * difference if squared else difference.sign()
+            # Where the variance is clamped the deviation is flat.
+            by_square /= threshold(deviation, math.sqrt(MIN_VARIANCE) * (1 + 1e-6), math.inf)
+            by_mean.addcmul_(mean, by_square, value=-1)
+            total += _size(difference, squared)
         ctx.save_for_backward(maps, by_mean, by_square)
         ctx.pooling = pooling
-        return total.sum(0)
+        return total
 
     @staticmethod
     def backward(ctx: object, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         maps, by_mean, by_square = ctx.saved_tensors
         if by_square is None:
             return by_mean * grad, None, None, None, None
-        result = ctx.pooling.adjoint(by_square * grad).mul_(maps).mul_(2)
+        result = ctx.pooling.adjoint(by_square * grad).mul_(maps)
         return result.add_(ctx.pooling.adjoint(by_mean * grad)), None, None, None, None
+
+
+def _size(difference: torch.Tensor, squared: bool) -> torch.Tensor:
+    """(h, w) sum over maps of the squared or absolute differences, in the memory of the differences."""
+    return (difference.square_() if squared else difference.abs_()).sum(0)
 
 
 def _statistics(maps: torch.Tensor, pooling: Pooling | None) -> tuple[torch.Tensor, torch.Tensor | None]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+
+from golden.metrics.banded import Banded, separable
 
 RADIUS = 5
 """Pixels each side of the window's centre: 11x11, as in Wang et al. 2004."""
@@ -10,9 +13,6 @@ RADIUS = 5
 SIGMA = 1.5
 C1, C2 = 0.01**2, 0.03**2
 """Stabilisers of luminance and contrast for images of range 1 (Wang et al. 2004)."""
-
-BLOCK = 64
-"""Outputs of one banded product. Blocks skip the band matrix's zeros; from 32 to 96 all are about as fast."""
 
 
 class Ssim:
@@ -38,9 +38,9 @@ class Ssim:
             raise ValueError(f"a reference must hold floats of range 1, not {reference.dtype}")
         self.shape = reference.shape
         self._pixels = _planes(reference.detach())
-        self._band = _band(self._pixels)
-        self._mean = _blurred(self._pixels, self._band)
-        self._variance = _blurred(self._pixels**2, self._band) - self._mean**2
+        self._window = tuple(Banded(_window_matrix(n), self._pixels) for n in self._pixels.shape[1:])
+        self._mean = separable(self._pixels, *self._window)
+        self._variance = separable(self._pixels**2, *self._window) - self._mean**2
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
         """Mean SSIM, a scalar, 1 for equal images.
@@ -57,7 +57,7 @@ class Ssim:
         """(H - 10, W - 10, 3) SSIM around each pixel whose window lies inside the image, by channel."""
         if image.shape != self.shape:
             raise ValueError(f"image must have the reference's shape {tuple(self.shape)}, not {tuple(image.shape)}")
-        return _SsimMap.apply(_planes(image), self._pixels, self._mean, self._variance, self._band).permute(1, 2, 0)
+        return _SsimMap.apply(_planes(image), self._pixels, self._mean, self._variance, self._window).permute(1, 2, 0)
 
 
 class _SsimMap(torch.autograd.Function):
@@ -65,27 +65,28 @@ class _SsimMap(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: object, image: torch.Tensor, pixels: torch.Tensor, mean_r: torch.Tensor, var_r: torch.Tensor, band: torch.Tensor
+        ctx: object, image: torch.Tensor, pixels: torch.Tensor, mean_r: torch.Tensor, var_r: torch.Tensor,
+        window: tuple[Banded, Banded],
     ) -> torch.Tensor:
-        mean, square, product = _blurred(torch.cat([image, image**2, image * pixels]), band).view(3, *mean_r.shape)
+        mean, square, product = separable(torch.cat([image, image**2, image * pixels]), *window).view(3, *mean_r.shape)
         luminance = 2 * mean * mean_r + C1
         contrast = 2 * (product - mean * mean_r) + C2
         power = mean**2 + mean_r**2 + C1
         spread = square - mean**2 + var_r + C2
         ssim = luminance * contrast / (power * spread)
-        ctx.save_for_backward(image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim, band)
+        ctx.save_for_backward(image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim)
+        ctx.window = window
         return ssim
 
     @staticmethod
     def backward(ctx: object, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim, band = ctx.saved_tensors
-        by_covariance = 2 * grad * luminance / (power * spread)
-        by_variance = -grad * ssim / spread
+        image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim = ctx.saved_tensors
+        by_covariance = luminance / (power * spread) * (2 * grad)
+        by_variance = grad * ssim / -spread
         by_mean = 2 * grad * (mean_r * contrast / spread - mean * ssim) / power
         by_mean = by_mean - 2 * mean * by_variance - mean_r * by_covariance
-        # The window is symmetric: the blur's adjoint is the blur of the zero-padded gradient.
-        padded = torch.nn.functional.pad(torch.cat([by_mean, by_variance, by_covariance]), (2 * RADIUS,) * 4)
-        mean_back, square_back, product_back = _blurred(padded, band).view(3, *image.shape)
+        blurred = torch.cat([by_mean, by_variance, by_covariance])
+        mean_back, square_back, product_back = separable(blurred, *ctx.window, adjoint=True).view(3, *image.shape)
         return mean_back + 2 * image * square_back + pixels * product_back, None, None, None, None
 
 
@@ -94,26 +95,8 @@ def _planes(image: torch.Tensor) -> torch.Tensor:
     return image.permute(2, 0, 1).contiguous()
 
 
-def _band(like: torch.Tensor) -> torch.Tensor:
-    """(BLOCK, BLOCK + 10): row i weights the inputs i..i+10 by the normalised Gaussian."""
-    x = torch.arange(-RADIUS, RADIUS + 1, dtype=torch.float64)
-    window = torch.exp(-(x**2) / (2 * SIGMA**2))
-    band = torch.zeros(BLOCK, BLOCK + 2 * RADIUS, dtype=torch.float64)
-    for row in range(BLOCK):
-        band[row, row : row + len(x)] = window / window.sum()
-    return band.to(like)
-
-
-def _blurred(planes: torch.Tensor, band: torch.Tensor) -> torch.Tensor:
-    """(P, H - 10, W - 10) Gaussian means of (P, H, W): down the columns, then along the rows."""
-    count, height, width = planes.shape
-    rows = planes.new_empty(count, height - 2 * RADIUS, width)
-    for start in range(0, rows.shape[1], BLOCK):
-        n = min(BLOCK, rows.shape[1] - start)
-        rows[:, start : start + n] = band[:n, : n + 2 * RADIUS] @ planes[:, start : start + n + 2 * RADIUS]
-    rows = rows.view(-1, width)  # one product over all planes
-    result = planes.new_empty(len(rows), width - 2 * RADIUS)
-    for start in range(0, result.shape[1], BLOCK):
-        n = min(BLOCK, result.shape[1] - start)
-        result[:, start : start + n] = rows[:, start : start + n + 2 * RADIUS] @ band[:n, : n + 2 * RADIUS].T
-    return result.view(count, -1, width - 2 * RADIUS)
+def _window_matrix(n: int) -> np.ndarray:
+    """(n - 10, n) float64: row i weights the inputs i..i+10 by the normalised Gaussian."""
+    offset = np.arange(n)[None, :] - np.arange(n - 2 * RADIUS)[:, None] - RADIUS
+    weight = np.where(abs(offset) <= RADIUS, np.exp(-(offset**2) / (2 * SIGMA**2)), 0.0)
+    return weight / weight.sum(axis=1, keepdims=True)
