@@ -1,5 +1,7 @@
 """Speed of the renderers side by side: the integer golden, a float32 kernel of the same structure, per-tile torch.
 
+Then training iterations: the differentiable renderer against a plain one in torch.
+
 Everything is warm: kernels compiled, models in each renderer's own form (made once a model, timed apart). The renderers take
 turns, so that a busy machine slows all alike; medians and ratios are what to quote. Nothing is asserted.
 """
@@ -31,6 +33,11 @@ EXAMPLES = """examples:
   python golden/bench.py truck.splat rock_sh3/ --size 640x360     several scenes in one report
 """
 
+TRAINING_SIZE = {EMBEDDED: "256x256"}
+"""Frame size of the training iterations, by scene; OTHER_TRAINING_SIZE for any other."""
+
+OTHER_TRAINING_SIZE = "400x266"
+
 INTEGER, FLOAT, TORCH = "integer golden", "float32 kernel", "per-tile torch"
 
 
@@ -42,6 +49,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="model files or folders, or 'embedded' (default)")
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as golden/render.py (default: orbit)")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="frame size (default: 640x360)")
+    parser.add_argument("--training-size", metavar="WxH", help="frame size of the training iterations "
+                        f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default: 5)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
     # The opponents render one level on black, so that is what is compared.
@@ -106,6 +115,11 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
     }
 
 
+def requested(args: argparse.Namespace, scene: str, size: str) -> Request:
+    """A scene's model and view at a frame size."""
+    return resolve(argparse.Namespace(**{**vars(args), "scene": scene, "size": size}))
+
+
 def table(result: dict[str, object]) -> str:
     """One scene's numbers as Markdown."""
     width, height = result["size"]
@@ -128,15 +142,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.repeat < 1:
         raise InputError(f"repeat {args.repeat} is not accepted: 1 or more is")
     bench_torch.import_torch()  # a missing package is told before the work, not after
+    from golden import bench_training
+
     out = make_folder(args.out)
-    requests = [resolve(argparse.Namespace(**vars(args), scene=scene)) for scene in args.scenes]
+    requests = [requested(args, scene, args.size) for scene in args.scenes]
+    trained = [requested(args, scene, args.training_size or TRAINING_SIZE.get(scene, OTHER_TRAINING_SIZE))
+               for scene in args.scenes]
     results = [compare(request, args.repeat) for request in requests]
+    for result, request in zip(results, trained, strict=True):
+        result["training"] = bench_training.compare(request.model, request.camera, args.repeat)
     machine = {"processor": platform.machine(), "cores": os.cpu_count(), "threads": parallel.threads,
                "python": platform.python_version(), "load_average": os.getloadavg()[0]}
     report = "\n".join([
-        "# Renderer speed", "", "Made by `make bench`; whole frames, warm, renderers in turn. Medians of "
+        "# Renderer speed", "", "Made by `make bench`; whole frames and iterations, warm, renderers in turn. Medians of "
         f"{args.repeat} rounds, {parallel.threads} threads, load average {machine['load_average']:.1f}.", "",
-        *(table(result) for result in results)])
+        *("\n".join([table(result), bench_training.table(result["training"])]) for result in results)])
     write_json(out / "bench.json", {"machine": machine, "scenes": results})
     with atomic_output(out / "bench.md") as file:
         file.write(report.encode())

@@ -51,7 +51,7 @@ def test_torch_renderer_draws_the_oracles_picture(scene):
 
 def test_report_is_complete_and_repeatable_numbers_agree(tmp_path, capsys):
     pytest.importorskip("torch")
-    bench.main(["--size", "64x48", "--repeat", "2", "--out", str(tmp_path)])
+    bench.main(["--size", "64x48", "--training-size", "48x32", "--repeat", "2", "--out", str(tmp_path)])
     result = json.loads((tmp_path / "bench.json").read_text())["scenes"][0]
     assert result["size"] == [64, 48] and result["entries"] > 0
     assert set(result["renderers"]) == {bench.INTEGER, bench.FLOAT, bench.TORCH}
@@ -63,6 +63,38 @@ def test_report_is_complete_and_repeatable_numbers_agree(tmp_path, capsys):
     report = (tmp_path / "bench.md").read_text()
     assert report in capsys.readouterr().out
     assert all(name in report for name in result["renderers"])
+
+    training = result["training"]
+    assert training["size"] == [48, 32] and training["entries"] > 0
+    assert list(training["renderers"]) == ["numba renderer", "plain torch tiles", "plain torch tiles, 1 thread"]
+    for name, renderer in training["renderers"].items():
+        assert name in report
+        assert len(renderer["rounds_s"]) == 2
+        assert renderer["min_s"] <= renderer["median_s"] <= renderer["max_s"]
+        assert renderer["iterations_per_s"] == 1 / renderer["median_s"]
+        assert set(renderer["parts_s"]) == {"forward", "loss", "backward", "step"}
+        assert renderer["psnr_vs_oracle_db"] >= HONEST_DB
+    assert training["renderers"]["numba renderer"]["times_ours"] == 1.0
+
+
+def test_both_trainings_do_the_same_work():
+    torch = pytest.importorskip("torch")
+    from golden import bench_training
+    from golden.training.gaussians import from_model
+
+    loaded = load_scene("embedded")
+    gaussians, camera = from_model(loaded.model.select(np.arange(0, 19000, 10))), loaded.cameras[0].resized(48, 32)
+    target = torch.rand(32, 48, 3, generator=torch.Generator().manual_seed(0))
+    ours, plain = (bench_training.Training(module.render, 1, gaussians, camera, target)
+                   for module in (bench_training.render, bench_training.reference))
+    threads = torch.get_num_threads()
+    for _ in range(4):
+        ours.iterate()
+        plain.iterate()
+    torch.set_num_threads(threads)
+    assert (ours.image - plain.image).abs().mean() < 1e-4  # Adam's first steps are signs: a rounding may turn one
+    assert ours.image.shape == target.shape
+    assert all(len(values) == 4 for values in ours.seconds.values())
 
 
 def test_missing_torch_is_told(monkeypatch):
