@@ -1,0 +1,177 @@
+"""What levels are worth and what they cost: HVSQ of each level and of each region of a foveated frame, entries of a frame.
+
+Taken alike by the nested levels of one model and by separate models, one for each level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import torch
+
+from golden.metrics.hvsq import Hvsq, foveated, pooling_px
+from golden.msv2_ref import pipeline, sort_tmu
+from golden.scenes.camera import Camera
+from golden.scenes.gaze import Display, FoveationMap, foveation_map, region_level
+from golden.training.foveated import FoveatedModel, Storage, level_alpha_max
+from golden.training.gaussians import Gaussians, to_model
+from golden.training.render import render, render_foveated
+from spec.config import PAPER, AcceleratorConfig
+from spec.constants import ALPHA_MAX_L1
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+
+class Levels(Protocol):
+    """One to four levels: a `FoveatedModel` or `SeparateModels`."""
+
+    @property
+    def levels(self) -> int:
+        """Their number."""
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Points of each."""
+
+    @property
+    def storage(self) -> Storage:
+        """Bytes."""
+
+    def level(self, index: int) -> Gaussians:
+        """The Gaussians of a level (0-based)."""
+
+
+@dataclass(frozen=True)
+class FrameCost:
+    """What a foveated frame costs the machine.
+
+    Attributes:
+        entries: (splat, tile) pairs; those of a tile that blends two levels count once in nested levels, for each model in
+            separate ones.
+        groups: merged groups of tiles that have entries.
+        projected: Gaussians read and projected.
+    """
+
+    entries: int
+    groups: int
+    projected: int
+
+
+def level_pooling(level: int, width: int, pooling: Sequence[float] | None = None) -> float:
+    """HVSQ's pooling width of a 0-based level, in pixels: the paper's, scaled to frames of a width, or that of `pooling`.
+
+    Scaled, the paper's 1, 3, 7 and 12 px of a frame 1,237 wide say that small frames, shown as wide, hide less: a pixel of
+    theirs is as large as what peripheral vision pools.
+    """
+    return pooling_px(level, width) if pooling is None else float(pooling[level])
+
+
+def reference_image(
+    scene: TrainingScene, view: int, dense: Gaussians | None, device: torch.device | str
+) -> torch.Tensor:
+    """(H, W, 3) float32 in 0..1: the photograph of a view, or what a dense model shows there."""
+    if dense is None:
+        return scene.photograph(view).to(device)
+    with torch.no_grad():
+        return render(dense, scene.cameras[view], alpha_max=ALPHA_MAX_L1).image.clamp(0.0, 1.0).to(device)
+
+
+def mean_hvsq(
+    gaussians: Gaussians, scene: TrainingScene, views: Sequence[int], hvsq: Callable[[int], Hvsq], alpha_max: float
+) -> tuple[float, float]:
+    """Mean HVSQ of one level's whole images, clamped as a display does, and its mean entries per frame.
+
+    Args:
+        views: indices into the scene's cameras.
+        hvsq: of a view, against its reference.
+    """
+    values = []
+    with torch.no_grad():
+        for view in views:
+            rendering = render(gaussians, scene.cameras[view], alpha_max=alpha_max)
+            values.append((float(hvsq(view)(rendering.image.clamp(0.0, 1.0))), rendering.entries))
+    value, entries = np.mean(values, axis=0)
+    return float(value), float(entries)
+
+
+def level_hvsq(
+    levels: Levels, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None = None,
+    pooling: Sequence[float] | None = None,
+) -> tuple[float, ...]:
+    """HVSQ of each level on whole images at its own pooling, mean over views: the rows of the paper's table.
+
+    Args:
+        dense: a model whose renders are the reference instead of the photographs.
+        pooling: widths in pixels for each level; None: `pooling_px`.
+    """
+    widths = [level_pooling(level, scene.size[0], pooling) for level in range(levels.levels)]
+    return tuple(_one_level_hvsq(levels, level, scene, views, dense, width) for level, width in enumerate(widths))
+
+
+def _one_level_hvsq(
+    levels: Levels, level: int, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None, pooling: float
+) -> float:
+    gaussians = levels.level(level)
+
+    def hvsq(view: int) -> Hvsq:
+        return Hvsq(reference_image(scene, view, dense, gaussians.device), pooling)
+
+    return mean_hvsq(gaussians, scene, views, hvsq, level_alpha_max(level))[0]
+
+
+def region_hvsq(
+    levels: Levels, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None = None
+) -> tuple[float, ...]:
+    """HVSQ of each quality region of foveated frames, mean over views: the gaze in the centre, pooling by eccentricity.
+
+    nan for a region that no pixel of the frame falls into.
+
+    Args:
+        dense: a model whose renders are the reference instead of the photographs.
+    """
+    camera = scene.cameras[views[0]]
+    foveation = centre_foveation(camera, levels.levels)
+    eccentricity = foveation.display.eccentricity(foveation.gaze_xy)
+    shown, each = [levels.level(level) for level in range(levels.levels)], []
+    region = torch.from_numpy(region_level(eccentricity, levels.levels)).to(shown[0].device)
+    masks = {level: region == level for level in range(levels.levels) if bool((region == level).any())}
+    for view in views:
+        with torch.no_grad():
+            image = render_foveated(shown, scene.cameras[view], foveation).clamp(0.0, 1.0)
+            hvsq = foveated(reference_image(scene, view, dense, image.device), eccentricity)
+            found = dict(zip(masks, hvsq.regions(image, list(masks.values())).tolist(), strict=True))
+        each.append([found.get(level, np.nan) for level in range(levels.levels)])
+    return tuple(np.mean(each, axis=0).tolist())
+
+
+def centre_foveation(camera: Camera, levels: int) -> FoveationMap:
+    """The map of a frame with the gaze in its centre, on a display of its size."""
+    return foveation_map(Display(camera.width, camera.height), (camera.width / 2, camera.height / 2), levels)
+
+
+def frame_cost(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER) -> FrameCost:
+    """Entries and groups of the integer golden's frame, with the gaze in the centre.
+
+    Separate models are projected each, and each lists its own Gaussians in the tiles that show its level.
+    """
+    foveation = centre_foveation(camera, levels.levels)
+    up = np.array([0.0, -1.0, 0.0])  # renderers do not read it
+    if isinstance(levels, FoveatedModel):
+        frame = pipeline.render(levels.to_model(up=up, name="levels"), camera, config=config, foveation=foveation)
+        counts = [np.diff(frame.entries.start)]
+        projected = len(levels.base)
+    else:
+        counts, projected = [], sum(levels.counts)
+        for level in range(levels.levels):
+            frame = pipeline.render(to_model(levels.level(level), up=up, name="level"), camera, config=config)
+            shown = (foveation.tile_level == level) | (foveation.blend & (foveation.tile_level + 1 == level))
+            counts.append(np.where(shown.ravel(), np.diff(frame.entries.start), 0))
+    groups = 0
+    for tiles in counts:
+        merged = sort_tmu.merge_tiles(tiles, foveation.tiles_x, sort_tmu.auto_beta(tiles, config))
+        groups += len(np.unique(merged[tiles > 0]))
+    return FrameCost(int(sum(tiles.sum() for tiles in counts)), groups, projected)

@@ -1,0 +1,259 @@
+"""Levels 2-4: each pruned from the one before while its HVSQ, at its pooling, is no worse than that of L1 at pooling 1.
+
+Paper sections 4.3 and 4.4. Geometry is frozen: opacity, its amplifier and the DC colour alone are trained, on HVSQ over whole
+images, without a gaze and without scale decay. The gate reads validation views, never test views.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+
+from golden.metrics.hvsq import Hvsq
+from golden.training.efficiency import Scores, without_lowest
+from golden.training.foveated import FoveatedModel, Version, level_alpha_max
+from golden.training.gaussians import Gaussians
+from golden.training.level_quality import level_pooling, mean_hvsq, reference_image
+from golden.training.render import render
+from golden.training.stage import Stage
+from golden.training.version_training import VersionTraining
+from golden.training.views import PerView, view_at, views_within
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+HVSQ_BYTES = 216
+"""Bytes that an `Hvsq` keeps for a pixel, at most."""
+
+TRIM_PART = 200
+"""The last trim finds the number of points to within this part of them."""
+
+
+@dataclass(frozen=True)
+class LevelOptions:
+    """How a level is made.
+
+    Attributes:
+        iterations: of training, in all.
+        interval: iterations between two looks at a gate that fails.
+        patience: failed gates in a row after which a prune is undone and a smaller one tried.
+        fraction: of the points, removed at each passed gate; halved each time that a prune is undone.
+        parts: that a prune is made in, with the scores measured anew before each.
+        share: parts that training views are scored in, see `Scores`.
+        validation_views: views that the gate looks at, at most, evenly spread over those of the scene.
+        opacity_min: points below it go first.
+        opacity_enhancement: whether the amplifier is trained; without it the model is the predecessor's.
+        rate_opacity, rate_log_amp, rate_sh_dc: Adam's learning rates at the start; they fall to a tenth.
+        pooling: widths in pixels of L1..L4 that HVSQ pools over; None: the paper's, scaled to the frame.
+        memory: bytes that references prepared for HVSQ may take.
+    """
+
+    iterations: int = 400
+    interval: int = 20
+    patience: int = 4
+    fraction: float = 0.10
+    parts: int = 5
+    share: int = 5
+    validation_views: int = 8
+    opacity_min: float = 0.005
+    opacity_enhancement: bool = True
+    rate_opacity: float = 0.1
+    rate_log_amp: float = 0.4
+    rate_sh_dc: float = 0.02
+    pooling: tuple[float, float, float, float] | None = None
+    memory: int = 1 << 30
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "interval", "patience", "parts", "share", "validation_views"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
+        if not 0 < self.fraction < 1:
+            raise ValueError(f"fraction must lie in 0..1, not {self.fraction!r}")
+
+
+@dataclass(frozen=True)
+class LevelCheck:
+    """One look at the gate.
+
+    Attributes:
+        iteration: of training, before it.
+        points: of the level, before the prune that follows a pass.
+        hvsq: on the gate's views, at the level's pooling.
+        target: what it must not exceed.
+        entries: (splat, tile) pairs per frame of the gate's views.
+        passed: whether it does not.
+    """
+
+    iteration: int
+    points: int
+    hvsq: float
+    target: float
+    entries: float
+    passed: bool
+
+
+class LevelStage(Stage):
+    """Makes the next level of a model.
+
+    The points of the level before come in with their opacities, amplifiers and colours. While the gate passes, the level is
+    kept as the best so far and pruned, each prune followed by one iteration; where it fails, the level is trained until it
+    passes again. After `patience` failures in a row the best comes back and a prune of half the size is tried. At the end the
+    best passing level is trimmed, without training, to as few of its points, in order of their scores, as pass.
+
+    Args:
+        scene: photographs; its training views train and rank points, its validation views gate.
+        model: the levels so far.
+        level: the level to make, 0-based: 1, 2 or 3.
+        options: see `LevelOptions`.
+        seed: of the order of views.
+        dense: a model whose renders are the reference instead of the photographs.
+
+    Attributes:
+        gaussians: the level as it is; geometry is not trained.
+        pooling: the level's, in pixels.
+        target: HVSQ of L1 at pooling 1 on the gate's views.
+        history: one row for each look at the gate.
+    """
+
+    def __init__(
+        self, scene: TrainingScene, model: FoveatedModel, level: int, options: LevelOptions | None = None, seed: int = 0,
+        dense: Gaussians | None = None,
+    ) -> None:
+        if level != model.levels:
+            raise ValueError(f"level must be {model.levels}, the one after those of the model, not {level!r}")
+        options = options or LevelOptions()
+        self.name, self.total, self.done = f"level{level + 1}", options.iterations, 0
+        self.options, self.history, self._seed = options, [], seed
+        self._scene, self._model, self._alpha_max = scene, model, level_alpha_max(level)
+        device, (width, height) = model.base.device, scene.size
+        self.pooling = level_pooling(level, width, options.pooling)
+
+        def references(pooling: float) -> PerView[Hvsq]:
+            kept = views_within(width * height, HVSQ_BYTES, options.memory)
+            return PerView(lambda view: Hvsq(reference_image(scene, view, dense, device), pooling), kept)
+
+        self._hvsq = references(self.pooling)
+        self._gate_views = scene.validation[:: -(-len(scene.validation) // options.validation_views)]
+        self.target, _ = mean_hvsq(
+            model.level(0), scene, self._gate_views, references(level_pooling(0, width, options.pooling)), level_alpha_max(0))
+        for view in self._gate_views:  # asked for first, these are kept: they are read at every gate
+            self._hvsq(view)
+        self._rows = model.versions[-1].rows.clone() if model.versions else torch.arange(len(model.base), device=device)
+        self._training = VersionTraining(
+            model.level(level - 1), options.rate_opacity, options.rate_sh_dc,
+            options.rate_log_amp if options.opacity_enhancement else None)
+        self._scores = Scores(
+            "ce", [scene.cameras[view] for view in scene.train], share=options.share, alpha_max=self._alpha_max, seed=seed)
+        self._fraction, self._failures, self._next_gate = options.fraction, 0, 0
+        self._best: dict[str, object] | None = None
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The level as it is."""
+        return self._training.gaussians
+
+    def step(self) -> dict[str, float]:
+        """One iteration of training, after a look at the gate where one is due: then `hvsq`, `entries` and `passed` too."""
+        record = {}
+        if self.done >= self._next_gate:
+            record |= self._decide()
+        view = view_at(self._scene.train, self._seed, self.name, self.done)
+        rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=self._alpha_max)
+        loss = self._hvsq(view).absolute(rendering.image)
+        loss.backward()
+        self._training.step(self.done / self.total)
+        self.done += 1
+        if self.finished:
+            record |= self._finish()
+        return {"loss": float(loss.detach()), "points": len(self.gaussians), "target": self.target, **record}
+
+    def result(self) -> FoveatedModel:
+        """The model with this level: the one before's points where not a single prune passed."""
+        g = self.gaussians.detached()
+        return self._model.with_level(Version(self._rows.clone(), g.opacity, g.log_amp, g.sh_dc))
+
+    def state(self) -> dict[str, object]:
+        """For `load`."""
+        return {
+            "done": self.done, "target": self.target, "history": [vars(row).copy() for row in self.history],
+            "fraction": self._fraction, "failures": self._failures, "next_gate": self._next_gate,
+            "current": self._snapshot(), "best": None if self._best is None else copy.deepcopy(self._best),
+        }
+
+    def load(self, state: dict[str, object]) -> None:
+        """Back to where `state` was taken."""
+        self.done, self.target = state["done"], state["target"]
+        self.history = [LevelCheck(**row) for row in state["history"]]
+        self._fraction, self._failures, self._next_gate = state["fraction"], state["failures"], state["next_gate"]
+        self._best = copy.deepcopy(state["best"])
+        self._restore(state["current"])
+
+    def _decide(self) -> dict[str, float]:
+        """A look at the gate and what follows from it."""
+        check = self._look()
+        wait = self.options.interval
+        if check.passed:
+            self._best, self._failures, wait = self._snapshot(), 0, 1
+            self._prune(self._fraction)
+        else:
+            self._failures += 1
+            if self._best is not None and self._failures > self.options.patience:
+                self._restore(self._best)
+                self._fraction, self._failures = self._fraction / 2, 0
+                self._prune(self._fraction)
+        self._next_gate = self.done + wait
+        return {"hvsq": check.hvsq, "entries": check.entries, "passed": float(check.passed)}
+
+    def _look(self) -> LevelCheck:
+        hvsq, entries = mean_hvsq(self.gaussians, self._scene, self._gate_views, self._hvsq, self._alpha_max)
+        check = LevelCheck(self.done, len(self.gaussians), hvsq, self.target, entries, hvsq <= self.target)
+        self.history.append(check)
+        return check
+
+    def _finish(self) -> dict[str, float]:
+        """The best passing level, trimmed; where nothing ever passed, the level as training left it."""
+        if not self._look().passed:
+            if self._best is None:
+                return {}
+            self._restore(self._best)
+        self._trim()
+        check = self._look()
+        return {"hvsq": check.hvsq, "entries": check.entries, "passed": float(check.passed)}
+
+    def _trim(self) -> None:
+        """Drop the most points, in order of their scores, with which the gate passes."""
+        whole = self._snapshot()
+        scores = self._scores.measure(self.gaussians)
+        drops, fails = 0, len(scores)  # numbers of points known to pass, and taken to fail
+        while fails - drops > max(1, len(scores) // TRIM_PART):
+            middle = (drops + fails) // 2
+            self._restore(whole)
+            self._keep(without_lowest(scores, middle))
+            drops, fails = (middle, fails) if self._look().passed else (drops, middle)
+        self._restore(whole)
+        self._keep(without_lowest(scores, drops))
+
+    def _prune(self, fraction: float) -> None:
+        """Drop what is almost transparent, then the lowest `fraction` in parts, scores measured before each."""
+        self._keep(self.gaussians.amplified_opacity.detach() >= self.options.opacity_min)
+        part = max(1, round(fraction / self.options.parts * len(self.gaussians)))
+        for _ in range(self.options.parts):
+            self._keep(without_lowest(self._scores.measure(self.gaussians), part))
+
+    def _keep(self, keep: torch.Tensor) -> None:
+        """Drop the points but `keep`, (n,) bool; nothing where none would be left."""
+        if bool(keep.any()):
+            self._rows = self._rows[keep]
+            self._training.select(keep)
+            self._scores.select(keep)
+
+    def _snapshot(self) -> dict[str, object]:
+        return {"rows": self._rows.clone(), "training": self._training.state(), "scores": self._scores.state()}
+
+    def _restore(self, snapshot: dict[str, object]) -> None:
+        self._rows = snapshot["rows"].clone()
+        self._training.load(snapshot["training"])
+        self._scores.load(snapshot["scores"])
