@@ -6,6 +6,7 @@ Once a thread at a time, and once in blocks of 256 threads with their barriers a
 import math
 import re
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,9 +15,8 @@ torch = pytest.importorskip("torch")
 wp = pytest.importorskip("warp")
 
 from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # noqa: E402
-from golden.training import blend_warp, pairs, pairs_warp  # noqa: E402
+from golden.training import blend_warp, pairs, pairs_warp, projection  # noqa: E402
 from golden.training.gaussians import from_model  # noqa: E402
-from golden.training.projection import project  # noqa: E402
 from golden.training.render import render  # noqa: E402
 from tests.training_samples import SIZE, forward_camera, round_gaussians  # noqa: E402
 
@@ -101,6 +101,18 @@ def test_support_without_a_bound(embedded, blocks):
     check_alike(*embedded, support_sigma=None)
 
 
+def test_whole_path_of_a_gpu_is_the_cpus(embedded):
+    """Projected by torch's operations, as Gaussians on a GPU are: in float32 a footprint's rim may round to the other side."""
+    numba, expected = drawn(*embedded, "numba")
+    with mock.patch.object(projection, "_project_kernels", projection.project_torch):
+        warp, found = drawn(*embedded, "warp")
+    assert (warp.image - numba.image).abs().max() < 0.01 and (warp.image - numba.image).abs().mean() < 1e-5
+    assert abs(warp.entries - numba.entries) <= 1e-3 * numba.entries
+    for name, gradient in expected.items():
+        difference, scale = (found[name] - gradient).abs(), gradient.abs().max()
+        assert difference.max() < 0.02 * scale and difference.mean() < 1e-5 * scale, name
+
+
 @pytest.mark.parametrize("rows", [[(10.0, 10.0, 0.1, 2.0, 0.5)], [(-90.0, 10.0, 1.0, 2.0, 0.5)]], ids=["near", "beside"])
 def test_nothing_in_view_is_the_background(rows, blocks):
     rendering, gradients = drawn(round_gaussians(rows), forward_camera(), "warp")
@@ -118,7 +130,7 @@ def test_a_rendering_repeats_bit_for_bit(embedded, blocks):
 
 def test_no_gradients_nothing_kept(embedded):
     gaussians, camera = embedded
-    splats = project(gaussians, camera, 3.0)
+    splats = projection.project(gaussians, camera, 3.0)
     blending = blend_warp.blend(splats, camera, 0.99, BACKGROUND, np.ones((3, 4), bool))[1]
     assert blending._before.numel() == 0
     assert not blending.image.requires_grad
@@ -126,7 +138,7 @@ def test_no_gradients_nothing_kept(embedded):
 
 def test_lists_are_numbas(embedded):
     gaussians, camera = embedded
-    splats = project(gaussians, camera.resized(200, 152), 3.0)
+    splats = projection.project(gaussians, camera.resized(200, 152), 3.0)
     tensors = (splats.mean2d, splats.factor.contiguous(), splats.q_max, splats.depth)
     mask = torch.rand(10, 13, generator=torch.Generator().manual_seed(1)) < 0.8
     warp = pairs_warp.tile_lists(*tensors, 200, 152, mask)
