@@ -48,8 +48,14 @@ def view_of(camera: Camera) -> View:
 
 
 @_kernel
-def _vector(row):
-    return np.float64(row[0]), np.float64(row[1]), np.float64(row[2])
+def _vector(rows, i):
+    """Three components of a row; arrays are passed with an index throughout, as a view costs two calls to count references."""
+    return np.float64(rows[i, 0]), np.float64(rows[i, 1]), np.float64(rows[i, 2])
+
+
+@_kernel
+def _rest(sh_rest, i, k):
+    return np.float64(sh_rest[i, k, 0]), np.float64(sh_rest[i, k, 1]), np.float64(sh_rest[i, k, 2])
 
 
 @_kernel
@@ -83,9 +89,9 @@ def _apply_transposed(matrix, a):
 
 
 @_kernel
-def _rotation(quat):
+def _rotation(quats, i):
     """The rotation of a wxyz quaternion, the quaternion normalised, and the inverse of its length."""
-    w, x, y, z = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
     scale = 1 / math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w * scale, x * scale, y * scale, z * scale
     rotation = (
@@ -152,11 +158,10 @@ def _amplified(logit, log_amp):
 
 
 @_kernel
-def _finite(*rows):
-    total = 0.0
-    for row in rows:
-        for value in row:
-            total += abs(value)
+def _finite_colour(sh_dc, sh_rest, i):
+    total = abs(sh_dc[i, 0]) + abs(sh_dc[i, 1]) + abs(sh_dc[i, 2])
+    for k in range(sh_rest.shape[1]):
+        total += abs(sh_rest[i, k, 0]) + abs(sh_rest[i, k, 1]) + abs(sh_rest[i, k, 2])
     return total < math.inf
 
 
@@ -165,15 +170,15 @@ def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_d
     """Which Gaussians survive and, of those, mean2d, factor, opacity, depth, q_max and radius as rows of the table."""
     for i in range(begin, end):
         keep[i] = False
-        point = _apply(view.rotation, _sum(1.0, _vector(means[i]), -1.0, view.eye))
+        point = _apply(view.rotation, _sum(1.0, _vector(means, i), -1.0, view.eye))
         raw = _amplified(opacity[i], log_amp[i])[0]
         if not (point[2] > view.near and raw >= ALPHA_MIN and abs(opacity[i]) + abs(log_amp[i]) < math.inf):
             continue
         shown = min(raw, AMP_MAX)
         q_max = min(math.log(shown / ALPHA_MIN), support)
-        s = _vector(log_scales[i])
+        s = _vector(log_scales, i)
         scale = math.exp(s[0]), math.exp(s[1]), math.exp(s[2])
-        _, _, m, n = _spread(point, scale, _rotation(quats[i])[0], view)
+        _, _, m, n = _spread(point, scale, _rotation(quats, i)[0], view)
         xx, xy, yy, determinant, factor = _factor(m, n)
         x = point[0] / point[2] * view.focal[0] + view.centre[0]
         y = point[1] / point[2] * view.focal[1] + view.centre[1]
@@ -181,7 +186,7 @@ def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_d
             continue
         left, top = 0.5 - x, 0.5 - y
         nearest = smallest_exponent(left, top, left + view.size[0] - 1, top + view.size[1] - 1, factor)
-        if nearest <= q_max + FRAME_SLACK and _finite(sh_dc[i]) and _finite(sh_rest[i].ravel()):
+        if nearest <= q_max + FRAME_SLACK and _finite_colour(sh_dc, sh_rest, i):
             keep[i] = True
             widest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
             table[i, 0], table[i, 1], table[i, 5], table[i, 6] = x, y, shown, point[2]
@@ -226,19 +231,19 @@ def _basis_backward(direction, count, g):
 
 
 @_kernel
-def _direction(mean, eye):
+def _direction(means, i, eye):
     """Unit vector from the eye, and the inverse of the distance."""
-    offset = _sum(1.0, _vector(mean), -1.0, eye)
+    offset = _sum(1.0, _vector(means, i), -1.0, eye)
     inverse = 1 / math.sqrt(_dot(offset, offset))
     return _sum(inverse, offset, 0.0, offset), inverse
 
 
 @_kernel
-def _colour(sh_dc, sh_rest, basis, count):
+def _colour(sh_dc, sh_rest, i, basis):
     """Red, green and blue before they are clamped."""
-    total = _sum(SH_C0, _vector(sh_dc), 0.5, (1.0, 1.0, 1.0))
-    for k in range(count):
-        total = _sum(1.0, total, basis[k], _vector(sh_rest[k]))
+    total = _sum(SH_C0, _vector(sh_dc, i), 0.5, (1.0, 1.0, 1.0))
+    for k in range(sh_rest.shape[1]):
+        total = _sum(1.0, total, basis[k], _rest(sh_rest, i, k))
     return total
 
 
@@ -252,25 +257,25 @@ def _write(_slice, begin, end, index, means, sh_dc, sh_rest, eye, table, mean2d,
         factor[k, 0], factor[k, 1], factor[k, 2] = table[i, 2], table[i, 3], table[i, 4]
         q_max[k], radius[k] = table[i, 7], table[i, 8]
         if count:
-            _basis(_direction(means[i], eye)[0], count, basis)
-        total = _colour(sh_dc[i], sh_rest[i], basis, count)
+            _basis(_direction(means, i, eye)[0], count, basis)
+        total = _colour(sh_dc, sh_rest, i, basis)
         colour[k, 0], colour[k, 1], colour[k, 2] = max(total[0], 0.0), max(total[1], 0.0), max(total[2], 0.0)
 
 
 @_kernel
-def _colour_backward(g, mean, sh_dc, sh_rest, eye, basis, g_basis, g_dc, g_rest):
+def _colour_backward(g, i, means, sh_dc, sh_rest, eye, basis, g_basis, g_dc, g_rest):
     """Writes the coefficients' gradients; returns the mean's, through the direction."""
-    count = sh_rest.shape[0]
-    direction, inverse = _direction(mean, eye)
+    count = sh_rest.shape[1]
+    direction, inverse = _direction(means, i, eye)
     if count:
         _basis(direction, count, basis)
-    total = _colour(sh_dc, sh_rest, basis, count)
+    total = _colour(sh_dc, sh_rest, i, basis)
     g = g[0] if total[0] > 0 else 0.0, g[1] if total[1] > 0 else 0.0, g[2] if total[2] > 0 else 0.0
-    g_dc[0], g_dc[1], g_dc[2] = SH_C0 * g[0], SH_C0 * g[1], SH_C0 * g[2]
+    g_dc[i, 0], g_dc[i, 1], g_dc[i, 2] = SH_C0 * g[0], SH_C0 * g[1], SH_C0 * g[2]
     for k in range(count):
-        g_basis[k] = _dot(g, _vector(sh_rest[k]))
+        g_basis[k] = _dot(g, _rest(sh_rest, i, k))
         if len(g_rest):
-            g_rest[k, 0], g_rest[k, 1], g_rest[k, 2] = basis[k] * g[0], basis[k] * g[1], basis[k] * g[2]
+            g_rest[i, k, 0], g_rest[i, k, 1], g_rest[i, k, 2] = basis[k] * g[0], basis[k] * g[1], basis[k] * g[2]
     if not count:
         return 0.0, 0.0, 0.0
     g_direction = _basis_backward(direction, count, g_basis)
@@ -278,29 +283,29 @@ def _colour_backward(g, mean, sh_dc, sh_rest, eye, basis, g_basis, g_dc, g_rest)
 
 
 @_kernel
-def _shape_backward(g_mean2d, g_factor, g_depth, mean, log_scales, quat, view, g_log_scales, g_quat):
+def _shape_backward(k, g_mean2d, g_factor, g_depth, i, means, log_scales, quats, view, g_log_scales, g_quats):
     """Writes the gradients of scales and rotation; returns the mean's, through the screen."""
-    point = _apply(view.rotation, _sum(1.0, _vector(mean), -1.0, view.eye))
-    rotation, unit, unit_scale = _rotation(quat)
-    s = _vector(log_scales)
+    point = _apply(view.rotation, _sum(1.0, _vector(means, i), -1.0, view.eye))
+    rotation, unit, unit_scale = _rotation(quats, i)
+    s = _vector(log_scales, i)
     scale = math.exp(s[0]), math.exp(s[1]), math.exp(s[2])
     a, b, m, n = _spread(point, scale, rotation, view)
-    g_m, g_n = _factor_backward(_vector(g_factor), m, n)
-    g_log_scales[0], g_log_scales[1], g_log_scales[2] = _sum(1.0, _by(g_m, m), 1.0, _by(g_n, n))
+    g_m, g_n = _factor_backward(_vector(g_factor, k), m, n)
+    g_log_scales[i, 0], g_log_scales[i, 1], g_log_scales[i, 2] = _sum(1.0, _by(g_m, m), 1.0, _by(g_n, n))
     g_m, g_n = _by(g_m, scale), _by(g_n, scale)
     g_rotation = _sum(a[0], g_m, b[0], g_n), _sum(a[1], g_m, b[1], g_n), _sum(a[2], g_m, b[2], g_n)
-    g_quat[0], g_quat[1], g_quat[2], g_quat[3] = _rotation_backward(g_rotation, unit, unit_scale)
+    g_quats[i, 0], g_quats[i, 1], g_quats[i, 2], g_quats[i, 3] = _rotation_backward(g_rotation, unit, unit_scale)
     g_a, g_b = _apply(rotation, g_m), _apply(rotation, g_n)
 
     inverse, (focal_x, focal_y), forward = 1 / point[2], view.focal, view.rotation[2]
     ratio_x, ratio_y = point[0] * inverse, point[1] * inverse
-    g_x, g_y = g_mean2d[0] * focal_x, g_mean2d[1] * focal_y
+    g_x, g_y = g_mean2d[k, 0] * focal_x, g_mean2d[k, 1] * focal_y
     if view.low[0] <= ratio_x <= view.high[0]:
         g_x -= focal_x * inverse * _dot(forward, g_a)
     if view.low[1] <= ratio_y <= view.high[1]:
         g_y -= focal_y * inverse * _dot(forward, g_b)
     # a and b are proportional to 1/z at a fixed slope, and so are the slopes at a fixed x and y
-    g_z = g_depth - inverse * (_dot(g_a, a) + _dot(g_b, b) + g_x * ratio_x + g_y * ratio_y)
+    g_z = g_depth[k] - inverse * (_dot(g_a, a) + _dot(g_b, b) + g_x * ratio_x + g_y * ratio_y)
     return _apply_transposed(view.rotation, (g_x * inverse, g_y * inverse, g_z))
 
 
@@ -311,7 +316,7 @@ def _backward(
 ):
     """Every Gaussian's gradients, 0 for those without a slot; `g_means` and `g_rest` may have no rows: not wanted."""
     basis, g_basis = np.empty(15), np.empty(15)
-    geometry, rest, nothing = len(g_means) > 0, len(g_rest) > 0, np.empty((0, 3), np.float32)
+    geometry, rest = len(g_means) > 0, len(g_rest) > 0
     for i in range(begin, end):
         k = slot[i]
         if k < 0:
@@ -324,11 +329,11 @@ def _backward(
         raw, moved = _amplified(opacity[i], log_amp[i])
         through = g_opacity[k] * raw if raw <= AMP_MAX else 0.0
         g_logit[i], g_log_amp[i] = through * moved, through
-        toward = _colour_backward(_vector(g_colour[k]), means[i], sh_dc[i], sh_rest[i], view.eye, basis, g_basis, g_dc[i],
-                                  g_rest[i] if rest else nothing)
+        toward = _colour_backward(
+            _vector(g_colour, k), i, means, sh_dc, sh_rest, view.eye, basis, g_basis, g_dc, g_rest)
         if geometry:
-            across = _shape_backward(g_mean2d[k], g_factor[k], g_depth[k], means[i], log_scales[i], quats[i], view,
-                                     g_log_scales[i], g_quats[i])
+            across = _shape_backward(
+                k, g_mean2d, g_factor, g_depth, i, means, log_scales, quats, view, g_log_scales, g_quats)
             g_means[i, 0], g_means[i, 1], g_means[i, 2] = _sum(1.0, toward, 1.0, across)
 
 
