@@ -65,11 +65,11 @@ def pooling_map(eccentricity_deg: np.ndarray, fov_deg: float = DISPLAY_FOV_DEG) 
 
 
 class Hvsq:
-    """HVSQ of images to one reference, differentiable in the image and deterministic.
+    """HVSQ of images to one reference, differentiable in the image; deterministic on the CPU.
 
     The image and the reference are resized (bilinear) to the next multiples of 32; windows are in pixels of that size.
     The reference's statistics are computed once, see `nbytes`: up to 216 bytes a pixel in float32, half of it where no
-    window is wider than a pixel. Values outside 0..1 are compared as they are.
+    window is wider than a pixel; a map of widths takes up to 340 more. Values outside 0..1 are compared as they are.
     """
 
     def __init__(self, reference: torch.Tensor, pooling: float | np.ndarray | torch.Tensor) -> None:

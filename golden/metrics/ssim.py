@@ -69,25 +69,27 @@ class _SsimMap(torch.autograd.Function):
         window: tuple[Banded, Banded],
     ) -> torch.Tensor:
         mean, square, product = separable(torch.cat([image, image**2, image * pixels]), *window).view(3, *mean_r.shape)
-        luminance = 2 * mean * mean_r + C1
-        contrast = 2 * (product - mean * mean_r) + C2
-        power = mean**2 + mean_r**2 + C1
-        spread = square - mean**2 + var_r + C2
-        ssim = luminance * contrast / (power * spread)
-        ctx.save_for_backward(image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim)
+        cross, own = mean * mean_r, mean.square()
+        contrast = product.sub_(cross).mul_(2).add_(C2)
+        power = torch.addcmul(own, mean_r, mean_r).add_(C1)
+        spread = square.sub_(own).add_(var_r).add_(C2)
+        ratio = cross.mul_(2).add_(C1).div_(power).div_(spread)
+        ssim = ratio * contrast
+        ctx.save_for_backward(image, pixels, mean, mean_r, contrast, ratio, power, spread, ssim)
         ctx.window = window
         return ssim
 
     @staticmethod
     def backward(ctx: object, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        image, pixels, mean, mean_r, contrast, luminance, power, spread, ssim = ctx.saved_tensors
-        by_covariance = luminance / (power * spread) * (2 * grad)
-        by_variance = grad * ssim / -spread
-        by_mean = 2 * grad * (mean_r * contrast / spread - mean * ssim) / power
-        by_mean = by_mean - 2 * mean * by_variance - mean_r * by_covariance
+        image, pixels, mean, mean_r, contrast, ratio, power, spread, ssim = ctx.saved_tensors
+        by_covariance = ratio * (2 * grad)
+        by_variance = (ssim / spread).mul_(-grad)
+        by_mean = (mean_r * contrast).div_(spread).addcmul_(mean, ssim, value=-1).div_(power).mul_(2 * grad)
+        by_mean.addcmul_(mean, by_variance, value=-2).addcmul_(mean_r, by_covariance, value=-1)
         blurred = torch.cat([by_mean, by_variance, by_covariance])
         mean_back, square_back, product_back = separable(blurred, *ctx.window, adjoint=True).view(3, *image.shape)
-        return mean_back + 2 * image * square_back + pixels * product_back, None, None, None, None
+        gradient = mean_back.addcmul_(image, square_back, value=2).addcmul_(pixels, product_back)
+        return gradient, None, None, None, None
 
 
 def _planes(image: torch.Tensor) -> torch.Tensor:
