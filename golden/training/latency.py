@@ -28,6 +28,9 @@ CRITERIA = ("importance", "ce")
 
 LABELS = {"importance": "importance (LightGS)", "ce": "CE"}
 
+CYCLES = {"golden": "golden", "rtl": "RTL"}
+"""Kinds of cycles, and how they are called."""
+
 REMOVED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.97)
 """Shares of the points removed; the paper shows 75 to 97 %."""
 
@@ -115,7 +118,7 @@ def proportionality(versions: Sequence[Version]) -> dict[str, dict[str, dict[str
     the same rate, 0.69 where one falls to half of what the other does.
     """
     data, result = series(versions), {}
-    for latency in ("golden", "rtl"):
+    for latency in CYCLES:
         if latency not in data:
             continue
         result[latency] = {}
@@ -146,7 +149,7 @@ def save_plot(scenes: Sequence[tuple[str, Sequence[Version]]], path: Path) -> No
         agreement = proportionality(versions)
         for axis, quantity, label in ((row[0], "points", "points"), (row[1], "entries", "tile-ellipse intersections per tile")):
             _panel(axis, versions, quantity)
-            told = ", ".join(f"{latency} r = {of[quantity]['pearson']:.3f}" for latency, of in agreement.items())
+            told = ", ".join(f"{CYCLES[latency]} r = {of[quantity]['pearson']:.3f}" for latency, of in agreement.items())
             axis.set(xlabel=label, xlim=(0, None), ylim=(0, None))
             axis.set_title(f"{name}: {told}", fontsize=9)
             axis.grid(alpha=0.3)

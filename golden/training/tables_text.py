@@ -49,12 +49,8 @@ def _scene(scene: Mapping[str, Any]) -> list[str]:
         "### Ablation", "", "PSNR is of level 1, which foveated frames show in the fovea.", "", _ablation(scene["ablation"]),
         "### Points per level", "", _points(scene["comparison"]),
         "Opacity enhancement leaves " + ", ".join(
-            f"{_signed(-share)} % points in L{level}" for level, share in enumerate(scene["fewer_percent"], 1) if level > 1)
+            f"{-share + 0.0:+.1f} % points in L{level}" for level, share in enumerate(scene["fewer_percent"], 1) if level > 1)
         + f" against training without it (the paper: up to {comparison.PAPER_FEWER_PERCENT:g} % fewer in R3 and R4).", ""]
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.1f}"
 
 
 def _comparison(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -118,7 +114,7 @@ def _latency(scene: Mapping[str, Any]) -> list[str]:
             f"{work['cycles'] / whole['work']['cycles']:.3f}",
             "" if rtl is None else f"{rtl['cycles'] / whole['rtl']['cycles']:.3f}"]
 
-    agreement = [[f"{name} cycles against {'intersections' if quantity == 'entries' else quantity}",
+    agreement = [[f"{latency.CYCLES[name]} cycles against {'intersections' if quantity == 'entries' else quantity}",
                   f"{of['pearson']:.4f}", f"{of['off']:.3f}"]
                  for name, by in shown["proportionality"].items() for quantity, of in by.items()]
     return [

@@ -1,0 +1,320 @@
+"""Training tables: golden cycles against measured ones, models from finished runs, rows, plots and pages."""
+
+import json
+from argparse import Namespace
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from training_samples import small_dense, small_scene  # noqa: E402
+
+from golden.msv2_ref import pipeline  # noqa: E402
+from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # noqa: E402
+from golden.scenes.gaze import Display, foveation_map  # noqa: E402
+from golden.scenes.levels import smfr_levels  # noqa: E402
+from golden.training import ablation, comparison, latency, rtl_cycles, table_runs, tables  # noqa: E402
+from golden.training.baselines import SeparateModels, smfr  # noqa: E402
+from golden.training.chain import Planned  # noqa: E402
+from golden.training.checkpoint import Checkpoint, Checkpoints  # noqa: E402
+from golden.training.finished_runs import find_run  # noqa: E402
+from golden.training.foveated import FoveatedModel  # noqa: E402
+from golden.training.frame_cycles import FrameWork, foveated_frame_work, frame_work, whole_frame_work  # noqa: E402
+from golden.training.level_quality import frame_cost  # noqa: E402
+from golden.training.recipe import RESULTS, ReadyStage, Recipe, plan  # noqa: E402
+from golden.training.rtl_cycles import RtlCycles  # noqa: E402
+from golden.training.tables_text import markdown  # noqa: E402
+from spec.config import PAPER  # noqa: E402
+from spec.errors import InputError  # noqa: E402
+
+ROOT = Path(__file__).parents[1]
+RECIPE = Recipe("H", None, True, 60, 1500, 0)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return small_scene()
+
+
+@pytest.fixture(scope="module")
+def dense():
+    return small_dense(600)
+
+
+def measured_frame(foveated):
+    """What the machine took for a frame of the embedded scene, from the committed report."""
+    rows = json.loads((ROOT / "reports" / "frames.json").read_text())["rows"]
+    return next(row for row in rows if row["scene"] == "embedded" and (row["gaze"] is not None) == foveated
+                and row["merge"] and row["pipeline"])
+
+
+def test_golden_cycles_are_within_three_percent_of_the_machines():
+    measured = measured_frame(foveated=False)
+    camera = embedded_cameras(*measured["size"])[0]
+    work = frame_work(pipeline.render(cached_embedded_model(), camera, config=PAPER))
+    assert work.entries == measured["entries"]
+    assert abs(work.geometry_cycles / measured["geometry_cycles"] - 1) < 0.01
+    assert 0.97 < work.render_cycles / measured["render_cycles"] <= 1.0
+
+
+def test_geometry_beats_are_those_of_the_machine():
+    """Points, colours, entries, directory slots and views of the frame in reports/, to the beat."""
+    measured = measured_frame(foveated=True)
+    camera = embedded_cameras(*measured["size"])[0]
+    foveation = foveation_map(Display(*measured["size"]), tuple(measured["gaze"]), 4)
+    work = frame_work(pipeline.render(smfr_levels(cached_embedded_model(), 4), camera, config=PAPER, foveation=foveation))
+    moved = measured["dram_bytes"]
+    bytes_moved = sum(moved["reads"][name] for name in ("geometry", "colour")) + sum(
+        moved["writes"][name] for name in ("entries", "views"))
+    assert work.entries == measured["entries"] and work.geometry_beats * 32 == bytes_moved
+
+
+def test_parts_of_a_frame_add_up(scene, dense):
+    frame = pipeline.render(tables.to_model(dense, up=scene.up, name="dense"), scene.cameras[0], config=PAPER)
+    left = np.arange(len(frame.registers.header)) % 3 == 0
+    parts = [frame_work(frame, left), frame_work(frame, ~left)]
+    whole, total = frame_work(frame), FrameWork.total(parts)
+    assert total.entries == whole.entries > 0 and total.array == whole.array and total.tiles == whole.tiles
+    assert total.points == 2 * whole.points  # each part is a model of its own, read whole
+    nothing = frame_work(frame, np.zeros_like(left))
+    assert nothing.entries == nothing.survivors == nothing.array == 0 and nothing.render_cycles == 0
+
+
+def test_foveated_frames_cost_what_level_quality_says(scene, dense):
+    camera, nested = scene.cameras[0], smfr(dense, (600, 300, 120, 60))
+    separate = SeparateModels(tuple(nested.level(level) for level in range(4)))
+    works = [foveated_frame_work(levels, camera) for levels in (nested, separate)]
+    for levels, work in zip((nested, separate), works, strict=True):
+        cost = frame_cost(levels, camera)
+        assert (work.entries, work.points) == (cost.entries, cost.projected)
+    assert works[1].entries > works[0].entries  # a tile that blends lists both models
+    assert works[0].entries < whole_frame_work(dense, camera).entries
+
+
+def test_a_lone_level_costs_a_whole_frame(scene, dense):
+    camera = scene.cameras[0]
+    whole = whole_frame_work(dense, camera)
+    assert foveated_frame_work(SeparateModels((dense,)), camera) == whole
+    assert foveated_frame_work(FoveatedModel(dense), camera) == whole
+
+
+def test_comparison_rows(scene, dense):
+    ours = smfr(dense, (600, 300, 120, 60), seed=1)
+    plain = smfr(dense, (600, 400, 240, 60), seed=1)
+    methods = {comparison.OURS: ours, comparison.PLAIN: plain}
+    rows = comparison.compare(replace(scene, test=scene.test[:1]), methods, {"ours": 3.0})
+    assert [row.method for row in rows] == [comparison.OURS, comparison.PLAIN]
+    assert rows[0].points_percent == (100.0, 50.0, 20.0, 10.0) and rows[0].seconds == 3.0
+    assert comparison.fewer_percent(*rows) == pytest.approx((0.0, 25.0, 50.0, 0.0))
+    assert rows[0].storage_mb == ours.storage.total / 1e6
+    assert rows[0].hvsq[0] == rows[1].hvsq[0] > 0 and len(rows[0].hvsq) == 4
+    assert rows[0].frame.entries < rows[1].frame.entries
+
+
+def test_ablation_rows(scene, dense):
+    few = dense.select(torch.arange(0, 600, 2))
+    levels = smfr(few, (300, 200, 100, 50))
+    rows = ablation.ablate(replace(scene, test=scene.test[:1]), (("dense", dense), ("few", few), ("levels", levels)))
+    assert [row.points for row in rows] == [600, 300, 300]
+    assert rows[1].psnr == rows[2].psnr != rows[0].psnr
+    assert rows[0].frame.entries > rows[1].frame.entries > rows[2].frame.entries
+    assert rows[1].storage_mb == rows[0].storage_mb / 2 < rows[2].storage_mb
+
+
+def test_versions_lose_points_and_the_dense_frame_is_measured_once(scene, dense):
+    measured = []
+
+    def rtl(model, camera):
+        measured.append((len(model), camera.width, camera.height))
+        return RtlCycles(10 * len(model), 100, 7)
+
+    versions = latency.measure(dense, scene, edge=32, removed=(0.0, 0.5, 1.0), rtl=rtl)
+    assert [(v.criterion, v.points) for v in versions] == [
+        ("importance", 600), ("importance", 300), ("importance", 1), ("ce", 600), ("ce", 300), ("ce", 1)]
+    assert measured == [(600, 32, 32), (300, 32, 32), (1, 32, 32), (300, 32, 32), (1, 32, 32)]
+    assert versions[0].work == versions[3].work and versions[0].rtl == versions[3].rtl
+    assert versions[1].work.entries != versions[4].work.entries
+    assert versions[0].work.cycles > versions[1].work.cycles > versions[2].work.cycles
+
+
+def versions_of(rows):
+    """Versions of (points, entries, golden cycles, RTL cycles)."""
+    return [latency.Version("ce", 0.0, points, FrameWork(points, 0, entries, 4, 0, 0, 0, cycles, 0),
+                            None if rtl is None else RtlCycles(rtl, 0, entries)) for points, entries, cycles, rtl in rows]
+
+
+def test_proportionality_in_closed_form():
+    result = latency.proportionality(versions_of([(100, 40, 400, 1000), (50, 20, 200, 1000), (25, 30, 300, 1000)]))
+    assert result["golden"]["entries"] == pytest.approx({"pearson": 1.0, "off": 0.0})
+    assert result["golden"]["points"]["off"] == pytest.approx(np.log(3) / 3)
+    assert np.isnan(result["rtl"]["points"]["pearson"])  # what never changes correlates with nothing
+    assert result["rtl"]["entries"]["off"] == pytest.approx((np.log(2) + np.log(4 / 3)) / 3)
+    assert "rtl" not in latency.proportionality(versions_of([(1, 1, 1, 5), (2, 2, 2, None)]))
+
+
+def stub_plan(seen):
+    """Stands in for `plan`: stages that leave their name and recipe, and note what they were given."""
+    def make(recipe, scene, device, dense=None):
+        names = ("dense", "prune", "finetune", "level2", "level3", "level4", *(
+            ("separate2", "separate3", "separate4") if recipe.baseline == "mmfr" else ()))
+
+        def maker(name):
+            def make_stage(results):
+                seen.append((name, recipe.enhancement, dict(results)))
+                return ReadyStage(name, f"{name} {'ours' if recipe.enhancement else 'plain'}")
+
+            return make_stage
+
+        return [Planned(name, 3, maker(name)) for name in names]
+
+    return make
+
+
+def test_plan_adds_what_the_tables_need_and_keeps_what_is_ready(monkeypatch):
+    seen = []
+    monkeypatch.setattr(table_runs, "plan", stub_plan(seen))
+    stages = table_runs.table_plan(RECIPE, None, "cpu", {"dense": "there", "prune": "too"})
+    assert [stage.name for stage in stages] == [
+        "dense", "prune", "finetune", "level2", "level3", "level4", "scale-decay",
+        "level2-plain", "level3-plain", "level4-plain", "separate2", "separate3", "separate4"]
+    assert [stage.total for stage in stages] == [0, 0, 3, 3, 3, 3, RECIPE.budget("prune"), *6 * [3]]
+    results = {}
+    for stage in stages:
+        if stage.name != "scale-decay":
+            results[stage.name] = stage.make(dict(results)).result()
+    assert results["dense"] == "there" and results["level3-plain"] == "level3 plain" and results["level3"] == "level3 ours"
+    given = next(given for name, enhancement, given in seen if name == "level3" and not enhancement)
+    assert given["level2"] == "level2 plain" and given["finetune"] == "finetune ours" and "level4" not in given
+    given = next(given for name, _, given in seen if name == "separate3")
+    assert given["level4"] == "level4 ours"
+
+
+def finished(folder, name, **changes):
+    """A finished run's folder."""
+    run = folder / name
+    (run / "checkpoints").mkdir(parents=True)
+    options = {"scene": "embedded", "variant": "H", "baseline": None, "opacity-enhancement": True, "size": "64x64",
+               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu"} | changes
+    (run / "report.json").write_text(json.dumps({"options": options}))
+    (run / "model.ply").write_bytes(name.encode())
+    return run, options
+
+
+def test_finished_runs_are_found_by_their_options(tmp_path):
+    finished(tmp_path, "a")
+    finished(tmp_path, "m", variant="M")
+    finished(tmp_path, "smfr", baseline="smfr", seed=1)
+    finished(tmp_path, "v1", **{"opacity-enhancement": False, "seed": 2})
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "report.json").write_text("{")
+    wanted = {"scene": "embedded", "variant": "H", "size": None}
+    assert find_run(tmp_path, wanted).folder.name == "a"
+    assert find_run(tmp_path, wanted | {"variant": "M"}).folder.name == "m"
+    for other in ({"scene": "elsewhere"}, {"iterations": 61}, {"seed": 1}, {"seed": 2}):
+        assert find_run(tmp_path, wanted | other) is None
+    assert find_run(tmp_path / "nowhere", wanted) is None
+
+
+def test_a_finished_run_is_reused_and_another_recipe_is_not(tmp_path, dense, scene):
+    run, options = finished(tmp_path, "a")
+    totals = tuple((stage.name, stage.total) for stage in plan(RECIPE, scene, "cpu"))
+    results = {"dense": dense, "prune": dense}
+    last = Checkpoint(options, totals, results, len(totals), None, 60, {"dense": {"iterations": 30, "seconds": 2.0}}, 1)
+    Checkpoints(run / "checkpoints", RESULTS).save(last)
+    asked = Namespace(scenes=[], variant=None, size=None, iterations=None, max_points=None, seed=None)
+    prepared = tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu")
+    assert prepared.recipe == RECIPE and set(prepared.ready) == set(results) and prepared.scene.size == (64, 64)
+    assert prepared.options["reused"] and prepared.spent["dense"]["seconds"] == 2.0
+    other = tables.prepare(tables.wanted_scenes(replace_namespace(asked, iterations=80, size="48x48"))[0], tmp_path, "cpu")
+    assert other.ready == {} and other.options["reused"] is None and other.recipe.iterations == 80
+    Checkpoints(run / "checkpoints").clear()
+    Checkpoints(run / "checkpoints", RESULTS).save(replace(last, plan=totals[:-1], stage=len(totals) - 1))
+    assert tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu").ready == {}
+
+
+def replace_namespace(args, **changes):
+    return Namespace(**vars(args) | changes)
+
+
+def test_scenes_have_sizes_of_their_own():
+    asked = {"variant": "M", "size": "64x48", "iterations": None, "max_points": None, "seed": 3}
+    args = Namespace(scenes=["embedded", "a@b/fern@504x378"], **asked)
+    embedded, fern = tables.wanted_scenes(args)
+    assert embedded.keys == {
+        "scene": "embedded", "variant": "M", "size": "64x48", "iterations": None, "max-points": None, "seed": 3}
+    assert fern.path == "a@b/fern" and fern.keys["size"] == "504x378" and fern.keys["scene"].endswith("/a@b/fern")
+    with pytest.raises(InputError, match="12xx"):
+        tables.wanted_scenes(replace_namespace(args, scenes=["fern@12xx"]))
+
+
+def test_rtl_frames_are_simulated_once_and_must_be_exact(tmp_path, monkeypatch, scene, dense):
+    runs, exact = [], {"bit_exact": True, "counter_errors": []}
+
+    def simulate(folder, camera, out):
+        runs.append(out)
+        numbers = {**exact, "table_cycles": 1, "geometry_cycles": 20, "render_cycles": 300, "entries": 4}
+        (out / "frame.json").write_text(json.dumps(numbers))
+
+    monkeypatch.setattr(rtl_cycles, "_simulate", simulate)
+    cycles = tables.simulate(scene, tmp_path)
+    for _ in range(2):
+        assert asdict(cycles(dense, scene.cameras[0])) == {"geometry": 21, "render": 300, "entries": 4}
+    assert len(runs) == 1
+    cycles(dense, scene.cameras[1])
+    cycles(dense.select(torch.arange(10)), scene.cameras[0])
+    assert len(set(runs)) == 3
+    exact["bit_exact"] = False
+    with pytest.raises(InputError, match="differs from the golden renderer"):
+        cycles(dense, scene.cameras[2])
+
+
+def test_a_failing_simulation_is_told(tmp_path, monkeypatch, scene, dense):
+    monkeypatch.setattr(rtl_cycles, "OPTIONS", ("--config", "absent"))
+    with pytest.raises(InputError, match="CONFIG 'absent' is not accepted"):
+        tables.simulate(scene, tmp_path)(dense, scene.cameras[0])
+
+
+def trained(dense):
+    """Models that no training made, related as trained ones are."""
+    level1 = dense.select(torch.arange(0, 600, 2))
+    ours, plain = smfr(level1, (300, 120, 60, 30), 1), smfr(level1, (300, 200, 100, 50), 1)
+    separate = SeparateModels(tuple(ours.level(level) for level in range(4)))
+    return table_runs.Trained(dense, dense, level1, level1, ours, plain, smfr(level1, ours.counts), separate, {"dense": 1.5})
+
+
+def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
+    prepared = tables.Prepared(replace(scene, test=scene.test[:1]), "photographs", RECIPE, {}, {}, {"scene": "embedded"})
+    record, versions = tables.measure_scene(
+        prepared, trained(dense), edge=32, rtl=lambda model, camera: RtlCycles(7 * len(model), 31, 5))
+    tables.write(tmp_path, "training", [record, record | {"scene": "other"}], [("embedded", versions), ("other", versions)])
+    assert {path.name for path in tmp_path.iterdir()} == {"training.json", "training.md", "training.png"}
+    page = (tmp_path / "training.md").read_text()
+    for text in ("## embedded, 64x64", "## other, 64x64", "| SMFR |", "| MMFR |", "| ours |", "| + scale decay | 600 |",
+                 "300 (100.0 %) | 120 (40.0 %) | 60 (20.0 %) | 30 (10.0 %)", "100 % | 40.1 % | 21.8 % | 17.4 %",
+                 "-40.0 % points in L4", "| CE | 97 % | 18 |", "RTL cycles against intersections", "(training.png)",
+                 "161.6", "2.12 / 10.1 / 21.7 / 28.3"):
+        assert text in page, text
+    kept = json.loads((tmp_path / "training.json").read_text())["scenes"]
+    assert [each["scene"] for each in kept] == ["embedded", "other"]
+    assert kept[0]["latency"]["versions"][0]["rtl"]["cycles"] == 7 * 600 + 31
+    assert markdown(kept, "training.png") == page  # nothing is on the page that is not in the JSON
+    assert (tmp_path / "training.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.long
+def test_the_whole_command_and_again_without_training(tmp_path, capsys):
+    from golden import tables_training
+
+    command = ["--size", "48x48", "--iterations", "60", "--max-points", "1000", "--edge", "48",
+               "--runs", str(tmp_path / "none"), "--work", str(tmp_path / "work"), "--out", str(tmp_path / "out")]
+    assert tables_training.main(command) == 0
+    first = json.loads((tmp_path / "out" / "tables.json").read_text())
+    assert "training in" in capsys.readouterr().err
+    versions = first["scenes"][0]["latency"]["versions"]
+    assert all(version["rtl"]["entries"] == version["work"]["entries"] for version in versions)
+    assert tables_training.main(command) == 0
+    assert "going on in" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out" / "tables.json").read_text()) == first
