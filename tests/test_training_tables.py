@@ -23,6 +23,7 @@ from golden.training.checkpoint import Checkpoint, Checkpoints  # noqa: E402
 from golden.training.finished_runs import find_run  # noqa: E402
 from golden.training.foveated import FoveatedModel  # noqa: E402
 from golden.training.frame_cycles import FrameWork, foveated_frame_work, frame_work, whole_frame_work  # noqa: E402
+from golden.training.level_curves import LevelCurve, level_curves  # noqa: E402
 from golden.training.level_quality import frame_cost  # noqa: E402
 from golden.training.recipe import RESULTS, ReadyStage, Recipe, plan  # noqa: E402
 from golden.training.rtl_cycles import RtlCycles  # noqa: E402
@@ -155,6 +156,21 @@ def test_proportionality_in_closed_form():
     assert "rtl" not in latency.proportionality(versions_of([(1, 1, 1, 5), (2, 2, 2, None)]))
 
 
+def test_level_curves_pair_each_look_with_the_points_it_saw():
+    def at(stage, points, **more):
+        return {"stage": stage, "points": points, "loss": 1.0, **({"target": 2.0} | more if more else {})}
+
+    records = [
+        at("dense", 500), at("level2", 90, hvsq=1.0), at("level2", 90), at("level2", 80, hvsq=1.8), at("level2", 80, hvsq=3.0),
+        at("level2", 80, hvsq=2.4), at("level2", 90, hvsq=1.9), at("level3", 70, hvsq=1.6), at("level3", 60, hvsq=2.0),
+        at("level2-plain", 99, hvsq=5.0)]
+    two, three = level_curves(records, (100, 90, 60))
+    assert two == LevelCurve(2, (80, 90, 100), (1.2, 0.9, 0.5), 90)
+    assert three == LevelCurve(3, (60, 90), (1.0, 0.8), 60)
+    assert level_curves(records, (100, 99), "-plain") == (LevelCurve(2, (99,), (2.5,), 99),)
+    assert level_curves(records[:1], (100, 90)) == ()
+
+
 def stub_plan(seen):
     """Stands in for `plan`: stages that leave their name and recipe, and note what they were given."""
     def make(recipe, scene, device, dense=None):
@@ -200,6 +216,7 @@ def finished(folder, name, **changes):
                "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu"} | changes
     (run / "report.json").write_text(json.dumps({"options": options}))
     (run / "model.ply").write_bytes(name.encode())
+    (run / "log.jsonl").write_text('{"stage": "dense"}\n')
     return run, options
 
 
@@ -227,7 +244,7 @@ def test_a_finished_run_is_reused_and_another_recipe_is_not(tmp_path, dense, sce
     asked = Namespace(scenes=[], variant=None, size=None, iterations=None, max_points=None, seed=None)
     prepared = tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu")
     assert prepared.recipe == RECIPE and set(prepared.ready) == set(results) and prepared.scene.size == (64, 64)
-    assert prepared.options["reused"] and prepared.spent["dense"]["seconds"] == 2.0
+    assert prepared.options["reused"] and prepared.records == [{"stage": "dense"}] and prepared.spent["dense"]["seconds"] == 2.0
     other = tables.prepare(tables.wanted_scenes(replace_namespace(asked, iterations=80, size="48x48"))[0], tmp_path, "cpu")
     assert other.ready == {} and other.options["reused"] is None and other.recipe.iterations == 80
     Checkpoints(run / "checkpoints").clear()
@@ -282,20 +299,21 @@ def trained(dense):
     level1 = dense.select(torch.arange(0, 600, 2))
     ours, plain = smfr(level1, (300, 120, 60, 30), 1), smfr(level1, (300, 200, 100, 50), 1)
     separate = SeparateModels(tuple(ours.level(level) for level in range(4)))
-    return table_runs.Trained(dense, dense, level1, level1, ours, plain, smfr(level1, ours.counts), separate, {"dense": 1.5})
+    return table_runs.Trained(dense, dense, level1, level1, ours, plain, smfr(level1, ours.counts), separate, {"dense": 1.5},
+                              (LevelCurve(2, (100, 120), (1.25, 0.5), 120),))
 
 
 def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
-    prepared = tables.Prepared(replace(scene, test=scene.test[:1]), "photographs", RECIPE, {}, {}, {"scene": "embedded"})
-    record, versions = tables.measure_scene(
+    prepared = tables.Prepared(replace(scene, test=scene.test[:1]), "photographs", RECIPE, {}, {}, [], {"scene": "embedded"})
+    record, shown = tables.measure_scene(
         prepared, trained(dense), edge=32, rtl=lambda model, camera: RtlCycles(7 * len(model), 31, 5))
-    tables.write(tmp_path, "training", [record, record | {"scene": "other"}], [("embedded", versions), ("other", versions)])
+    tables.write(tmp_path, "training", [record, record | {"scene": "other"}], [shown, replace(shown, name="other")])
     assert {path.name for path in tmp_path.iterdir()} == {"training.json", "training.md", "training.png"}
     page = (tmp_path / "training.md").read_text()
     for text in ("## embedded, 64x64", "## other, 64x64", "| SMFR |", "| MMFR |", "| ours |", "| + scale decay | 600 |",
                  "300 (100.0 %) | 120 (40.0 %) | 60 (20.0 %) | 30 (10.0 %)", "100 % | 40.1 % | 21.8 % | 17.4 %",
                  "-40.0 % points in L4", "| CE | 97 % | 18 |", "RTL cycles against intersections", "(training.png)",
-                 "161.6", "2.12 / 10.1 / 21.7 / 28.3"):
+                 "| L2 | ours | 120 | 100: 1.250, 120: 0.500 |", "161.6", "2.12 / 10.1 / 21.7 / 28.3"):
         assert text in page, text
     kept = json.loads((tmp_path / "training.json").read_text())["scenes"]
     assert [each["scene"] for each in kept] == ["embedded", "other"]

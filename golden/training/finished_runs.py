@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import read_json
+from golden.training.chain import LOG
 from golden.training.checkpoint import Checkpoint, Checkpoints
+from golden.training.plots import read_log
 from golden.training.recipe import RESULTS
 from spec.errors import InputError
 
@@ -30,6 +32,11 @@ class FinishedRun:
     def fingerprint(self) -> str:
         """Of the model that the run wrote."""
         return hashlib.sha256((self.folder / "model.ply").read_bytes()).hexdigest()[:12]
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """Its log."""
+        return read_log(self.folder / LOG)
 
     def last(self) -> Checkpoint | None:
         """Its last checkpoint; None where that is gone or not of a finished run."""

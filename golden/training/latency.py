@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from golden.scenes.camera import Camera
-from golden.scenes.files import atomic_output
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.frame_cycles import FrameWork, whole_frame_work
 from golden.training.gaussians import Gaussians
@@ -130,40 +128,3 @@ def proportionality(versions: Sequence[Version]) -> dict[str, dict[str, dict[str
                 "pearson": float(np.corrcoef(x, y)[0, 1]) if varies else float("nan"),
                 "off": float(np.abs(shares[1] - shares[0]).mean())}
     return result
-
-
-def save_plot(scenes: Sequence[tuple[str, Sequence[Version]]], path: Path) -> None:
-    """A PNG: a row a scene, latency against points on the left, against intersections per tile on the right.
-
-    Args:
-        scenes: names and versions.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(
-        len(scenes), 2, figsize=(9, 3.6 * len(scenes)), sharey="row", squeeze=False, constrained_layout=True)
-    for row, (name, versions) in zip(axes, scenes, strict=True):
-        agreement = proportionality(versions)
-        for axis, quantity, label in ((row[0], "points", "points"), (row[1], "entries", "tile-ellipse intersections per tile")):
-            _panel(axis, versions, quantity)
-            told = ", ".join(f"{CYCLES[latency]} r = {of[quantity]['pearson']:.3f}" for latency, of in agreement.items())
-            axis.set(xlabel=label, xlim=(0, None), ylim=(0, None))
-            axis.set_title(f"{name}: {told}", fontsize=9)
-            axis.grid(alpha=0.3)
-        row[0].set_ylabel("cycles per frame")
-        row[0].legend(fontsize=8)
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=110)
-    pyplot.close(figure)
-
-
-def _panel(axis: Any, versions: Sequence[Version], quantity: str) -> None:
-    for colour, criterion in zip(("C0", "C1"), CRITERIA, strict=True):
-        own = [v for v in versions if v.criterion == criterion]
-        x = [v.points if quantity == "points" else v.work.entries_per_tile for v in own]
-        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{LABELS[criterion]}, golden")
-        if all(v.rtl is not None for v in own):
-            axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{LABELS[criterion]}, RTL")

@@ -6,7 +6,7 @@ pruning, levels without opacity enhancement, and the separate models of MMFR.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from golden.training.baselines import SeparateModels, smfr
 from golden.training.chain import Planned
 from golden.training.foveated import FoveatedModel
 from golden.training.gaussians import Gaussians
+from golden.training.level_curves import LevelCurve, level_curves
 from golden.training.pruning import PruneOptions, PruneStage
 from golden.training.recipe import CHECKS, ReadyStage, Recipe, plan
 from golden.training.scene import TrainingScene
@@ -40,6 +41,7 @@ class Trained:
         ours, plain: four levels with and without opacity enhancement.
         smfr, mmfr: the baselines, with the points per level of `ours`.
         seconds: of training, by stage.
+        curves, plain_curves: HVSQ of levels against their points while they were made, with and without opacity enhancement.
     """
 
     dense: Gaussians
@@ -51,15 +53,21 @@ class Trained:
     smfr: FoveatedModel
     mmfr: SeparateModels
     seconds: dict[str, float]
+    curves: tuple[LevelCurve, ...] = ()
+    plain_curves: tuple[LevelCurve, ...] = ()
 
     @classmethod
-    def of(cls, results: Mapping[str, Any], spent: Mapping[str, Mapping[str, float]], seed: int) -> Trained:
-        """From the results of a finished chain of `table_plan`, and its `spent`."""
-        ours = results[LEVELS[-1]]
+    def of(
+        cls, results: Mapping[str, Any], spent: Mapping[str, Mapping[str, float]], records: Sequence[Mapping[str, Any]],
+        seed: int,
+    ) -> Trained:
+        """From the results of a finished chain of `table_plan`, what its stages took, and the records of its log."""
+        ours, plain = results[LEVELS[-1]], results[LEVELS[-1] + PLAIN]
         separate = SeparateModels((results["finetune"], *(results[name] for name in SEPARATE)))
         return cls(
-            results["dense"], results[SCALE_DECAY], results["prune"], results["finetune"], ours, results[LEVELS[-1] + PLAIN],
-            smfr(results["finetune"], ours.counts, seed), separate, {name: each["seconds"] for name, each in spent.items()})
+            results["dense"], results[SCALE_DECAY], results["prune"], results["finetune"], ours, plain,
+            smfr(results["finetune"], ours.counts, seed), separate, {name: each["seconds"] for name, each in spent.items()},
+            level_curves(records, ours.counts), level_curves(records, plain.counts, PLAIN))
 
     def seconds_of(self, stages: tuple[str, ...]) -> float:
         """Of several stages."""

@@ -8,7 +8,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,13 @@ from golden.training import ablation, comparison, latency
 from golden.training.chain import Chain
 from golden.training.finished_runs import FinishedRun, find_run
 from golden.training.gaussians import Gaussians, to_model
+from golden.training.plots import read_log
 from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
 from golden.training.rtl_cycles import RtlCycles, rtl_cycles
 from golden.training.run import chosen_recipe, chosen_scene, run_options
 from golden.training.scene import TrainingScene
 from golden.training.table_runs import LEVELS, PLAIN, SEPARATE, Trained, table_plan
+from golden.training.tables_plot import Shown, save_plots
 from golden.training.tables_text import markdown
 
 
@@ -77,6 +79,7 @@ class Prepared:
         recipe: of the tables' chain.
         ready: what the finished run left, by stage.
         spent: what its stages took.
+        records: its log.
         options: of the chain.
     """
 
@@ -85,6 +88,7 @@ class Prepared:
     recipe: Recipe
     ready: dict[str, Any]
     spent: dict[str, dict[str, float]]
+    records: list[dict[str, Any]]
     options: dict[str, Any]
 
 
@@ -104,7 +108,7 @@ def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
     args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, **given)
     recipe = chosen_recipe(args)
     scene, references = chosen_scene(wanted.path, parse_size(args.size) if args.size else None, None)
-    return Prepared(scene, references, recipe, {}, {}, run_options(args, recipe, scene, device) | {"reused": None})
+    return Prepared(scene, references, recipe, {}, {}, [], run_options(args, recipe, scene, device) | {"reused": None})
 
 
 def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
@@ -119,7 +123,7 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
     if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
         return None
     options = options | {"device": device, "reused": run.fingerprint}
-    return Prepared(scene, references, recipe, last.results, last.spent, options)
+    return Prepared(scene, references, recipe, last.results, last.spent, run.records, options)
 
 
 def train_scene(prepared: Prepared, device: str, work: Path, note: Callable[[str], None]) -> Trained:
@@ -137,13 +141,14 @@ def train_scene(prepared: Prepared, device: str, work: Path, note: Callable[[str
     chain = Chain(stages, folder, prepared.options, resume=begun, classes=RESULTS)
     results = chain.run()
     results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
-    return Trained.of(results, chain.spent | prepared.spent, prepared.recipe.seed)
+    records = [*prepared.records, *read_log(chain.log_path)]
+    return Trained.of(results, chain.spent | prepared.spent, records, prepared.recipe.seed)
 
 
 def measure_scene(
     prepared: Prepared, trained: Trained, *, edge: int, rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
-) -> tuple[dict[str, Any], list[latency.Version]]:
-    """Everything the tables say of a scene, ready for JSON, and the versions of the latency plot."""
+) -> tuple[dict[str, Any], Shown]:
+    """Everything the tables say of a scene, ready for JSON, and what the plots show of it."""
     scene, t = prepared.scene, trained
     methods = {comparison.SMFR: t.smfr, comparison.MMFR: t.mmfr, comparison.OURS: t.ours, comparison.PLAIN: t.plain}
     seconds = {comparison.MMFR: t.seconds_of(SEPARATE), comparison.OURS: t.seconds_of(LEVELS),
@@ -164,9 +169,11 @@ def measure_scene(
         "latency": {"size": [camera.width, camera.height], "view": scene.test[0],
                     "versions": [version.record() for version in versions],
                     "proportionality": latency.proportionality(versions)},
+        "level_curves": {comparison.OURS: [asdict(curve) for curve in t.curves],
+                         comparison.PLAIN: [asdict(curve) for curve in t.plain_curves]},
         "seconds": t.seconds,
     }
-    return record, versions
+    return record, Shown(scene.name, versions, t.curves, t.plain_curves)
 
 
 def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
@@ -193,17 +200,17 @@ def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
         prepared = prepare(wanted, Path(args.runs), device)
         trained = train_scene(prepared, device, work, lambda text: print(text, file=sys.stderr))
         rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
-        record, versions = measure_scene(prepared, trained, edge=args.edge, rtl=rtl)
+        record, plots = measure_scene(prepared, trained, edge=args.edge, rtl=rtl)
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
         scenes.append(record)
-        shown.append((prepared.scene.name, versions))
+        shown.append(plots)
         write(out, args.name, scenes, shown)
     return {"scenes": scenes}
 
 
-def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[tuple[str, list[latency.Version]]]) -> None:
+def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown]) -> None:
     """The three files, of the scenes so far."""
     write_json(folder / f"{name}.json", {"scenes": scenes})
     with atomic_output(folder / f"{name}.md") as file:
         file.write(markdown(scenes, f"{name}.png").encode())
-    latency.save_plot(shown, folder / f"{name}.png")
+    save_plots(shown, folder / f"{name}.png")

@@ -50,7 +50,9 @@ def _scene(scene: Mapping[str, Any]) -> list[str]:
         "### Points per level", "", _points(scene["comparison"]),
         "Opacity enhancement leaves " + ", ".join(
             f"{-share + 0.0:+.1f} % points in L{level}" for level, share in enumerate(scene["fewer_percent"], 1) if level > 1)
-        + f" against training without it (the paper: up to {comparison.PAPER_FEWER_PERCENT:g} % fewer in R3 and R4).", ""]
+        + f" against training without it (the paper: up to {comparison.PAPER_FEWER_PERCENT:g} % fewer in R3 and R4), both held "
+        "to L1's HVSQ on the validation views. Lowest HVSQ that training reached at a number of points, over that target:", "",
+        _curves(scene["level_curves"])]
 
 
 def _comparison(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -99,6 +101,14 @@ def _points(rows: Sequence[Mapping[str, Any]]) -> str:
         [*([row["method"], *(f"{count:,} ({share:.1f} %)" for count, share in zip(
             row["points"], row["points_percent"], strict=True))] for row in shown),
          ["the predecessor, bicycle", *(f"{share:g} %" for share in comparison.PREDECESSOR_PERCENT)]])
+
+
+def _curves(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    return table(
+        ("level", "model", "points kept", "points: HVSQ / target"),
+        ((f"L{curve['level']}", method, f"{curve['kept']:,}", ", ".join(
+            f"{points:,}: {hvsq:.3f}" for points, hvsq in zip(curve["points"], curve["hvsq"], strict=True)))
+         for method, own in curves.items() for curve in own))
 
 
 def _latency(scene: Mapping[str, Any]) -> list[str]:
