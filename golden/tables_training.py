@@ -33,7 +33,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--max-points", type=int, metavar="N", help="cap on the dense model's points")
     add("--seed", type=int, metavar="N", help="of everything drawn at random")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
-    add("--edge", type=int, default=256, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
+    add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
     add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
     add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
     add("--work", default="build/tables-training/work", metavar="DIR", help="checkpoints and simulated frames")
@@ -45,7 +45,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; its exit status."""
     args = parse_arguments(argv)
-    if args.edge < 16:
+    if args.edge is not None and args.edge < 16:
         raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")
     import_torch()
     from golden.training.chain import Interrupted

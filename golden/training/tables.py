@@ -200,7 +200,7 @@ def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
         prepared = prepare(wanted, Path(args.runs), device)
         trained = train_scene(prepared, device, work, lambda text: print(text, file=sys.stderr))
         rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
-        record, plots = measure_scene(prepared, trained, edge=args.edge, rtl=rtl)
+        record, plots = measure_scene(prepared, trained, edge=args.edge or latency.EDGE, rtl=rtl)
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
         scenes.append(record)
         shown.append(plots)
