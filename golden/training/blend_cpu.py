@@ -136,6 +136,20 @@ def _accumulate(rows, y, records, r, u, l1, dx, dy, v, alpha_max, red, green, bl
         sums[9 * TILE + x] += share * g_far
 
 
+@inlined
+def _accumulate_appearance(rows, y, records, r, alpha_max, red, green, blue, depth, sums):
+    """As `_accumulate` where only opacities and colours are trained."""
+    for x in range(TILE):
+        alpha, share, behind = records[r, x], records[r, TILE + x], rows[y, _BEHIND + x]
+        g_red, g_green, g_blue, g_far = rows[y, _RED + x], rows[y, _GREEN + x], rows[y, _BLUE + x], rows[y, _FAR + x]
+        beyond = g_red * red + g_green * green + g_blue * blue + g_far * depth - behind
+        rows[y, _BEHIND + x] = behind + alpha * beyond
+        sums[x] += share * beyond if alpha < alpha_max else ZERO
+        sums[6 * TILE + x] += share * g_red
+        sums[7 * TILE + x] += share * g_green
+        sums[8 * TILE + x] += share * g_blue
+
+
 @kernel
 def _finish(pairs, j, sums, gradient, p):
     """A pair's gradients from its vectors of sums; w is dL/dalpha times alpha, hence minus dL/dq."""
@@ -152,7 +166,9 @@ def _finish(pairs, j, sums, gradient, p):
 
 
 @kernel
-def _back(splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, sums, gradient):
+def _back(
+    splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, geometry, sums, gradient
+):
     """One tile's records back to front."""
     for begin in range((len(splats) - 1) // BLOCK * BLOCK, -1, -BLOCK):
         block = splats[begin : begin + BLOCK]
@@ -163,6 +179,10 @@ def _back(splats, numbers, left, top, table, alpha_max, rows, pairs, records, ro
                 sums[k] = ZERO
             for r in range(first_record[n], first_record[n + 1]):
                 y = row_of_record[r]
+                if not geometry:
+                    _accumulate_appearance(rows, y, records, r, alpha_max, pairs[j, 7], pairs[j, 8], pairs[j, 9], pairs[j, 10],
+                                           sums)
+                    continue
                 dy = pairs[j, 1] + F(y)
                 _accumulate(rows, y, records, r, pairs[j, 11] + pairs[j, 3] * F(y), pairs[j, 2], pairs[j, 0], dy,
                             pairs[j, 4] * dy, alpha_max, pairs[j, 7], pairs[j, 8], pairs[j, 9], pairs[j, 10], sums)
@@ -187,7 +207,8 @@ def _load_gradients(rows, tile_x, tile_y, background, g_image, g_far, g_light):
 
 @kernel
 def _backward(
-    _slice, begin, end, start, splat, number, table, alpha_max, background, tiles_x, used, g_image, g_far, g_light, gradient
+    _slice, begin, end, start, splat, number, table, alpha_max, background, tiles_x, used, g_image, g_far, g_light, geometry,
+    gradient
 ):
     light, pairs, live, records, row_of_record, first_record = scratch(used[begin:end])
     rows, sums = np.empty((TILE, 5 * TILE), np.float32), np.empty(SUMS * TILE, np.float32)
@@ -201,7 +222,8 @@ def _backward(
             splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
         _load_gradients(rows, tile_x, tile_y, background, g_image, g_far, g_light)
         numbers = number[start[tile] : start[tile + 1]]
-        _back(splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, sums, gradient)
+        _back(splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, geometry, sums,
+              gradient)
         for n in range(used[tile], len(numbers)):
             gradient[numbers[n]] = ZERO
 
@@ -262,12 +284,18 @@ class Blending:
         self.tiles = np.zeros(len(q_max), np.int32)
         _count_tiles(lists.start, self.used, lists.splat, self.tiles)
 
-    def backward(self, g_image: np.ndarray, g_depth_sum: np.ndarray, g_transmittance: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Gradients of mean2d, factor, opacity, colour and depth, given those of the three results."""
+    def backward(
+        self, g_image: np.ndarray, g_depth_sum: np.ndarray, g_transmittance: np.ndarray, geometry: bool = True
+    ) -> tuple[np.ndarray, ...]:
+        """Gradients of mean2d, factor, opacity, colour and depth, given those of the three results.
+
+        Args:
+            geometry: whether mean2d, factor and depth are wanted; else theirs are 0.
+        """
         lists, count = self.lists, len(self.table)
         gradient = np.empty((len(lists.splat), SUMS), F)
         run_slices(_backward, len(self.used), lists.start, lists.splat, lists.pair, self.table, self.alpha_max, self.background,
-                   self.tiles_x, self.used, g_image, g_depth_sum, g_transmittance, gradient)
+                   self.tiles_x, self.used, g_image, g_depth_sum, g_transmittance, geometry, gradient)
         results = tuple(np.empty((count, *c), F) for c in ((2,), (3,), (), (3,), ()))
         run_slices(_reduce, count, lists.order, lists.room, self.opacity, gradient, *results)
         return results

@@ -219,6 +219,9 @@ class _Kernels(torch.autograd.Function):
         index, *results, q_max, radius = map(torch.from_numpy, project_forward(_arrays(fields), view, support))
         ctx.index = index
         extras.extend((index, q_max, radius))
+        if not any(ctx.needs_input_grad[:3]):
+            mean2d, factor, _opacity, _colour, depth = results
+            ctx.mark_non_differentiable(mean2d, factor, depth)
         return tuple(results)
 
     @staticmethod

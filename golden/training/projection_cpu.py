@@ -21,6 +21,9 @@ from spec.constants import ALPHA_MIN, AMP_MAX, FRUSTUM_MARGIN, LOW_PASS, SH_C0
 FRAME_SLACK = 1e-5
 """Added to the exponent's bound where footprints are held against the frame: covers float32, so that no pixel is missed."""
 
+FARTHEST = 1e30
+"""Pixels from the frame, and px^2 of area, beyond which a splat is left out: its conic would leave float32."""
+
 _kernel = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 
 
@@ -182,7 +185,7 @@ def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_d
         xx, xy, yy, determinant, factor = _factor(m, n)
         x = point[0] / point[2] * view.focal[0] + view.centre[0]
         y = point[1] / point[2] * view.focal[1] + view.centre[1]
-        if not abs(x) + abs(y) + determinant < math.inf:
+        if not (abs(x) + abs(y) < FARTHEST and determinant < FARTHEST * FARTHEST):
             continue
         left, top = 0.5 - x, 0.5 - y
         nearest = smallest_exponent(left, top, left + view.size[0] - 1, top + view.size[1] - 1, factor)

@@ -70,7 +70,7 @@ class _Blend(torch.autograd.Function):
 
         blending = ctx.blending
         shapes = (blending.image, blending.depth_sum, blending.transmittance)
-        results = blending.backward(*map(array, gradients, shapes))
+        results = blending.backward(*map(array, gradients, shapes), geometry=any(ctx.needs_input_grad[k] for k in (0, 1, 4)))
         return (*map(torch.from_numpy, results), None, None)
 
 
