@@ -7,9 +7,11 @@
 #define MSV2_VERSION_MAJOR_EXPECTED 1
 #define MSV2_SETTINGS_BASE 0x100u
 #define MSV2_SETTINGS_COUNT 51
+#define MSV2_STEREO_SETTINGS_COUNT 59
 #define MSV2_COUNTERS_BASE 0x400u
 #define MSV2_READ_CLIENTS 6
 #define MSV2_WRITE_CLIENTS 4
+#define MSV2_STEREO_WRITE_CLIENTS 5
 
 /* Identity */
 
@@ -40,8 +42,10 @@
 #define MSV2_MACHINE_ARRAY_INCREMENTAL_MASK 0x00200000u
 #define MSV2_MACHINE_ARRAY_COUNTERS_SHIFT 22
 #define MSV2_MACHINE_ARRAY_COUNTERS_MASK 0x00400000u
+#define MSV2_MACHINE_ARRAY_STEREO_SHIFT 23
+#define MSV2_MACHINE_ARRAY_STEREO_MASK 0x00800000u
 
-/* parameters of the units before the array (read) */
+/* parameters of the units around the array (read) */
 #define MSV2_MACHINE_UNITS 0x010u
 #define MSV2_MACHINE_UNITS_CULLING_UNITS_SHIFT 0
 #define MSV2_MACHINE_UNITS_CULLING_UNITS_MASK 0x000000FFu
@@ -49,6 +53,8 @@
 #define MSV2_MACHINE_UNITS_SORTING_UNITS_MASK 0x0000FF00u
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_SHIFT 16
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_MASK 0x00FF0000u
+#define MSV2_MACHINE_UNITS_WARP_LANES_SHIFT 24
+#define MSV2_MACHINE_UNITS_WARP_LANES_MASK 0xFF000000u
 
 /* largest frame (read) */
 #define MSV2_MACHINE_FRAME 0x014u
@@ -103,7 +109,7 @@
 #define MSV2_ERROR_CLIENTS_READ_SHIFT 0
 #define MSV2_ERROR_CLIENTS_READ_MASK 0x0000003Fu
 #define MSV2_ERROR_CLIENTS_WRITE_SHIFT 16
-#define MSV2_ERROR_CLIENTS_WRITE_MASK 0x000F0000u
+#define MSV2_ERROR_CLIENTS_WRITE_MASK 0x001F0000u
 
 /* why the interrupt line is high, whether or not enabled (read, write 1 to clear) */
 #define MSV2_INTERRUPT 0x034u
@@ -289,11 +295,41 @@
 /* room for spilled runs (read, write): 27-bit unsigned */
 #define MSV2_SPILL_BEATS 0x1C0u
 
-/* the frame is of DisplayPixels instead of FramePixels (read, write): 1-bit unsigned */
+/* the frame is of DisplayPixels instead of FramePixels; must be 1 where `stereo` is (read, write):
+   1-bit unsigned */
 #define MSV2_DISPLAY 0x1C4u
 
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_FRAME_BASE 0x1C8u
+
+/* two eyes; 0: an ordinary frame, and the settings below mean nothing (only with stereo) (read,
+   write): 1-bit unsigned */
+#define MSV2_STEREO 0x1CCu
+
+/* the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
+#define MSV2_SOURCE_RIGHT 0x1D0u
+
+/* the target eye's centre relative to the model's origin, number 0 of 3 (only with stereo) (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+#define MSV2_TARGET_POSITION_0 0x1D4u
+
+/* the target eye's centre relative to the model's origin, number 1 of 3 (only with stereo) (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+#define MSV2_TARGET_POSITION_1 0x1D8u
+
+/* the target eye's centre relative to the model's origin, number 2 of 3 (only with stereo) (read,
+   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+#define MSV2_TARGET_POSITION_2 0x1DCu
+
+/* disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.disparity_scale_frac`)
+   (only with stereo) (read, write): 24-bit unsigned */
+#define MSV2_DISPARITY_SCALE 0x1E0u
+
+/* beat address (only with stereo) (read, write): 27-bit unsigned */
+#define MSV2_TARGET_TILES_BASE 0x1E4u
+
+/* beat address (only with stereo) (read, write): 27-bit unsigned */
+#define MSV2_TARGET_FRAME_BASE 0x1E8u
 
 /* Counters */
 
@@ -501,6 +537,37 @@
 /* pixels written (read) */
 #define MSV2_PIXELS 0x50Cu
 
+/* cycles of the target eye's pass, lower half (only with stereo) (read) */
+#define MSV2_CYCLES_TARGET_LOW 0x510u
+
+/* cycles of the target eye's pass, upper half (only with stereo) (read) */
+#define MSV2_CYCLES_TARGET_HIGH 0x514u
+
+/* of these by write client warp (only with stereo) (read) */
+#define MSV2_WRITE_BEATS_WARP 0x518u
+
+/* busy cycles in which stage warp took an item (only with stereo) (read) */
+#define MSV2_WARP_BUSY 0x51Cu
+
+/* busy cycles in which stage warp had none to take (only with stereo) (read) */
+#define MSV2_WARP_STARVED 0x520u
+
+/* busy cycles in which stage warp had one but could not take it (only with stereo) (read) */
+#define MSV2_WARP_BLOCKED 0x524u
+
+/* pixels of the target eye that a pixel of the source eye was warped to, background included (only
+   with stereo) (read) */
+#define MSV2_WARPED 0x528u
+
+/* holes of the target eye filled from their neighbours (only with stereo) (read) */
+#define MSV2_FILLED 0x52Cu
+
+/* tiles of the target eye with a hole that was not filled (only with stereo) (read) */
+#define MSV2_INVALID_TILES 0x530u
+
+/* tiles of the target eye that were rendered (only with stereo) (read) */
+#define MSV2_TARGET_TILES 0x534u
+
 /* What the machine is doing. */
 enum msv2_phase {
     MSV2_PHASE_IDLE = 0, /* Nothing; ready for `start`. */
@@ -527,6 +594,6 @@ enum msv2_error {
 
 /* number of each client in ERROR_CLIENTS */
 enum { MSV2_READ_CLIENT_GEOMETRY = 0, MSV2_READ_CLIENT_TILES = 1, MSV2_READ_CLIENT_COLOUR = 2, MSV2_READ_CLIENT_ENTRIES = 3, MSV2_READ_CLIENT_SPILL = 4, MSV2_READ_CLIENT_VIEWS = 5 };
-enum { MSV2_WRITE_CLIENT_ENTRIES = 0, MSV2_WRITE_CLIENT_VIEWS = 1, MSV2_WRITE_CLIENT_SPILL = 2, MSV2_WRITE_CLIENT_FRAME = 3 };
+enum { MSV2_WRITE_CLIENT_ENTRIES = 0, MSV2_WRITE_CLIENT_VIEWS = 1, MSV2_WRITE_CLIENT_SPILL = 2, MSV2_WRITE_CLIENT_FRAME = 3, MSV2_WRITE_CLIENT_WARP = 4 };
 
 #endif

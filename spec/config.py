@@ -112,6 +112,8 @@ class AcceleratorConfig:
         merge_ways: sorted runs that are merged at a time where a group is larger than the sort buffer.
         splat_cache_lines: splats that the array's fetch unit keeps.
         counters: performance counters present.
+        stereo: the warp unit and the passes of a second eye present; needs depth.
+        warp_lanes: rows that the warp unit works on side by side, a pixel each a cycle.
         formats: number formats.
     """
 
@@ -130,6 +132,8 @@ class AcceleratorConfig:
     merge_ways: int = 8
     splat_cache_lines: int = 2048
     counters: bool = True
+    stereo: bool = False
+    warp_lanes: int = 4
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -141,6 +145,7 @@ class AcceleratorConfig:
             ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("culling_units", 1, 64),
             ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
+            ("warp_lanes", 1, TILE),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -150,12 +155,14 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        for name in ("merge_ways", "splat_cache_lines"):
+        for name in ("merge_ways", "splat_cache_lines", "warp_lanes"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("depth", "incremental", "counters"):
+        for name in ("depth", "incremental", "counters", "stereo"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
+        if self.stereo and not self.depth:
+            raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
         if sigma is not None and (not isinstance(sigma, int | float) or isinstance(sigma, bool)):
             raise TypeError(f"support_sigma must be None or a number, not {sigma!r}")
@@ -198,8 +205,8 @@ class AcceleratorConfig:
 
 TINY = AcceleratorConfig(
     name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096, merge_ways=4,
-    splat_cache_lines=64)
-DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280)
+    splat_cache_lines=64, warp_lanes=1)
+DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2)
 PAPER = AcceleratorConfig(name="paper")
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER)}

@@ -61,6 +61,9 @@ T_STOP = 1e-4
 COVERAGE_VALID = 0.5
 """Depth is invalid where the accumulated alpha 1 - T is below this."""
 
+COVERAGE_VISIBLE = 1 / 255
+"""A pixel whose accumulated alpha is below this is background when its frame is warped (as alphas below it are skipped)."""
+
 DEPTH_PERCENTILE = 99
 """Percentile of z in view that the depth scale is fitted to, so that one outlier does not cost everyone's resolution."""
 
@@ -81,6 +84,12 @@ DISPLAY_FOV_DEG = 90.0
 
 SMFR_FRACTIONS = (1.0, 0.40, 0.22, 0.17)
 """Share of the points used by each level of the random-subset baseline (SMFR)."""
+
+ECC_THRESHOLD_DEG = 18.0
+"""Default eccentricity beyond which the second eye's tiles may be warped (paper section 7)."""
+
+IPD_METRES = 0.063
+"""Default distance between the eyes: the average human's (paper section 7)."""
 
 LOG2E_HALF = 0.5 * math.log2(math.e)
 """exp(-d^2 / 2) = 2^(-LOG2E_HALF * d^2): the factor that moves the falloff to the log2 domain."""

@@ -10,6 +10,9 @@ Memory moves in beats of 32 bytes, one LPDDR burst each; every transaction is on
     spill       sorted runs of groups larger than the sort buffer
     frame       FramePixel, 16 bytes a pixel, or DisplayPixel, 4 bytes a pixel, as `display` says; row-major
 
+A frame of two eyes has a table and a frame, of DisplayPixels, more: the target eye's. Views, entries and spill are the
+target's after the source's, in the same places.
+
 **Pages.** A tile's entries fill pages that double: page k has FIRST_PAGE_ENTRIES << k entries. Entry number n of a tile lies in
 page k where k is the place of the top bit of (n + FIRST_PAGE_ENTRIES) / FIRST_PAGE_ENTRIES, at n + FIRST_PAGE_ENTRIES less the
 page's size. Page 0 of tile t has its fixed place, 8 t beats from the base; the others are handed out from behind those, in
@@ -21,6 +24,7 @@ from __future__ import annotations
 
 from spec.config import AcceleratorConfig
 from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS, Field, Record, gaussian_colour, uint
+from spec.stereo import DISPARITY_SCALE_BITS
 
 BEAT_BYTES = 32
 """Bytes of a transaction: AXI data width and one LPDDR4 burst of 16 on a x16 channel."""
@@ -95,6 +99,8 @@ def tile_setting(config: AcceleratorConfig) -> Record:
         Field("plane", config.formats.plane, "blend parameter at the first pixel, its slope along x, along y", 3),
         Field("level", uint(2), "level of the tile, 0..3"),
         Field("blend", uint(1), "the tile blends its level with the next"),
+        *([Field("warp", uint(1), "in the target eye: no pixel of it must be rendered; 0, and ignored, in the source eye")]
+          if config.stereo else []),
     ))
 
 
@@ -162,7 +168,20 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("spill_beats", uint(BEAT_BITS), "room for spilled runs"),
         Field("display", uint(1), "the frame is of DisplayPixels instead of FramePixels"),
         beat("frame_base"),
+        *(_stereo_settings(config) if config.stereo else ()),
     ))
+
+
+def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """What a frame of two eyes takes besides; all other settings hold for both eyes."""
+    return (
+        Field("stereo", uint(1), "two eyes; 0: an ordinary frame, and the settings below mean nothing"),
+        Field("source_right", uint(1), "the source eye is the right one"),
+        Field("target_position", config.formats.view, "the target eye's centre relative to the model's origin", 3),
+        Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
+              "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.disparity_scale_frac`)"),
+        beat("target_tiles_base"), beat("target_frame_base"),
+    )
 
 
 def _size(record: Record, limit: int) -> None:

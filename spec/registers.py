@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 
 from spec.config import AcceleratorConfig
@@ -40,7 +40,7 @@ MAGIC = 0x4D535632
 """What register `id` reads: "MSV2"."""
 
 VERSION_MAJOR, VERSION_MINOR = 1, 0
-"""Of this map. A higher minor version only adds registers."""
+"""Of this map. A higher minor version only adds registers: machines with stereo have the next one."""
 
 CONTROL_BASE = 0x020
 """First of the control registers."""
@@ -61,6 +61,12 @@ READ_CLIENTS = ("geometry", "tiles", "colour", "entries", "spill", "views")
 
 WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 """Who writes memory, by the region that is written; the place is the AXI write ID. Entries include their directory."""
+
+STEREO_STAGES = ("warp",)
+"""Stages more of machines with stereo: the rows that the warp unit takes."""
+
+STEREO_WRITE_CLIENTS = ("warp",)
+"""Write clients more of machines with stereo: the target eye's warped strips. What is rendered of it is `frame`'s."""
 
 
 class Code(IntEnum):
@@ -185,12 +191,20 @@ class Setting:
 
 @dataclass(frozen=True)
 class Limit:
-    """What a setting's pattern, read as an unsigned number, must be: low..high; the same in words."""
+    """What a setting's pattern, read as an unsigned number, must be: low..high; the same in words.
+
+    Attributes:
+        setting: its name.
+        low, high: of the pattern.
+        words: the same for readers.
+        where: another setting, of one bit: the limit holds where that is 1; empty: it always holds.
+    """
 
     setting: str
     low: int
     high: int
     words: str
+    where: str = ""
 
     def allows(self, pattern: int) -> bool:
         """Whether a bit pattern is legal."""
@@ -222,7 +236,30 @@ EVENTS = {
     "skipped": "entries that the array skipped because their tile's pixels had all stopped",
     "pixels": "pixels written",
 }
-"""What the units report of a frame that has ended, by name."""
+"""What the units report of a frame that has ended, by name; of a frame of two eyes, both passes' together."""
+
+STEREO_EVENTS = {
+    "warped": "pixels of the target eye that a pixel of the source eye was warped to, background included",
+    "filled": "holes of the target eye filled from their neighbours",
+    "invalid_tiles": "tiles of the target eye with a hole that was not filled",
+    "target_tiles": "tiles of the target eye that were rendered",
+}
+"""Events more of machines with stereo; holes are filled and looked for in all tiles, those that must be rendered too."""
+
+
+def stages(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Stages whose input streams are watched, of a machine."""
+    return STAGES + STEREO_STAGES if config.stereo else STAGES
+
+
+def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Write clients of a machine."""
+    return WRITE_CLIENTS + STEREO_WRITE_CLIENTS if config.stereo else WRITE_CLIENTS
+
+
+def events(config: AcceleratorConfig) -> dict[str, str]:
+    """What the units of a machine report of a frame that has ended, by name."""
+    return EVENTS | STEREO_EVENTS if config.stereo else EVENTS
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
@@ -248,30 +285,41 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         Limit("width", 1, config.row_width, "1..row_width"),
         Limit("height", 1, config.row_width, "1..row_width"),
         Limit("view_shift", 0, shift, f"0..{shift}"),
+        *([Limit("display", 1, 1, "1 where `stereo` is", where="stereo")] if config.stereo else []),
     )
 
 
 def first_illegal(config: AcceleratorConfig, patterns: dict[str, int]) -> int | None:
     """Number of the first setting that is out of its limits, given bit patterns by register name; None if all are legal."""
     numbers = {setting.name: setting.number for setting in settings(config)}
-    return min((numbers[limit.setting] for limit in limits(config) if not limit.allows(patterns[limit.setting])), default=None)
+    holding = [limit for limit in limits(config) if not limit.where or patterns[limit.where]]
+    return min((numbers[limit.setting] for limit in holding if not limit.allows(patterns[limit.setting])), default=None)
 
 
-def counters() -> tuple[Counter, ...]:
-    """Every counter, in the order of its registers."""
+def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
+    """Every counter of a machine, in the order of its registers; those of stereo come after all others."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
-    stages = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
+    per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
+
+    def of_clients(kind: str, names: tuple[str, ...]) -> list[Counter]:
+        return [Counter(f"{kind}_beats_{name}", f"of these by {kind} client {name}") for name in names]
+
+    def of_stages(names: tuple[str, ...]) -> list[Counter]:
+        return [Counter(f"{stage}_{what}", f"busy cycles in which stage {stage} {doc}")
+                for stage in names for what, doc in per_stage.items()]
+
+    stereo = (
+        Counter("cycles_target", "cycles of the target eye's pass", 64), *of_clients("write", STEREO_WRITE_CLIENTS),
+        *of_stages(STEREO_STAGES), *(Counter(name, doc) for name, doc in STEREO_EVENTS.items()))
     return (
         *(Counter(f"cycles_{name}", f"cycles {doc}", 64) for name, doc in phases.items()),
         Counter("frames", "frames that have ended, however they did"),
         Counter("read_beats", "beats read from memory"),
         Counter("write_beats", "beats written to memory"),
-        *(Counter(f"read_beats_{name}", f"of these by read client {name}") for name in READ_CLIENTS),
-        *(Counter(f"write_beats_{name}", f"of these by write client {name}") for name in WRITE_CLIENTS),
-        *(Counter(f"{stage}_{what}", f"busy cycles in which stage {stage} {doc}")
-          for stage in STAGES for what, doc in stages.items()),
+        *of_clients("read", READ_CLIENTS), *of_clients("write", WRITE_CLIENTS), *of_stages(STAGES),
         *(Counter(name, doc) for name, doc in EVENTS.items()),
+        *(stereo if config.stereo else ()),
     )
 
 
@@ -283,11 +331,14 @@ def fingerprint(config: AcceleratorConfig) -> int:
 def identity(config: AcceleratorConfig) -> dict[str, int]:
     """What the identity registers of a machine read, by name."""
     parts = {
-        "machine_array": (config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters),
-        "machine_units": (config.culling_units, config.sorting_units, config.merge_ways),
+        "machine_array": (
+            config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo),
+        "machine_units": (
+            config.culling_units, config.sorting_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width,),
     }
-    values = {"id": MAGIC, "version": VERSION_MAJOR << 16 | VERSION_MINOR, "fingerprint": fingerprint(config)}
+    version = VERSION_MAJOR << 16 | VERSION_MINOR + config.stereo
+    values = {"id": MAGIC, "version": version, "fingerprint": fingerprint(config)}
     for register in _IDENTITY:
         if register.name in parts:
             values[register.name] = sum(
@@ -303,10 +354,12 @@ _IDENTITY = (
     Register("machine_array", 0x00C, Access.READ_ONLY, "parameters of the array", (
         Bits("cores_x", 0, 8, "pixel cores of a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
         Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
-        Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"))),
-    Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units before the array", (
+        Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
+        Bits("stereo", 23, 1, "frames of two eyes"))),
+    Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("sorting_units", 8, 8, "sorting units"),
-        Bits("merge_ways", 16, 8, "runs merged at a time"))),
+        Bits("merge_ways", 16, 8, "runs merged at a time"),
+        Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
     Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (Bits("row_width", 0, 16, "widest row in pixels"),)),
     Register("machine_sort_buffer", 0x018, Access.READ_ONLY, "bytes of the double buffer before sorting"),
     Register("machine_cache", 0x01C, Access.READ_ONLY, "lines of the splat cache"),
@@ -329,12 +382,16 @@ _CONTROL = (
         Bits("code", 0, 8, "until the next start", values=ErrorCode),)),
     Register("bad_setting", CONTROL_BASE + 0xC, Access.READ_ONLY,
              "of BAD_SETTING: which setting, counted from 0 in their order; the first that is out of its limits"),
-    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "whose accesses memory answered with an error", (
-        Bits("read", 0, len(READ_CLIENTS), "a bit a read client"),
-        Bits("write", 16, len(WRITE_CLIENTS), "a bit a write client"))),
+    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "whose accesses memory answered with an error"),
     Register("interrupt", CONTROL_BASE + 0x14, Access.CLEARING, "why the interrupt line is high, whether or not enabled", (
         Bits("done", 0, 1, "a frame is done"), Bits("error", 1, 1, "a frame ended with an error"))),
 )
+
+
+def _control_registers(config: AcceleratorConfig) -> Iterator[Register]:
+    clients = (Bits("read", 0, len(READ_CLIENTS), "a bit a read client"),
+               Bits("write", 16, len(write_clients(config)), "a bit a write client"))
+    return (replace(r, bits=clients) if r.name == "error_clients" else r for r in _CONTROL)
 
 
 def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
@@ -346,9 +403,9 @@ def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
                        (Bits("value", 0, number.width, str(number)),), number)
 
 
-def _counter_registers() -> Iterator[Register]:
+def _counter_registers(config: AcceleratorConfig) -> Iterator[Register]:
     offset = COUNTERS_BASE
-    for counter in counters():
+    for counter in counters(config):
         halves = {"": ""} if counter.width == 32 else {"_low": ", lower half", "_high": ", upper half"}
         for half, words in halves.items():
             yield Register(counter.name + half, offset, Access.READ_ONLY, counter.doc + words)
@@ -357,7 +414,7 @@ def _counter_registers() -> Iterator[Register]:
 
 def register_map(config: AcceleratorConfig) -> tuple[Register, ...]:
     """Every register, by ascending address."""
-    return (*_IDENTITY, *_CONTROL, *_setting_registers(config), *_counter_registers())
+    return (*_IDENTITY, *_control_registers(config), *_setting_registers(config), *_counter_registers(config))
 
 
 def is_signed(number: Format) -> bool:

@@ -183,7 +183,7 @@ def test_stage_counters_add_up():
 
 
 def test_performance_counters_count_what_their_names_say():
-    rng, dut = random.Random(2), PerformanceCounters()
+    rng, dut = random.Random(2), PerformanceCounters(TINY)
 
     async def bench(ctx):
         wanted = Counter()

@@ -12,10 +12,10 @@ from spec.formats import SmallFloat
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "culling_units": (1, 64), "sorting_units": (1, 8),
     "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24), "merge_ways": (2, 32),
-    "splat_cache_lines": (4, 1 << 16),
+    "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
 }
-FLAGS = ("depth", "incremental", "counters")
-POWERS_OF_TWO = ("merge_ways", "splat_cache_lines")
+FLAGS = ("depth", "incremental", "counters", "stereo")
+POWERS_OF_TWO = ("merge_ways", "splat_cache_lines", "warp_lanes")
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -64,6 +64,12 @@ def test_other_parameters_are_checked(name, bad, error):
     with pytest.raises(error) as caught:
         DEFAULT.with_(**{name: bad})
     assert str(caught.value).startswith(name) and str(caught.value).endswith(f"not {bad!r}")
+
+
+def test_stereo_needs_depth():
+    assert DEFAULT.with_(stereo=True).stereo
+    with pytest.raises(ValueError, match=r"^depth must be True in a machine with stereo, not False$"):
+        DEFAULT.with_(stereo=True, depth=False)
 
 
 def test_every_parameter_is_covered_here():

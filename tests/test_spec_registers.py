@@ -18,7 +18,8 @@ from spec.memory import frame_settings
 from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access, ErrorCode, Phase
 
 ROOT = Path(__file__).parents[1]
-MAPS = {name: registers.register_map(config) for name, config in CONFIGS.items()}
+STEREO = PAPER.with_(name="stereo", stereo=True)
+MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.values(), STEREO)}
 
 
 @pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
@@ -62,12 +63,12 @@ def test_a_setting_that_does_not_fit_is_refused():
 
 
 def test_counters():
-    names = [c.name for c in registers.counters()]
+    names = [c.name for c in registers.counters(PAPER)]
     assert len(set(names)) == len(names) and set(EVENTS) < set(names)
     assert all(f"{stage}_{what}" in names for stage in STAGES for what in ("busy", "starved", "blocked"))
     mapped = {r.name: r.offset for r in MAPS["paper"]}
     assert mapped["cycles_total_high"] == mapped["cycles_total_low"] + 4 == COUNTERS_BASE + 4
-    assert sum(c.width // 32 for c in registers.counters()) == sum(r.offset >= COUNTERS_BASE for r in MAPS["paper"])
+    assert sum(c.width // 32 for c in registers.counters(PAPER)) == sum(r.offset >= COUNTERS_BASE for r in MAPS["paper"])
 
 
 def legal(config) -> dict[str, int]:
@@ -111,7 +112,7 @@ def test_identity_tells_machines_apart():
 
 def test_the_page_shows_everything():
     page = document_registers.page()
-    for r in MAPS["paper"]:
+    for r in MAPS["stereo"]:
         assert re.search(rf"^\| 0x{r.offset:03X} \|.* `{r.name}` \|", page, re.MULTILINE), r.name
         assert all(f"`.{bits.name}`" in page for bits in r.bits if not r.format)
     for value in (*Phase, *ErrorCode):
@@ -122,7 +123,7 @@ def test_the_header_shows_everything():
     header = document_registers.header()
     macros = re.findall(r"^#define (\w+) (\S+)$", header, re.MULTILINE)
     assert len(dict(macros)) == len(macros)
-    for r in MAPS["paper"]:
+    for r in MAPS["stereo"]:
         assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
     assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
     assert (Phase.width(), ErrorCode.width()) == (3, 4)

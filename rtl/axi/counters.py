@@ -7,8 +7,9 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi.registers import counters_layout
+from spec.config import AcceleratorConfig
 from spec.queues import COUNTER_BITS
-from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, Phase
+from spec.registers import READ_CLIENTS, Phase, events, stages, write_clients
 
 
 class StageCounters(wiring.Component):
@@ -45,48 +46,60 @@ class StageCounters(wiring.Component):
         return m
 
 
-def events_layout() -> data.StructLayout:
+def events_layout(config: AcceleratorConfig) -> data.StructLayout:
     """How often every event happened in a frame."""
-    return data.StructLayout(dict.fromkeys(EVENTS, COUNTER_BITS))
+    return data.StructLayout(dict.fromkeys(events(config), COUNTER_BITS))
 
 
 class PerformanceCounters(wiring.Component):
     """All counters of the machine. Cycles and stages count in all phases but IDLE, beats always, events when a frame ends.
 
+    Parameters:
+        config: the machine; `stereo` matters here.
+
     Ports:
         phase: the machine's.
+        target: level: the pass of the target eye; only with stereo.
         clear: strobe: set all to 0.
         finished: strobe: a frame has ended.
-        stage_valid, stage_ready: of the stages' input streams, in the order of `STAGES`.
+        stage_valid, stage_ready: of the stages' input streams, in the order of `spec.registers.stages`.
         read_beats, write_beats: a bit a client, strobes.
         events: of the frame, final when it ends; see `events_layout`.
         counters: all, as the register file takes them; a cycle behind. They wrap.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        watched = In(len(stages(config)))
         super().__init__({
             "phase": In(unsigned(Phase.width())), "clear": In(1), "finished": In(1),
-            "stage_valid": In(len(STAGES)), "stage_ready": In(len(STAGES)),
-            "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(WRITE_CLIENTS)), "events": In(events_layout()),
-            "counters": Out(counters_layout()),
+            "stage_valid": watched, "stage_ready": watched,
+            "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(write_clients(config))),
+            "events": In(events_layout(config)), "counters": Out(counters_layout(config)),
+            **({"target": In(1)} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.stages = stages = StageCounters(len(STAGES))
+        names = stages(self.config)
+        m.submodules.stages = watch = StageCounters(len(names))
         active = self.phase != Phase.IDLE
         m.d.comb += [
-            stages.valid.eq(self.stage_valid), stages.ready.eq(self.stage_ready), stages.active.eq(active),
-            stages.clear.eq(self.clear)]
-        for i, stage in enumerate(STAGES):
+            watch.valid.eq(self.stage_valid), watch.ready.eq(self.stage_ready), watch.active.eq(active),
+            watch.clear.eq(self.clear)]
+        for i, stage in enumerate(names):
             for what in ("busy", "starved", "blocked"):
-                m.d.comb += self.counters[f"{stage}_{what}"].eq(getattr(stages, what)[i])
+                m.d.comb += self.counters[f"{stage}_{what}"].eq(getattr(watch, what)[i])
 
         steps: dict[str, Value] = {"cycles_total": active, "frames": self.finished}
         steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
         steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
-        steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(WRITE_CLIENTS)}
-        steps |= {name: Mux(self.finished, self.events[name], 0) for name in EVENTS}
+        steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(write_clients(self.config))}
+        steps |= {name: Mux(self.finished, self.events[name], 0) for name in events(self.config)}
+        if self.config.stereo:
+            steps["cycles_target"] = active & self.target
         steps["read_beats"] = self.read_beats.any()  # one bus: at most one a cycle
         steps["write_beats"] = self.write_beats.any()
         for name, step in steps.items():

@@ -15,7 +15,6 @@ from spec.memory import frame_settings
 from spec.registers import (
     COUNTERS_BASE,
     READ_CLIENTS,
-    WRITE_CLIENTS,
     Access,
     ErrorCode,
     Phase,
@@ -26,12 +25,13 @@ from spec.registers import (
     limits,
     register_map,
     settings,
+    write_clients,
 )
 
 
-def counters_layout() -> data.StructLayout:
+def counters_layout(config: AcceleratorConfig) -> data.StructLayout:
     """All counters, by name, in the order of their registers."""
-    return data.StructLayout({counter.name: counter.width for counter in counters()})
+    return data.StructLayout({counter.name: counter.width for counter in counters(config)})
 
 
 class RegisterFile(wiring.Component):
@@ -71,8 +71,8 @@ class RegisterFile(wiring.Component):
             **bus.axi_lite_slave_ports("s_axi"),
             "settings": Out(layout(frame_settings(config))), "start": Out(1), "abort": Out(1), "clear": Out(1),
             "finished": In(1), "error": In(unsigned(ErrorCode.width())), "busy": In(1), "phase": In(unsigned(Phase.width())),
-            "read_errors": In(len(READ_CLIENTS)), "write_errors": In(len(WRITE_CLIENTS)), "interrupt": Out(1),
-            **({"counters": In(counters_layout())} if config.counters else {}),
+            "read_errors": In(len(READ_CLIENTS)), "write_errors": In(len(write_clients(config))), "interrupt": Out(1),
+            **({"counters": In(counters_layout(config))} if config.counters else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -170,7 +170,8 @@ class RegisterFile(wiring.Component):
         m.d.sync += illegal.eq(0)
         for limit in reversed(limits(self.config)):  # the last assignment that applies is of the first
             value = written[limit.setting]
-            with m.If((value < limit.low) | (value > limit.high)):
+            outside = (value < limit.low) | (value > limit.high)
+            with m.If(outside & written[limit.where] if limit.where else outside):
                 m.d.sync += [illegal.eq(1), first.eq(numbers[limit.setting])]
         return illegal, first
 
@@ -186,7 +187,7 @@ class RegisterFile(wiring.Component):
         if not self.config.counters:
             return {r.name: Value.cast(0) for r in self._registers.values() if r.offset >= COUNTERS_BASE}
         upper, values = Signal(32, reset_less=True), {}
-        for counter in counters():
+        for counter in counters(self.config):
             value = self.counters[counter.name]
             if counter.width == 32:
                 values[counter.name] = value

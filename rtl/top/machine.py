@@ -137,7 +137,7 @@ class Machine(wiring.Component):
         self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
     ) -> None:
-        m.submodules.counters = counters = PerformanceCounters()
+        m.submodules.counters = counters = PerformanceCounters(self.config)
         if STAGES != geometry_phase.STAGES + render_phase.STAGES:
             raise ValueError(f"STAGES must be those of both phases, in order, not {STAGES!r}")
         m.d.comb += [

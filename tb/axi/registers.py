@@ -234,11 +234,14 @@ async def bad_settings(host: Host) -> None:
     trials = [(limit.setting, value) for limit in limits for value in (limit.low - 1, limit.high + 1)
               if 0 <= value < 1 << host.map[limit.setting].format.width]
     assert {name for name, _ in trials} == {limit.setting for limit in limits}
-    also = limits[-1].setting, limits[-1].high + 1
+    last = [limit for limit in limits if not limit.where][-1]
+    also = last.setting, last.high + 1
+    where = {limit.setting: limit.where for limit in limits if limit.where}
     for several in (False, True):
         for name, value in trials:
-            wrong = good | ({also[0]: also[1]} if several else {}) | {name: value}
-            for changed in {name, also[0]}:
+            wrong = good | ({also[0]: also[1]} if several else {}) | ({where[name]: 1} if name in where else {}) | {name: value}
+            different = [changed for changed in wrong if wrong[changed] != good[changed]]
+            for changed in different:
                 await host.write(changed, wrong[changed])
             await host.write("control", START)
             await host.wait()
@@ -246,7 +249,7 @@ async def bad_settings(host: Host) -> None:
             assert names[await host.read("bad_setting")] == names[registers.first_illegal(host.config, wrong)], name
             assert await host.read("interrupt") == 2 and not host.starts
             await host.write("interrupt", 2)
-            for changed in {name, also[0]}:
+            for changed in different:
                 await host.write(changed, good[changed])
     await host.write("control", START)
     await host.wait()
@@ -313,14 +316,14 @@ async def aborts(host: Host) -> None:
 
 async def counters(host: Host) -> None:
     """Counters by name, 64 bits in one moment; errors of clients."""
-    layout = counters_layout()
+    layout = counters_layout(host.config)
     for _ in range(2):
-        values = {c.name: host.rng.getrandbits(c.width) for c in registers.counters()}
+        values = {c.name: host.rng.getrandbits(c.width) for c in registers.counters(host.config)}
         if host.config.counters:
             host.dut.counters.value = sum(value << layout[name].offset for name, value in values.items())
         else:
             values = dict.fromkeys(values, 0)
-        for c in registers.counters():
+        for c in registers.counters(host.config):
             if c.width == 32:
                 assert await host.read(c.name) == values[c.name], c.name
                 continue
@@ -333,7 +336,8 @@ async def counters(host: Host) -> None:
                 host.dut.counters.value = (1 << layout.size) - 1 - int(host.dut.counters.value)
                 await host.wait(2)
             assert high << 32 | low == values[c.name], c.name
-    reads, writes = (host.rng.getrandbits(len(names)) for names in (registers.READ_CLIENTS, registers.WRITE_CLIENTS))
+    clients = registers.READ_CLIENTS, registers.write_clients(host.config)
+    reads, writes = (host.rng.getrandbits(len(names)) for names in clients)
     host.dut.read_errors.value, host.dut.write_errors.value = reads, writes
     assert await host.read("error_clients") == reads | writes << 16
 

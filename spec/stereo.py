@@ -1,0 +1,89 @@
+"""Warping one eye's frame into the other's: formats, exact tests and records; docs/stereo.md has the arithmetic.
+
+A pixel's disparity is S w / d: w its coverage as its weights sum up, d its depth sum, both raw, and S the host's
+`disparity_scale`, the disparity in pixels of what lies at the far end of the depth scale, as a multiple of
+2^-DISPARITY_SCALE_FRAC. The quotient is floored in units of 2^-DISPARITY_FRAC pixels.
+"""
+
+from __future__ import annotations
+
+import math
+
+from spec.config import AcceleratorConfig, NumberFormats
+from spec.constants import COVERAGE_VALID, COVERAGE_VISIBLE, TILE
+from spec.formats import UQ, Fixed
+from spec.records import TILE_BITS, Field, Record, tile_index, uint
+
+DISPARITY_FRAC = 8
+"""Fraction bits of a disparity: half an ulp is 1/512 pixel, far below what the depth's own rounding costs."""
+
+DISPARITY_SCALE_BITS = 24
+"""Bits of the setting S. Above its largest value even the far end of the depth scale moves by more than 1,023 pixels."""
+
+FILL_NEIGHBOURS = 5
+"""Warped pixels among the eight around it that a hole needs to be filled."""
+
+
+def disparity_scale_frac(formats: NumberFormats) -> int:
+    """Fraction bits of S in pixels of disparity at full depth: 14. Dividing raw sums gives DISPARITY_FRAC fraction bits."""
+    return formats.depth_accumulator.frac_bits - formats.weight.frac_bits + DISPARITY_FRAC
+
+
+def disparity(config: AcceleratorConfig) -> Fixed:
+    """Magnitude of a disparity in pixels. Saturates; what saturates is wider than any frame, so its pixel is dropped."""
+    return UQ(config.row_width.bit_length(), DISPARITY_FRAC)
+
+
+def weight_shift(formats: NumberFormats) -> int:
+    """Bits of a raw transmittance below the ulp of `weight`: w = (largest T >> shift) - (T >> shift)."""
+    return formats.transmittance.frac_bits - formats.weight.frac_bits
+
+
+def background_transmittance(formats: NumberFormats) -> int:
+    """Smallest raw transmittance of the background: coverage 1 - T / one below COVERAGE_VISIBLE."""
+    one = 1 << formats.transmittance.frac_bits
+    return one - math.ceil(one * COVERAGE_VISIBLE) + 1
+
+
+def solid_transmittance(formats: NumberFormats) -> int:
+    """Largest raw transmittance of a pixel with a depth: coverage 1 - T / one at least COVERAGE_VALID."""
+    one = 1 << formats.transmittance.frac_bits
+    return one - math.ceil(one * COVERAGE_VALID)
+
+
+def _pixel(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """What a strip holds of a pixel."""
+    return (
+        Field("colour", uint(8), "r, g, b as in DisplayPixel", 3),
+        Field("key", uint(disparity(config).width), "0: background; else the raw disparity + 1: larger is nearer"),
+    )
+
+
+def warp_pixel(config: AcceleratorConfig) -> Record:
+    """A pixel of the source eye's frame on its way into the strip."""
+    return Record("WarpPixel", warp_pixel.__doc__, (
+        Field("x", uint(TILE_BITS + (TILE - 1).bit_length()), "column in the target eye's frame; 0 where nothing is kept"),
+        Field("row", uint((TILE - 1).bit_length()), "row inside the strip"),
+        *_pixel(config),
+        Field("keep", uint(1), "it lies in the frame and may be warped; otherwise the rest means nothing"),
+    ))
+
+
+def strip_pixel(config: AcceleratorConfig) -> Record:
+    """A pixel of a strip, 16 rows of the target eye's frame: a larger key replaces a smaller one, any replaces no pixel."""
+    return Record("StripPixel", strip_pixel.__doc__, (
+        *_pixel(config),
+        Field("valid", uint(1), "a pixel was warped here; otherwise the rest means nothing"),
+    ))
+
+
+def warped_tile(config: AcceleratorConfig) -> Record:
+    """What the warp unit finds of a tile of the target eye's frame; one per tile, in tile order."""
+    return Record("WarpedTile", warped_tile.__doc__, (
+        Field("tile", tile_index(config), "native tile"),
+        Field("invalid", uint(1), "holes are left in it: it must be rendered"),
+    ))
+
+
+STEREO_RECORDS = (warp_pixel, strip_pixel, warped_tile)
+"""Of machines with stereo alone."""
