@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch")
 
 from training_samples import forward_camera, pixels_covered, round_gaussians  # noqa: E402
 
-from golden.training.efficiency import TIE_BREAK, Scores, efficiency, importance, without_lowest  # noqa: E402
+from golden.training.efficiency import TIE_BREAK, Scores, efficiency, importance, widened, without_lowest  # noqa: E402
 from golden.training.render import render  # noqa: E402
 from golden.training.scale_decay import next_gamma, weighted_scale  # noqa: E402
 from golden.training.views import PerView, generator, view_at, views_within  # noqa: E402
@@ -42,6 +42,17 @@ def test_scores_are_the_largest_of_any_view():
     single = torch.stack([efficiency(render(gaussians, camera, usage=True), len(BALLS)) for camera in cameras])
     assert not torch.equal(single[0], single[1])
     assert torch.equal(Scores("ce", cameras).measure(gaussians), single.max(dim=0).values)
+
+
+def test_widened_view_holds_the_view_in_its_middle():
+    """The frame grows by its share on each side, the picture within it stays; a ball beyond the edge is scored."""
+    camera, gaussians = forward_camera(), round_gaussians([*BALLS, (70.0, 30.0, 2.0, 1.5, 0.9)])
+    wide = widened(camera, 0.25)
+    assert (wide.width, wide.height) == (96, 96)
+    inner = render(gaussians, wide).image[16:80, 16:80]
+    assert torch.allclose(inner, render(gaussians, camera).image, atol=1e-5)
+    assert Scores("ce", [camera]).measure(gaussians)[-1] == 0
+    assert Scores("ce", [wide]).measure(gaussians)[-1] > 10
 
 
 @pytest.mark.parametrize("criterion", ["ce", "importance"])

@@ -15,7 +15,7 @@ from golden.training.prune_baselines import OneShotStage, baseline_stage  # noqa
 from golden.training.pruning import PruneOptions, PruneStage  # noqa: E402
 from golden.training.retrain import Retraining  # noqa: E402
 
-QUICK = PruneOptions(iterations=12, interval=3)
+QUICK = PruneOptions(iterations=12, interval=3, recovery=3)
 
 
 @pytest.fixture(scope="module")
@@ -62,17 +62,20 @@ def test_loop_respects_the_gate_on_validation_views(scene, dense, variant):
 
 def test_failure_at_the_end_restores_the_best_passing_model(scene, dense):
     """With nine tenths pruned at once and no time to recover, the dense model is what passes."""
-    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=3, interval=1, fraction=0.9)))
+    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=3, interval=1, recovery=1, fraction=0.9)))
     assert not any(row.passed for row in stage.history[1:])
     assert len(stage.gaussians) < 0.2 * len(dense)
     assert same(stage.result(), dense)
 
 
-def test_failures_lower_gamma_and_prune_nothing(scene, dense):
-    stage = PruneStage(scene, dense, "H", PruneOptions(iterations=4, interval=1, fraction=0.9))
-    records = [stage.step() for _ in range(4)]
-    assert [row["gamma"] for row in records] == pytest.approx([1e-4, 0, 0, 0])
+def test_failures_lower_gamma_prune_nothing_and_wait(scene, dense):
+    """After a failure gamma falls, the points stay, and the next look comes after `recovery` iterations."""
+    stage = PruneStage(scene, dense, "H", PruneOptions(iterations=10, interval=2, recovery=5, fraction=0.9))
+    records = [stage.step() for _ in range(10)]
+    assert [row.iteration for row in stage.history] == [0, 2, 7, 10]
+    assert [row["gamma"] for row in records] == [1e-4] * 2 + [0.0] * 8
     assert len({row["points"] for row in records}) == 1
+    assert ["psnr" in row for row in records] == [i in (2, 7, 10) for i in range(1, 11)]
 
 
 def test_ablations(scene, dense):
@@ -118,7 +121,8 @@ def test_seed_decides(scene, dense):
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"iterations": 0}, "iterations.*0"), ({"fraction": 1.0}, "fraction.*1.0"), ({"criterion": "size"}, "criterion.*'size'"),
+    ({"iterations": 0}, "iterations.*0"), ({"scored": 0}, "scored.*0"), ({"margin": -0.1}, "margin.*-0.1"),
+    ({"fraction": 1.0}, "fraction.*1.0"), ({"criterion": "size"}, "criterion.*'size'"),
 ])
 def test_options_refuse(changes, message):
     with pytest.raises(ValueError, match=message):

@@ -7,6 +7,7 @@ part of the views can be measured again after each part of a prune while the oth
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -67,6 +68,13 @@ def importance(contributions: torch.Tensor, log_scales: torch.Tensor) -> torch.T
         log_scales: (N, 3).
     """
     return contributions * torch.exp(VOLUME_POWER * log_scales.sum(dim=1))
+
+
+def widened(camera: Camera, margin: float) -> Camera:
+    """The camera with its frame grown by a share of its size on every side: what lies just outside is judged too."""
+    left, top = round(margin * camera.width), round(margin * camera.height)
+    return replace(
+        camera, cx=camera.cx + left, cy=camera.cy + top, width=camera.width + 2 * left, height=camera.height + 2 * top)
 
 
 class Scores:

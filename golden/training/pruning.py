@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from golden.training.efficiency import CRITERIA, Scores, without_lowest
+from golden.training.efficiency import CRITERIA, Scores, widened, without_lowest
 from golden.training.evaluate import Gate, Quality, evaluate
 from golden.training.gaussians import Gaussians
 from golden.training.retrain import Retraining
-from golden.training.scale_decay import next_gamma
+from golden.training.scale_decay import GAMMA_FIRST, next_gamma
 from golden.training.stage import Stage
 
 if TYPE_CHECKING:
@@ -31,30 +31,40 @@ class PruneOptions:
 
     Attributes:
         iterations: of retraining, in all.
-        interval: iterations between two looks at the gate.
+        interval: iterations of retraining after a prune until the gate is looked at.
+        recovery: iterations from a failed gate to the next look.
         fraction: of the points, removed at each passed gate.
         parts: that a prune is made in, with the scores measured anew before each.
         criterion: one of CRITERIA, or None: nothing is pruned, scale decay alone is controlled.
         scale_decay: whether gamma is ever above 0.
+        gamma_first: gamma after the first passed gate, and the least that is not 0.
         opacity_min: Gaussians below it go first, whatever their score.
         opacity_clamp: opacities are clamped to it after a prune, None leaves them.
-        share: parts that training views are scored in, see `Scores`; 1 scores all views for each part of a prune.
+        margin: share of a frame's size by which it is widened on every side where points are scored.
+        scored: poses that points are scored at anew before each part of a prune, in turn, while the others' last scores stand.
+        validated: views that the gate looks at, at most, evenly spread over the validation views.
     """
 
     iterations: int = 3000
-    interval: int = 50
+    interval: int = 20
+    recovery: int = 60
     fraction: float = 0.10
     parts: int = 5
     criterion: str | None = "ce"
     scale_decay: bool = True
+    gamma_first: float = GAMMA_FIRST
     opacity_min: float = 0.005
     opacity_clamp: float | None = None
-    share: int = 5
+    margin: float = 0.25
+    scored: int = 8
+    validated: int = 8
 
     def __post_init__(self) -> None:
-        for name in ("iterations", "interval", "parts", "share"):
+        for name in ("iterations", "interval", "recovery", "parts", "scored", "validated"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
+        if self.margin < 0 or self.gamma_first <= 0:
+            raise ValueError(f"margin must be at least 0 and gamma_first above 0, not {self.margin!r} and {self.gamma_first!r}")
         if not 0 < self.fraction < 1:
             raise ValueError(f"fraction must lie in 0..1, not {self.fraction!r}")
         if self.criterion is not None and self.criterion not in CRITERIA:
@@ -86,9 +96,9 @@ class Check:
 class PruneStage(Stage):
     """From a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
 
-    The dense model passes its own gate, so the first prune comes at once. Every `interval` iterations the gate is looked at
+    The dense model passes its own gate, so the first prune comes at once. After `interval` iterations the gate is looked at
     again: a pass keeps the model if no passing one had fewer entries, prunes it and raises gamma; a failure lowers gamma and
-    retrains on. The result is the passing model with the fewest entries, at worst the dense one.
+    retrains for `recovery` iterations more. The result is the passing model with the fewest entries, at worst the dense one.
 
     Args:
         scene: training views are trained on and scored on, validation views gate.
@@ -113,12 +123,15 @@ class PruneStage(Stage):
         self.name, self.variant, self.options = name, variant, options or PruneOptions()
         self.total, self.done = self.options.iterations, 0
         self.gamma, self.gate, self.history = 0.0, None, []
+        self._look = self.options.interval
         self._scene = scene
+        self._validation = scene.validation[:: -(-len(scene.validation) // self.options.validated)]
         self._training = Retraining(scene, dense, seed, name, rates)
         self._scores = None
         if self.options.criterion is not None:
-            cameras = [scene.cameras[view] for view in scene.train]
-            self._scores = Scores(self.options.criterion, cameras, share=self.options.share, seed=seed)
+            # Poses of validation views too: what only they see could otherwise be neither kept nor retrained.
+            cameras = [widened(scene.cameras[view], self.options.margin) for view in (*scene.train, *scene.validation)]
+            self._scores = Scores(self.options.criterion, cameras, share=-(-len(cameras) // self.options.scored), seed=seed)
         self._best = dense.detached()
 
     @property
@@ -135,7 +148,7 @@ class PruneStage(Stage):
         loss = self._training.step(self.done, self.gamma)
         self.done += 1
         record = {"loss": loss, "points": len(self.gaussians), "gamma": self.gamma}
-        if self.done % self.options.interval == 0 or self.finished:
+        if self.done >= self._look or self.finished:
             check = self._decide(self._quality())
             record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed}
         return record
@@ -146,15 +159,16 @@ class PruneStage(Stage):
 
     def state(self) -> dict[str, object]:
         """For `load`."""
+        gate = None if self.gate is None else vars(self.gate).copy()
         return {
-            "done": self.done, "gamma": self.gamma, "gate": None if self.gate is None else vars(self.gate).copy(),
+            "done": self.done, "look": self._look, "gamma": self.gamma, "gate": gate,
             "history": [vars(check).copy() for check in self.history], "best": self._best.tensors(),
             "training": self._training.state(), "scores": None if self._scores is None else self._scores.state(),
         }
 
     def load(self, state: dict[str, object]) -> None:
         """Back to where `state` was taken."""
-        self.done, self.gamma = state["done"], state["gamma"]
+        self.done, self._look, self.gamma = state["done"], state["look"], state["gamma"]
         self.gate = None if state["gate"] is None else Gate(**state["gate"])
         self.history = [Check(**check) for check in state["history"]]
         self._best = Gaussians(**state["best"]).detached()
@@ -163,7 +177,7 @@ class PruneStage(Stage):
             self._scores.load(state["scores"])
 
     def _quality(self) -> Quality:
-        return evaluate(self.gaussians, self._scene, self._scene.validation)
+        return evaluate(self.gaussians, self._scene, self._validation)
 
     def _decide(self, quality: Quality) -> Check:
         """The gate: keeps the model, prunes it and changes gamma as it says."""
@@ -175,8 +189,9 @@ class PruneStage(Stage):
             self._best = self.gaussians.detached()
         if self.finished:
             return check
+        self._look = self.done + (self.options.interval if check.passed else self.options.recovery)
         if self.options.scale_decay:
-            self.gamma = next_gamma(self.gamma, check.passed)
+            self.gamma = next_gamma(self.gamma, check.passed, self.options.gamma_first)
         if check.passed and self._scores is not None:
             self._prune()
         return check

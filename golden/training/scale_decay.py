@@ -35,9 +35,9 @@ def weighted_scale(
     return (largest * excess).sum() / max(len(log_scales), 1)
 
 
-def next_gamma(gamma: float, passed: bool) -> float:
-    """The weight of WS after a gate: three times as much after a pass, a third after a failure, nothing below 1e-4."""
+def next_gamma(gamma: float, passed: bool, first: float = GAMMA_FIRST) -> float:
+    """The weight of WS after a gate: three times as much after a pass, a third after a failure, nothing below `first`."""
     if passed:
-        return max(GAMMA_FACTOR * gamma, GAMMA_FIRST)
+        return max(GAMMA_FACTOR * gamma, first)
     lower = gamma / GAMMA_FACTOR
-    return lower if lower >= GAMMA_FIRST else 0.0
+    return lower if lower >= first else 0.0
