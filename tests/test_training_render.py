@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from dense_compositor import dense_render  # noqa: E402
+from training_dense_compositor import dense_render  # noqa: E402
 from training_scenes import (  # noqa: E402
     BACKGROUND,
     CAMERA,

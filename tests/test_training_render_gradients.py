@@ -30,8 +30,7 @@ from golden.training.render import render  # noqa: E402
 UP = np.array([0.0, -1.0, 0.0])
 
 
-@pytest.mark.parametrize("coefficients", [0, 3, 8, 15])
-@pytest.mark.parametrize("alpha_max", [0.99, 1.0])
+@pytest.mark.parametrize(("coefficients", "alpha_max"), [(0, 1.0), (3, 0.99), (8, 1.0), (15, 0.99)])
 def test_random_scenes(coefficients, alpha_max):
     for camera in (CAMERA, tilted_camera()):
         check_against_dense(random_gaussians(60, coefficients, coefficients), camera, alpha_max)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
-from dense_compositor import dense_render
+from training_dense_compositor import dense_render
 
 from golden.scenes.camera import Camera
 from golden.training.gaussians import Gaussians
