@@ -8,12 +8,12 @@ request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMER
 	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth bench results docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth train tables-training bench results docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,metrics
+setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,metrics,cuda
 	@$(PYTHON) tools/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
 
 base:
@@ -38,6 +38,15 @@ sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|axi|top|all 
 
 synth: tested ## synthesis; UNIT= TECH=generic|asap7 CLOCK_PS=N, liberty folder in MSV2_PDK
 	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,OUT,out)
+
+train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= DEVICE= RESUME=1 OUT=
+	@$(RUN) golden/train.py $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
+		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) \
+		$(call option,DEVICE,device) $(if $(filter-out 0,$(RESUME)),--resume) $(call option,OUT,out)
+
+tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME=
+	@$(RUN) golden/tables_training.py $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
+		$(call option,ITERATIONS,iterations) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)

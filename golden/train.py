@@ -1,0 +1,92 @@
+"""Train a foveated model: from posed photographs, or a trained 3DGS model, to four levels and a report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import parse_size
+from spec.errors import InputError, run_command_line
+
+EXAMPLES = """examples:
+  python golden/train.py                                         the embedded scene, some minutes
+  python golden/train.py fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 % of the PSNR
+  python golden/train.py truck/ --from truck.ply                 prune and foveate a trained model; photographs judge
+  python golden/train.py --baseline smfr --out build/train/smfr  random subsets of the same sizes, to compare with
+  python golden/train.py fern/ --resume                          go on after Ctrl-C or a crash
+
+In the output folder: model.ply (for golden/render.py and make frame), report.md, report.json, log.jsonl, curves.png,
+pictures/ and checkpoints/.
+"""
+DEVICES = ("auto", "cpu", "cuda")
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="golden/train.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
+        help="posed photographs: a COLMAP, LLFF, nerfstudio or Blender folder, a transforms.json; or 'embedded' (default)")
+    add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
+    add("--from", dest="source", metavar="DENSE.PLY", help="a trained model instead of dense training")
+    add("--baseline", metavar="smfr|mmfr|count|importance",
+        help="levels as random subsets or as separate models; or pruning by opacity or by importance, one level")
+    add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="opacities stay below 1: the v1 model")
+    add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
+    add("--iterations", type=int, metavar="N", help="of the whole chain, dense training included (default: the scene's)")
+    add("--max-points", type=int, metavar="N", help="cap on the dense model's points (default: the scene's)")
+    add("--seed", type=int, default=0, help="of everything drawn at random (default: 0)")
+    add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
+    add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")
+    add("--out", metavar="DIR", help="output folder (default: build/train/NAME)")
+    return parser.parse_args(argv)
+
+
+def import_torch() -> None:
+    """Checks that torch is there before anything is read.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import torch  # noqa: F401
+    except ImportError as error:
+        raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
+
+
+def chosen_device(name: str) -> str:
+    """cpu or cuda.
+
+    Raises:
+        InputError: no such choice, or there is no such device.
+    """
+    import torch
+
+    if name not in DEVICES:
+        raise InputError(f"device {name!r} is not accepted: choose one of {', '.join(DEVICES)}")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise InputError("device 'cuda' is not accepted: torch finds no CUDA device here; auto and cpu are")
+    return "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work; its exit status."""
+    args = parse_arguments(argv)
+    import_torch()
+    from golden.training.failure import TrainingError
+    from golden.training.run import train
+
+    size = parse_size(args.size) if args.size else None
+    device = chosen_device(args.device)
+    try:
+        return train(args, size, device)
+    except TrainingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    run_command_line(main)

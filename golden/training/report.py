@@ -1,0 +1,174 @@
+"""A run's report: model.ply, report.json, and report.md made of it, with pictures and curves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from golden.metrics.hvsq import foveated, pooling_px
+from golden.scenes.files import atomic_output
+from golden.scenes.gaze import region_level
+from golden.scenes.pictures import levels_picture, save_png
+from golden.scenes.request import make_folder, write_json
+from golden.scenes.save import save_model
+from golden.training.evaluate import evaluate
+from golden.training.foveated import level_alpha_max
+from golden.training.gaussians import Gaussians
+from golden.training.level_quality import Levels, centre_foveation, level_hvsq
+from golden.training.plots import curves, plot_curves, read_log
+from golden.training.render import render, render_foveated
+from golden.training.report_machine import machine_numbers, model_files
+from golden.training.report_text import markdown
+from golden.training.scene import TrainingScene
+from spec.constants import ALPHA_MAX_L1, REGION_START_DEG
+
+AMPLIFIED = 4
+"""What differences are multiplied by in pictures."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What a finished chain is reported by.
+
+    Attributes:
+        dense: what pruning started from.
+        levels: what came out.
+        rows: of each stage: name, 0-based level and Gaussians of what it left.
+        spent: iterations and seconds of each stage.
+        options: what was asked for.
+        references: what everything is compared with: photographs, or renders of the dense model.
+    """
+
+    dense: Gaussians
+    levels: Levels
+    rows: Sequence[tuple[str, int, Gaussians]]
+    spent: Mapping[str, Mapping[str, float]]
+    options: Mapping[str, Any]
+    references: str
+
+
+def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Callable[[str], None] = print) -> dict[str, Any]:
+    """Writes model.ply, report.json, report.md, curves.png, curves.json and pictures/ into the folder of a run's log.
+
+    Everything is measured on test views, which no stage has read. Returns what report.json holds.
+    """
+    begin = time.monotonic()
+    for name, model in model_files(trained.levels, scene).items():
+        save_model(model, folder / name)
+    note(f"measuring on {len(scene.test)} test views")
+    report = numbers(trained, scene)
+    report["pictures"] = _pictures(trained, scene, folder)
+    shown = curves(read_log(folder / "log.jsonl"))
+    plot_curves(shown, folder / "curves.png")
+    report["curves"] = "curves.png"
+    report["seconds"]["report"] = time.monotonic() - begin
+    report["seconds"]["total"] = sum(report["seconds"].values())
+    write_json(folder / "report.json", report)
+    with atomic_output(folder / "report.md") as file:
+        file.write(markdown(report).encode())
+    return report
+
+
+def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
+    """Everything report.json says but pictures."""
+    stages = [_stage_row(name, level, left, trained, scene) for name, level, left in trained.rows]
+    l1 = next(row for row in reversed(stages) if row["level"] == 1)
+    levels, width = _level_rows(trained.levels, scene), scene.size[0]
+    machine = machine_numbers(trained.levels, trained.dense, scene)
+    storage = trained.levels.storage
+    return {
+        "scene": scene.name, "size": list(scene.size), "options": dict(trained.options), "references": trained.references,
+        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
+        "psnr_dense": stages[0]["psnr"], "ssim_dense": stages[0]["ssim"], "psnr_l1": l1["psnr"], "ssim_l1": l1["ssim"],
+        "points": {"dense": len(trained.dense), "levels": list(trained.levels.counts)},
+        "entries_per_frame": machine.entries if machine else {"dense": stages[0]["entries"], "l1": l1["entries"]},
+        "hvsq": [row["hvsq_test"] for row in levels],
+        "storage": {**asdict(storage), "total": storage.total, "overhead_percent": storage.overhead_percent},
+        "quantised_loss_db": machine.loss_db if machine else None,
+        "seconds": {name: float(spent["seconds"]) for name, spent in trained.spent.items()},
+        "stages": stages, "levels": levels,
+        "pooling_px": [pooling_px(level, width) for level in range(trained.levels.levels)],
+        "regions": _regions(trained, scene),
+        "machine": asdict(machine) if machine else None,
+    }
+
+
+def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: TrainingScene) -> dict[str, Any]:
+    """A stage's row: its model's whole frames on the test views."""
+    quality = evaluate(left, scene, scene.test, alpha_max=level_alpha_max(level), pooling=[pooling_px(level, scene.size[0])])
+    spent = trained.spent.get(name, {"iterations": 0, "seconds": 0.0})
+    return {
+        "stage": name, "level": level + 1, "points": quality.points, "entries": quality.entries,
+        "entries_per_tile": quality.entries_per_tile, "psnr": quality.psnr, "ssim": quality.ssim, "hvsq": quality.hvsq[0],
+        "iterations": int(spent["iterations"]), "seconds": float(spent["seconds"])}
+
+
+def _level_rows(levels: Levels, scene: TrainingScene) -> list[dict[str, Any]]:
+    """Per level: points, and HVSQ at its own pooling on test and validation views beside level 1's, the gate's target."""
+    test, validation = (level_hvsq(levels, scene, views) for views in (scene.test, scene.validation))
+    return [
+        {"level": level + 1, "points": points, "share": points / levels.counts[0], "hvsq_test": test[level],
+         "hvsq_validation": validation[level], "target_validation": validation[0],
+         "excess_percent": 100 * (validation[level] / validation[0] - 1)}
+        for level, points in enumerate(levels.counts)]
+
+
+def _regions(trained: Trained, scene: TrainingScene) -> list[dict[str, Any]]:
+    """Per region of frames gazed at in the centre: HVSQ of the dense model, of L1 everywhere and of the foveated frame.
+
+    Every pixel pools as its eccentricity does; regions that a frame is too small to reach are left out.
+    """
+    camera = scene.cameras[scene.test[0]]
+    foveation = centre_foveation(camera, trained.levels.levels)
+    eccentricity = foveation.display.eccentricity(foveation.gaze_xy)
+    region = region_level(eccentricity)
+    masks = {level: torch.from_numpy(region == level) for level in range(len(REGION_START_DEG)) if (region == level).any()}
+    rows = []
+    for view in scene.test:
+        judge = foveated(scene.photograph(view), eccentricity)
+        with torch.no_grad():
+            images = {"dense": _frame(trained.dense, scene, view), "l1": _frame(trained.levels.level(0), scene, view),
+                      "foveated": _foveated_frame(trained.levels, scene, view)}
+            rows.append([judge.regions(image, list(masks.values())).numpy() for image in images.values()])
+    mean = np.mean(rows, axis=0)
+    return [
+        {"region": level + 1, "start_deg": REGION_START_DEG[level], "pixels": float((region == level).mean()),
+         **{f"hvsq_{name}": float(mean[i, j]) for i, name in enumerate(images)}}
+        for j, level in enumerate(masks)]
+
+
+def _frame(gaussians: Gaussians, scene: TrainingScene, view: int, alpha_max: float = ALPHA_MAX_L1) -> torch.Tensor:
+    """(H, W, 3) a whole frame of one level, as displayed, on the CPU."""
+    with torch.no_grad():
+        return render(gaussians, scene.cameras[view], alpha_max=alpha_max).image.clamp(0.0, 1.0).cpu()
+
+
+def _foveated_frame(levels: Levels, scene: TrainingScene, view: int) -> torch.Tensor:
+    """(H, W, 3) a frame gazed at in the centre, as displayed, on the CPU."""
+    camera = scene.cameras[view]
+    each = [levels.level(level) for level in range(levels.levels)]
+    with torch.no_grad():
+        return render_foveated(each, camera, centre_foveation(camera, levels.levels)).clamp(0.0, 1.0).cpu()
+
+
+def _pictures(trained: Trained, scene: TrainingScene, folder: Path) -> dict[str, str]:
+    """Pictures of the first test view; paths below the folder by what they show."""
+    view = scene.test[0]
+    shown = {"reference": scene.photograph(view), "dense": _frame(trained.dense, scene, view),
+             "foveated": _foveated_frame(trained.levels, scene, view)}
+    shown["difference"] = AMPLIFIED * (shown["foveated"] - shown["reference"]).abs()
+    for level in range(trained.levels.levels):
+        shown[f"level {level + 1}"] = _frame(trained.levels.level(level), scene, view, level_alpha_max(level))
+    arrays = {name: image.numpy() for name, image in shown.items()}
+    arrays["regions"] = levels_picture(arrays["foveated"], centre_foveation(scene.cameras[view], trained.levels.levels))
+    make_folder(folder / "pictures")
+    paths = {name: f"pictures/{name.replace(' ', '')}.png" for name in arrays}
+    for name, image in arrays.items():
+        save_png(folder / paths[name], image)
+    return paths

@@ -1,0 +1,94 @@
+"""What a trained model becomes on the machine: entries of its frames, and what quantisation costs against the photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.metrics.image import psnr_vs
+from golden.msv2_ref import pipeline
+from golden.msv2_ref.quantise import quantise_model
+from golden.oracle.render import render as render_oracle
+from golden.scenes.model import GaussianModel
+from golden.training.foveated import FoveatedModel
+from golden.training.gaussians import Gaussians, to_model
+from golden.training.level_quality import Levels, centre_foveation, frame_cost
+from golden.training.scene import TrainingScene
+from spec.config import PAPER
+
+VIEWS = 8
+"""Views rendered by the integer golden at most, evenly spread over the test views."""
+
+
+@dataclass(frozen=True)
+class MachineNumbers:
+    """Means over views of frames of the integer golden; the gaze, where there is one, in the centre.
+
+    Attributes:
+        views: indices of the views.
+        entries: (splat, tile) entries of a frame: `dense`, `l1` (whole frame at level 1) and, of several levels, `foveated`.
+        psnr_float, psnr_quantised: dB against the photographs of whole frames at level 1, by the float64 oracle and the golden.
+        foveated_psnr_float, foveated_psnr_quantised: the same of foveated frames; None with one level or separate models.
+    """
+
+    views: tuple[int, ...]
+    entries: dict[str, float]
+    psnr_float: float
+    psnr_quantised: float
+    foveated_psnr_float: float | None
+    foveated_psnr_quantised: float | None
+
+    @property
+    def loss_db(self) -> float:
+        """What quantisation costs whole frames at level 1, in dB; below 0 where it happens to help."""
+        return self.psnr_float - self.psnr_quantised
+
+
+def model_files(levels: Levels, scene: TrainingScene) -> dict[str, GaussianModel]:
+    """The models to save, by file name: one with all levels, or of separate models L1 as the model and each on its own."""
+    if isinstance(levels, FoveatedModel):
+        return {"model.ply": levels.to_model(up=scene.up, name=scene.name)}
+    each = [to_model(levels.level(level), up=scene.up, name=f"{scene.name}-l{level + 1}") for level in range(levels.levels)]
+    return {"model.ply": each[0]} | {f"model_l{level}.ply": model for level, model in enumerate(each, 1)}
+
+
+def machine_numbers(levels: Levels, dense: Gaussians, scene: TrainingScene) -> MachineNumbers | None:
+    """The numbers, or None where frames are wider than the machine's rows."""
+    if scene.size[0] > PAPER.row_width:
+        return None
+    views = _spread(scene.test, VIEWS)
+    model = model_files(levels, scene)["model.ply"]
+    words, dense_words = (quantise_model(PAPER, each) for each in (model, to_model(dense, up=scene.up, name="dense")))
+    rows: dict[str, list[float]] = {}
+
+    def note(name: str, value: float) -> None:
+        rows.setdefault(name, []).append(float(value))
+
+    for view in views:
+        camera, photograph = scene.cameras[view], scene.photograph(view).numpy()
+        whole = pipeline.render(words, camera, config=PAPER)
+        note("dense", len(pipeline.render(dense_words, camera, config=PAPER).entries.splat))
+        note("l1", len(whole.entries.splat))
+        note("quantised", psnr_vs(whole.image, photograph))
+        note("float", psnr_vs(render_oracle(model, camera).image, photograph))
+        if levels.levels == 1:
+            continue
+        note("foveated", frame_cost(levels, camera).entries)
+        if isinstance(levels, FoveatedModel):
+            foveation = centre_foveation(camera, levels.levels)
+            note("foveated_quantised", psnr_vs(
+                pipeline.render(words, camera, config=PAPER, foveation=foveation).image, photograph))
+            note("foveated_float", psnr_vs(render_oracle(model, camera, foveation=foveation).image, photograph))
+    mean = {name: float(np.mean(values)) for name, values in rows.items()}
+    return MachineNumbers(
+        views, {name: mean[name] for name in ("dense", "l1", "foveated") if name in mean}, mean["float"], mean["quantised"],
+        mean.get("foveated_float"), mean.get("foveated_quantised"))
+
+
+def _spread(views: Sequence[int], count: int) -> tuple[int, ...]:
+    """At most `count` of the views, evenly spread."""
+    if len(views) <= count:
+        return tuple(views)
+    return tuple(views[round(i * (len(views) - 1) / (count - 1))] for i in range(count))

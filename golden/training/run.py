@@ -1,0 +1,126 @@
+"""One run of the trainer: what was asked for, to a chain of stages, to a report."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from golden.scenes.load import EMBEDDED, load_model
+from golden.scenes.request import make_folder
+from golden.training.chain import Chain, Interrupted
+from golden.training.failure import room_needed
+from golden.training.gaussians import Gaussians, from_model
+from golden.training.recipe import DEFAULTS, EMBEDDED_DEFAULTS, RESULTS, Recipe, levels_of, models_of, plan
+from golden.training.report import Trained, write_report
+from golden.training.scene import TrainingScene, load_training_scene
+from golden.training.teacher import has_photographs, teacher_scene
+from spec.errors import InputError
+
+LOG_SCALE_MIN = -20.0
+"""Degenerate axes (log scale -inf) of loaded models become this: they draw the same, and can be trained."""
+
+
+def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -> int:
+    """Trains and reports; the exit status.
+
+    Raises:
+        InputError: an option or a scene that nothing can be trained from.
+        TrainingError: numbers that are not finite, or a full disk.
+    """
+    recipe = chosen_recipe(args)
+    dense = None if args.source is None else loaded_dense(Path(args.source), device)
+    scene, references = chosen_scene(args.scene, size, dense)
+    out = make_folder(args.out or Path("build/train") / run_name(scene.name, recipe))
+    options = run_options(args, recipe, scene, device)
+    chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
+    try:
+        results = chain.run()
+    except (Interrupted, KeyboardInterrupt) as interrupt:
+        print(f"\n{str(interrupt) or 'interrupted'}; go on with: {resume_command(args, out)}", file=sys.stderr)
+        return 130
+    with room_needed(out, f"training is finished; make room, then: {resume_command(args, out)}"):
+        results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
+        rows = models_of(results, [stage.name for stage in chain.plan])
+        trained = Trained(results["dense"], levels_of(results), rows, chain.spent, options, references)
+        report = write_report(trained, scene, out, note=lambda text: print(text, file=sys.stderr))
+    print(f"{out}: PSNR {report['psnr_dense']:.2f} dB dense, {report['psnr_l1']:.2f} dB L1, "
+          f"points {' > '.join(f'{count:,}' for count in [len(trained.dense), *trained.levels.counts])}, "
+          f"{report['seconds']['total']:.0f} s; see {out / 'report.md'}")
+    return 0
+
+
+def chosen_recipe(args: argparse.Namespace) -> Recipe:
+    """The recipe behind parsed arguments.
+
+    Raises:
+        InputError: a value that is not accepted, or an option that would have no effect.
+    """
+    if args.source is not None and args.max_points is not None:
+        raise InputError("max-points is not accepted together with --from: there is no dense training to cap")
+    default = EMBEDDED_DEFAULTS if str(args.scene) == EMBEDDED else DEFAULTS
+    iterations, points = (
+        default[name] if value is None else value
+        for name, value in (("iterations", args.iterations), ("max_points", args.max_points)))
+    return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed)
+
+
+def run_name(scene: str, recipe: Recipe) -> str:
+    """The scene's name, and what differs from the default: runs that differ in kind do not overwrite each other."""
+    kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1"]
+    return "-".join([scene, *filter(None, kinds)])
+
+
+def loaded_dense(path: Path, device: str) -> Gaussians:
+    """The first level of a trained model, ready to train.
+
+    Raises:
+        InputError: not a model, or an empty one.
+    """
+    model = load_model(path)
+    if not len(model):
+        raise InputError(f"{path}: holds no Gaussians; a trained model is needed")
+    gaussians = from_model(model, device)
+    gaussians.log_scales.clamp_(min=LOG_SCALE_MIN)
+    return gaussians
+
+
+def chosen_scene(name: str, size: tuple[int, int] | None, dense: Gaussians | None) -> tuple[TrainingScene, str]:
+    """The scene and what its references are: photographs, or the dense model's renders where there are cameras alone."""
+    if dense is not None and str(name) != EMBEDDED and not has_photographs(Path(name)):
+        return teacher_scene(Path(name), size, dense), "renders of the dense model"
+    return load_training_scene(name, size, points_needed=dense is None), "photographs"
+
+
+def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, device: str) -> dict[str, Any]:
+    """What a resumed run must share, by the names of the command line."""
+    return {
+        "scene": str(args.scene) if str(args.scene) == EMBEDDED else str(Path(args.scene).resolve()),
+        "variant": recipe.variant, "from": None if args.source is None else _content(Path(args.source)),
+        "baseline": recipe.baseline, "opacity-enhancement": recipe.enhancement, "size": f"{scene.size[0]}x{scene.size[1]}",
+        "iterations": recipe.iterations, "max-points": None if args.source else recipe.max_points, "seed": recipe.seed,
+        "device": device}
+
+
+def _content(path: Path) -> str:
+    """A model file's name and what is in it; of a folder its place."""
+    if path.is_dir():
+        return str(path.resolve())
+    with open(path, "rb") as file:
+        return f"{path.name} (sha256 {hashlib.file_digest(file, 'sha256').hexdigest()[:12]})"
+
+
+def resume_command(args: argparse.Namespace, out: Path) -> str:
+    """The command that goes on with a run."""
+    given = [str(args.scene)] if str(args.scene) != EMBEDDED else []
+    for name, value, default in (
+        ("variant", args.variant, "H"), ("from", args.source, None), ("baseline", args.baseline, None),
+        ("size", args.size, None), ("iterations", args.iterations, None), ("max-points", args.max_points, None),
+        ("seed", args.seed, 0), ("device", args.device, "auto"),
+    ):
+        given += [f"--{name}", str(value)] if value != default else []
+    given += [] if args.enhancement else ["--no-opacity-enhancement"]
+    return shlex.join(["python", "golden/train.py", *given, "--out", str(out), "--resume"])
