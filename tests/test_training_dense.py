@@ -160,7 +160,17 @@ def test_a_loss_that_is_not_finite_changes_nothing(scene):
     assert equal(stage.result(), before) and np.isfinite(stage.step()["loss"])
 
 
-@pytest.mark.parametrize("bad", [{"iterations": 0}, {"densify_from": 0.6}, {"densify_until": 1.5}, {"max_points": 3}])
+def test_rates_fall_at_the_end():
+    options = DenseOptions(gain=3.0, means_gain=2.0, cooling=0.4, cooled=0.25)
+    for progress, share in ((0.0, 1.0), (0.6, 1.0), (0.8, 0.5), (1.0, 0.25)):
+        field, rates = dense_rates(progress, 5.0), options.rates(progress, 5.0)
+        assert rates == pytest.approx({name: rate * (2 if name == "means" else 3 * share) for name, rate in field.items()})
+    plain = replace(options, gain=1.0, means_gain=1.0, cooling=0.0)
+    assert plain.rates(1.0, 5.0) == dense_rates(1.0, 5.0)
+
+
+@pytest.mark.parametrize("bad", [{"iterations": 0}, {"densify_from": 0.6}, {"densify_until": 1.5}, {"max_points": 3},
+                                 {"cooling": 1.5}, {"cooled": 0.0}])
 def test_bad_options(scene, bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         DenseStage(scene, replace(OPTIONS, **bad), 0)

@@ -39,7 +39,11 @@ class DenseOptions:
         densify_from, densify_until: shares of the run between which Gaussians are added.
         densify_every: iterations between additions (3DGS).
         threshold: smallest mean screen gradient, in half frames, of a Gaussian that is cloned or split (3DGS: 2e-4).
-        opacity_decay: what opacities are multiplied by at each addition.
+        opacity_decay: what opacities are multiplied by at each addition; 1 leaves them.
+        gain, means_gain: factors on 3DGS's learning rates, which are meant for 30,000 iterations: of all fields but the means,
+            and of the means.
+        cooling: share of the run at the end over which the rates of all fields but the means fall.
+        cooled: what is left of them in the end, where 3DGS keeps them constant.
     """
 
     iterations: int = 7000
@@ -52,6 +56,10 @@ class DenseOptions:
     densify_every: int = 100
     threshold: float = 2e-4
     opacity_decay: float = 1.0
+    gain: float = 4.0
+    means_gain: float = 2.0
+    cooling: float = 0.5
+    cooled: float = 0.1
 
     def __post_init__(self) -> None:
         if self.iterations < 1:
@@ -59,6 +67,14 @@ class DenseOptions:
         if not 0 <= self.densify_from <= self.densify_until <= 1:
             raise ValueError(f"densify_from and densify_until must be ordered in 0..1, not {self.densify_from!r}, "
                              f"{self.densify_until!r}")
+        if not (0 <= self.cooling <= 1 and 0 < self.cooled <= 1):
+            raise ValueError(f"cooling must lie in 0..1 and cooled above 0 and up to 1, not {self.cooling!r}, {self.cooled!r}")
+
+    def rates(self, progress: float, extent: float) -> dict[str, float]:
+        """Learning rates of all fields at `progress` in 0..1 of the run, in a scene of that extent."""
+        late = max(0.0, progress - 1 + self.cooling) / self.cooling if self.cooling else 0.0
+        gain, rates = self.gain * self.cooled**late, dense_rates(progress, extent)
+        return {name: rate * (self.means_gain if name == "means" else gain) for name, rate in rates.items()}
 
 
 @dataclass(frozen=True)
@@ -88,7 +104,7 @@ class DenseStage(Stage):
         self._coarse = scene.resized(*half) if options.coarse_until else scene
         first = initial_gaussians(scene, seed, max_points=options.max_points, sh_degree=0)
         self._first_points = len(first)
-        self._optimiser = Optimiser(first.to(device), dense_rates(0.0, scene.extent))
+        self._optimiser = Optimiser(first.to(device), options.rates(0.0, scene.extent))
         self._gradients = ScreenGradients(len(first), device)
         self._targets: PerView[_Target] | None = None
         self._targets_of: TrainingScene | None = None
@@ -101,7 +117,7 @@ class DenseStage(Stage):
     def step(self) -> dict[str, float]:
         """One view. A loss that is not finite is returned and changes nothing."""
         progress = self.done / self.total
-        self._optimiser.set_rates(dense_rates(progress, self._fine.extent))
+        self._optimiser.set_rates(self.options.rates(progress, self._fine.extent))
         self._widen(progress)
         scene = self._coarse if progress < self.options.coarse_until else self._fine
         view = view_at(scene.train, self.seed, self.name, self.done)
