@@ -310,15 +310,28 @@ def test_cost_of_nested_and_separate_frames(base):
     nested, camera = amplified(base), embedded_cameras(96, 64)[2]
     separate = SeparateModels(tuple(nested.level(i) for i in range(4)))
     foveation = centre_foveation(camera, 4)
-    counts = [np.diff(pipeline.render(_model(separate.level(i)), camera, config=PAPER).entries.start) for i in range(4)]
+    counts = [render_oracle(_model(separate.level(i)), camera).tile_entries for i in range(4)]
     expected = 0
-    for tile, (level, blend) in enumerate(zip(foveation.tile_level.ravel(), foveation.blend.ravel(), strict=True)):
-        expected += counts[level][tile] + (counts[level + 1][tile] if blend else 0)
+    for tile, level in np.ndenumerate(foveation.tile_level):
+        expected += counts[level][tile] + (counts[level + 1][tile] if foveation.blend[tile] else 0)
     ours, theirs = frame_cost(nested, camera), frame_cost(separate, camera)
-    assert theirs.entries == expected and theirs.projected == sum(nested.counts) and ours.projected == len(base)
-    frame = pipeline.render(nested.to_model(up=UP, name="four"), camera, config=PAPER, foveation=foveation)
-    assert ours.entries == len(frame.entries.splat) and ours.groups == int(frame.groups[-1]) + 1
+    oracle = render_oracle(nested.to_model(up=UP, name="four"), camera, foveation=foveation)
+    # the integer tile test's margins let a few more through than the exact one
+    assert expected <= theirs.entries <= 1.03 * expected and oracle.entries <= ours.entries <= 1.03 * oracle.entries
+    assert theirs.projected == sum(nested.counts) and ours.projected == len(base)
     assert ours.entries < theirs.entries
+    assert 1 <= ours.groups <= foveation.tile_level.size and ours.groups <= theirs.groups
+
+
+@pytest.mark.long
+def test_cost_is_that_of_the_golden_pipeline(base):
+    nested, camera = amplified(base), embedded_cameras(96, 64)[2]
+    frame = pipeline.render(
+        nested.to_model(up=UP, name="four"), camera, config=PAPER, foveation=centre_foveation(camera, 4))
+    cost = frame_cost(nested, camera)
+    assert cost.entries == len(frame.entries.splat)
+    filled = np.diff(frame.entries.start) > 0
+    assert cost.groups == len(np.unique(frame.groups[filled]))
 
 
 def _model(gaussians: Gaussians) -> GaussianModel:

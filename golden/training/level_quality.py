@@ -13,9 +13,12 @@ import numpy as np
 import torch
 
 from golden.metrics.hvsq import Hvsq, foveated, pooling_px
-from golden.msv2_ref import pipeline, sort_tmu
+from golden.msv2_ref import culling, sort_tmu, tiling
+from golden.msv2_ref.quantise import quantise_model
+from golden.msv2_ref.registers import frame_registers
 from golden.scenes.camera import Camera
-from golden.scenes.gaze import Display, FoveationMap, foveation_map, region_level
+from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation, region_level
+from golden.scenes.model import GaussianModel
 from golden.training.foveated import FoveatedModel, Storage, level_alpha_max
 from golden.training.gaussians import Gaussians, to_model
 from golden.training.render import render, render_foveated
@@ -161,17 +164,27 @@ def frame_cost(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER
     foveation = centre_foveation(camera, levels.levels)
     up = np.array([0.0, -1.0, 0.0])  # renderers do not read it
     if isinstance(levels, FoveatedModel):
-        frame = pipeline.render(levels.to_model(up=up, name="levels"), camera, config=config, foveation=foveation)
-        counts = [np.diff(frame.entries.start)]
+        counts = [_tile_counts(levels.to_model(up=up, name="levels"), camera, foveation, config)]
         projected = len(levels.base)
     else:
-        counts, projected = [], sum(levels.counts)
+        counts, projected, plain = [], sum(levels.counts), no_foveation(foveation.display)
         for level in range(levels.levels):
-            frame = pipeline.render(to_model(levels.level(level), up=up, name="level"), camera, config=config)
             shown = (foveation.tile_level == level) | (foveation.blend & (foveation.tile_level + 1 == level))
-            counts.append(np.where(shown.ravel(), np.diff(frame.entries.start), 0))
+            all_tiles = _tile_counts(to_model(levels.level(level), up=up, name="level"), camera, plain, config)
+            counts.append(np.where(shown.ravel(), all_tiles, 0))
     groups = 0
     for tiles in counts:
         merged = sort_tmu.merge_tiles(tiles, foveation.tiles_x, sort_tmu.auto_beta(tiles, config))
         groups += len(np.unique(merged[tiles > 0]))
     return FrameCost(int(sum(tiles.sum() for tiles in counts)), groups, projected)
+
+
+def _tile_counts(model: GaussianModel, camera: Camera, foveation: FoveationMap, config: AcceleratorConfig) -> np.ndarray:
+    """(tiles,) int64 entries of each tile of the integer golden's frame, whose pixels are not needed."""
+    words = quantise_model(config, model)
+    registers = frame_registers(config, camera, words, foveation, (0.0, 0.0, 0.0))
+    projected = culling.project(config, words, registers)
+    order = sort_tmu.depth_order(projected.depth_key, projected.reason == culling.VISIBLE)
+    geometry = words.geometry
+    entries = tiling.tile_entries(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
+    return np.diff(entries.start)

@@ -38,9 +38,11 @@ class LevelOptions:
 
     Attributes:
         iterations: of training, in all.
-        interval: iterations between two looks at a gate that fails.
-        patience: failed gates in a row after which a prune is undone and a smaller one tried.
-        fraction: of the points, removed at each passed gate; halved each time that a prune is undone.
+        interval: iterations between two looks at a gate that fails; None: a fortieth of all, at least 5, at most 100.
+        patience: failed gates in a row after which a prune is undone and a smaller one tried; at once where going on as between
+            the last two looks would not do.
+        fraction: of the points, removed at each passed gate; halved when a prune is undone, doubled up to this where the gate
+            passes right after a prune.
         parts: that a prune is made in, with the scores measured anew before each.
         share: parts that training views are scored in, see `Scores`.
         validation_views: views that the gate looks at, at most, evenly spread over those of the scene.
@@ -52,8 +54,8 @@ class LevelOptions:
     """
 
     iterations: int = 400
-    interval: int = 20
-    patience: int = 4
+    interval: int | None = None
+    patience: int = 6
     fraction: float = 0.10
     parts: int = 5
     share: int = 5
@@ -68,8 +70,9 @@ class LevelOptions:
 
     def __post_init__(self) -> None:
         for name in ("iterations", "interval", "patience", "parts", "share", "validation_views"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, not {value!r}")
         if not 0 < self.fraction < 1:
             raise ValueError(f"fraction must lie in 0..1, not {self.fraction!r}")
 
@@ -100,8 +103,8 @@ class LevelStage(Stage):
 
     The points of the level before come in with their opacities, amplifiers and colours. While the gate passes, the level is
     kept as the best so far and pruned, each prune followed by one iteration; where it fails, the level is trained until it
-    passes again. After `patience` failures in a row the best comes back and a prune of half the size is tried. At the end the
-    best passing level is trimmed, without training, to as few of its points, in order of their scores, as pass.
+    passes again. Where it does not, or is not on its way to, the best comes back and a prune of half the size is tried. At the
+    end the best passing level is trimmed, without training, to as few of its points, in order of their scores, as pass.
 
     Args:
         scene: photographs; its training views train and rank points, its validation views gate.
@@ -127,6 +130,7 @@ class LevelStage(Stage):
         options = options or LevelOptions()
         self.name, self.total, self.done = f"level{level + 1}", options.iterations, 0
         self.options, self.history, self._seed = options, [], seed
+        self._interval = options.interval or min(max(options.iterations // 40, 5), 100)
         self._scene, self._model, self._alpha_max = scene, model, level_alpha_max(level)
         device, (width, height) = model.base.device, scene.size
         self.pooling = level_pooling(level, width, options.pooling)
@@ -194,18 +198,30 @@ class LevelStage(Stage):
     def _decide(self) -> dict[str, float]:
         """A look at the gate and what follows from it."""
         check = self._look()
-        wait = self.options.interval
+        wait = self._interval
         if check.passed:
+            if self._failures == 0:
+                self._fraction = min(2 * self._fraction, self.options.fraction)
             self._best, self._failures, wait = self._snapshot(), 0, 1
             self._prune(self._fraction)
         else:
             self._failures += 1
-            if self._best is not None and self._failures > self.options.patience:
+            if self._best is not None and self._hopeless():
                 self._restore(self._best)
-                self._fraction, self._failures = self._fraction / 2, 0
+                self._fraction, self._failures, wait = self._fraction / 2, 0, 1
                 self._prune(self._fraction)
         self._next_gate = self.done + wait
         return {"hvsq": check.hvsq, "entries": check.entries, "passed": float(check.passed)}
+
+    def _hopeless(self) -> bool:
+        """Whether the gate has failed too often since the last prune, or will by what the last interval's training gained."""
+        left = self.options.patience - self._failures
+        if left < 0:
+            return True
+        if self._failures < 3:  # the first look comes one iteration after the prune, the second after the quickest recovery
+            return False
+        before, now = self.history[-2].hvsq, self.history[-1].hvsq
+        return now - (before - now) * left > self.target
 
     def _look(self) -> LevelCheck:
         hvsq, entries = mean_hvsq(self.gaussians, self._scene, self._gate_views, self._hvsq, self._alpha_max)
