@@ -3,8 +3,10 @@
 Once a thread at a time, and once in blocks of 256 threads with their barriers and reductions, as on a GPU.
 """
 
+import gc
 import math
 import re
+import weakref
 from dataclasses import replace
 from unittest import mock
 
@@ -134,6 +136,23 @@ def test_no_gradients_nothing_kept(embedded):
     blending = blend_warp.blend(splats, camera, 0.99, BACKGROUND, np.ones((3, 4), bool))[1]
     assert blending._before.numel() == 0
     assert not blending.image.requires_grad
+
+
+def test_what_is_kept_goes_with_the_rendering(embedded):
+    gaussians, camera = embedded
+    leaves = gaussians.map(lambda tensor: tensor.detach().clone().requires_grad_())
+    splats = projection.project(leaves, camera, 3.0)
+    images, blending = blend_warp.blend(splats, camera, 0.99, BACKGROUND, np.ones((3, 4), bool))
+    assert blending._before.numel() > 0
+    gone = weakref.ref(blending)
+    del blending
+    assert gone() is not None  # the graph holds it
+    gc.disable()
+    try:
+        del images
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_lists_are_numbas(embedded):

@@ -324,7 +324,8 @@ class _Blend(torch.autograd.Function):
         splats = tuple(tensor.detach().contiguous() for tensor in (mean2d, factor, opacity, colour, depth))
         ctx.blending = make(splats, any(ctx.needs_input_grad))
         made.append(ctx.blending)
-        return ctx.blending.image, ctx.blending.depth_sum, ctx.blending.transmittance
+        results = (ctx.blending.image, ctx.blending.depth_sum, ctx.blending.transmittance)
+        return tuple(result.detach() for result in results)  # the results themselves would hold the graph that holds them
 
     @staticmethod
     @once_differentiable
