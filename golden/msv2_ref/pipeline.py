@@ -37,6 +37,7 @@ class Frame:
         splats: the array's view of every Gaussian (colours are filled for the visible).
         pixels: finished pixels by tile, raw.
         seconds: wall time by stage.
+        rendered: (tiles,) bool: tiles with entries and pixels, the others' pixels are 0; None: all tiles.
     """
 
     config: AcceleratorConfig
@@ -48,6 +49,7 @@ class Frame:
     splats: vrc_array.ArraySplats
     pixels: vrc_array.Pixels
     seconds: dict[str, float] = field(default_factory=dict)
+    rendered: np.ndarray | None = None
 
     def untiled(self, tiled: np.ndarray) -> np.ndarray:
         """(height, width, ...) of a field of `pixels`."""
@@ -77,13 +79,13 @@ class Frame:
 
     @property
     def headers(self) -> np.ndarray:
-        """(tiles,) TileHeader records, row-major."""
+        """(tiles,) TileHeader records of the rendered tiles, row-major."""
         r = self.registers
         headers = np.zeros(len(r.header), tile_header(self.config).dtype)
         headers["tile_y"], headers["tile_x"] = np.divmod(np.arange(len(headers)), r.tiles_x)
         headers["blend"], headers["outer"], headers["plane"] = r.header[:, 1], r.header[:, 2], r.plane
         headers["count"] = np.diff(self.entries.start)
-        return headers
+        return headers if self.rendered is None else headers[self.rendered]
 
     @property
     def array_entries(self) -> np.ndarray:
@@ -160,8 +162,28 @@ def render(
 
     begin = clock()
     registers = frame_registers(config, camera, words, foveation, background)
-    projected = culling.project(config, words, registers)
     seconds["culling"] = clock() - begin
+    return render_frame(config, words, registers, beta=beta, obb=obb, seconds=seconds)
+
+
+def render_frame(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, beta: int | None = None, obb: bool = False,
+    rendered: np.ndarray | None = None, seconds: dict[str, float] | None = None,
+) -> Frame:
+    """The machine's part of a frame.
+
+    Args:
+        config: the machine.
+        words: the DRAM image.
+        registers: what the host wrote.
+        beta, obb: see `render`.
+        rendered: (tiles,) bool: tiles to render; None renders all.
+        seconds: of the stages before; this function's are added.
+    """
+    seconds, clock = {} if seconds is None else seconds, time.perf_counter
+    begin = clock()
+    projected = culling.project(config, words, registers)
+    seconds["culling"] = seconds.get("culling", 0.0) + clock() - begin
 
     begin = clock()
     order = sort_tmu.depth_order(projected.depth_key, projected.reason == culling.VISIBLE)
@@ -169,7 +191,7 @@ def render(
 
     begin = clock()
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
-    entries = tiling.tile_entries(config, projected, opacity, bound, registers, order, obb=obb)
+    entries = tiling.tile_entries(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
     counts = np.diff(entries.start)
     groups = sort_tmu.merge_tiles(counts, registers.tiles_x, sort_tmu.auto_beta(counts, config) if beta is None else beta)
     seconds["tiles"] = clock() - begin
@@ -186,6 +208,6 @@ def render(
     tile_y, tile_x = np.divmod(np.arange(len(counts)), registers.tiles_x)
     header = np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]])
     work = vrc_array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
-    pixels = vrc_array.render(config, splats, work, registers.background)
+    pixels = vrc_array.render(config, splats, work, registers.background, rendered)
     seconds["array"] = clock() - begin
-    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds)
+    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered)

@@ -31,7 +31,7 @@ class TileEntries(NamedTuple):
         start: (tiles + 1,) int64, first entry of each tile.
         splat: (entries,) int32, row of the entry's Gaussian.
         use: (entries,) uint8, bit 0: the tile's level uses it (always), bit 1: the blend tile's next level does.
-        filtered: pairs that touch but that the foveation filter rejects.
+        filtered: pairs that touch but that the foveation filter rejects, or whose tile is not rendered.
     """
 
     start: np.ndarray
@@ -49,6 +49,7 @@ class _Scene(NamedTuple):
     opacity: np.ndarray
     bound: np.ndarray
     header: np.ndarray
+    rendered: np.ndarray
     tiles_x: int
     width: int
     height: int
@@ -112,7 +113,7 @@ def _columns(block, scene, k):
 @numba.njit(cache=True)
 def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered):
     """The entries of `count` runs, from `at` on; gives the place after them."""
-    header, bound, obb = scene.header, scene.bound, scene.obb
+    header, bound, rendered, obb = scene.header, scene.bound, scene.rendered, scene.obb
     if not obb:
         _columns(block, scene, k)
     for n in range(count):
@@ -121,7 +122,7 @@ def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, cou
             first, last = max(first, int(block[_FIRST + n])), min(last, int(block[_LAST + n]))
         for tile in range(runs[_TILES, n] + first, runs[_TILES, n] + last + 1):
             level = header[tile, 0]
-            if bound[i] >= level:
+            if rendered[tile] and bound[i] >= level:
                 next_too = header[tile, 1] == 1 and bound[i] >= level + 1
                 tile_of[at], splat_of[at], use_of[at] = tile, i, 3 if next_too else 1
                 counts[part, tile] += 1
@@ -192,7 +193,7 @@ def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> Ti
 
 def tile_entries(
     config: AcceleratorConfig, projected: Projected, opacity: np.ndarray, bound: np.ndarray, registers: FrameRegisters,
-    splats: np.ndarray, *, obb: bool = False,
+    splats: np.ndarray, *, obb: bool = False, rendered: np.ndarray | None = None,
 ) -> TileEntries:
     """The entries of `splats` (int32 rows, any order), grouped by tile, keeping that order inside each tile.
 
@@ -204,10 +205,12 @@ def tile_entries(
         registers: the frame's.
         splats: visible rows in the order wanted: by index it is the unit's stream, by depth key the sorted lists.
         obb: the bounding box's tiles instead of the exact test.
+        rendered: (tiles,) bool: the others' pairs are dropped; None: all tiles are rendered.
     """
+    rendered = np.ones(len(registers.header), bool) if rendered is None else rendered
     return _entries(config, _Scene(
         projected.mean2d, projected.conic, projected.box, np.ascontiguousarray(opacity), np.ascontiguousarray(bound),
-        registers.header, registers.tiles_x, registers.width, registers.height, obb), splats)
+        registers.header, rendered, registers.tiles_x, registers.width, registers.height, obb), splats)
 
 
 class TileTest(NamedTuple):
@@ -217,7 +220,7 @@ class TileTest(NamedTuple):
         entries: EntryItem records, splat by splat as they came, each by tile row, then by column.
         survivors: SurvivingSplat records of the splats with an entry, in the order they came.
         touched: pairs that touch.
-        filtered: those of them that the foveation filter rejects; the others are the entries.
+        filtered: those of them that the foveation filter rejects, or whose tile is not rendered; the others are the entries.
     """
 
     entries: np.ndarray
@@ -228,6 +231,7 @@ class TileTest(NamedTuple):
 
 def tile_test(
     config: AcceleratorConfig, splats: np.ndarray, levels: np.ndarray, width: int, height: int, *, obb: bool = False,
+    rendered: np.ndarray | None = None,
 ) -> TileTest:
     """What the unit makes of a frame.
 
@@ -237,11 +241,13 @@ def tile_test(
         levels: (tiles, 2) level and blend of each tile, row-major.
         width, height: of the frame in pixels.
         obb: the bounding box's tiles instead of the exact test.
+        rendered: (tiles,) bool: the others' pairs are dropped; None: all tiles are rendered.
     """
+    rendered = np.ones(len(levels), bool) if rendered is None else rendered
     box = np.stack([splats[name] for name in ("first_x", "last_x", "first_y", "last_y")], 1)
     mean2d, opacity, bound = (np.ascontiguousarray(splats[name]) for name in ("mean2d", "log2_opacity", "bound"))
     scene = _Scene(mean2d, config.formats.conic.to_float(splats["conic"]), box, opacity, bound,
-                   np.ascontiguousarray(levels, np.int64), -(-width // TILE), width, height, obb)
+                   np.ascontiguousarray(levels, np.int64), rendered, -(-width // TILE), width, height, obb)
     found = _entries(config, scene, np.arange(len(splats), dtype=np.int32))
     tile = np.repeat(np.arange(len(levels)), np.diff(found.start))
     order = np.lexsort((tile, found.splat))

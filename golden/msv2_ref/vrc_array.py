@@ -78,8 +78,18 @@ def _mantissas(config: AcceleratorConfig) -> np.ndarray:
     return np.concatenate([np.resize(-base, LANES), np.resize(slope, LANES)]).astype(np.int32)  # repeated: indices wrap
 
 
-def render(config: AcceleratorConfig, splats: ArraySplats, work: TileWork, background: np.ndarray) -> Pixels:
-    """Every tile's pixels. `background` is (3,) raw `colour`."""
+def render(
+    config: AcceleratorConfig, splats: ArraySplats, work: TileWork, background: np.ndarray, rendered: np.ndarray | None = None,
+) -> Pixels:
+    """Every tile's pixels. `background` is (3,) raw `colour`; of tiles not `rendered` (bool, without entries) all are 0."""
+    if rendered is not None:
+        start = np.append(work.start[:-1][rendered], work.start[-1])
+        some = render(config, splats, work._replace(header=work.header[rendered], plane=work.plane[rendered], start=start),
+                      background)
+        every = Pixels(*(np.zeros((len(rendered), *part.shape[1:]), part.dtype) for part in some))
+        for whole, part in zip(every, some, strict=True):
+            whole[rendered] = part
+        return every
     tiles = len(work.header)
     colour = np.empty((tiles, TILE, TILE, 3), np.int32)
     depth, transmittance = np.empty((tiles, TILE, TILE), np.int32), np.empty((tiles, TILE, TILE), np.int32)
