@@ -7,7 +7,12 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from golden.metrics.hvsq import Hvsq  # noqa: E402
+from golden.metrics.ssim import Ssim  # noqa: E402
 from golden.training import device  # noqa: E402
+from golden.training.losses import photometric  # noqa: E402
+from golden.training.optimiser import Optimiser, dense_rates  # noqa: E402
+from golden.training.projection import project_torch  # noqa: E402
 from golden.training.render import render  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from tests.training_samples import forward_camera, round_gaussians  # noqa: E402
@@ -72,3 +77,25 @@ def test_rendering_says_that_warp_is_missing(monkeypatch):
         monkeypatch.delattr(f"golden.training.{module}", raising=False)
     with pytest.raises(InputError, match="Warp is not installed"):
         render(round_gaussians([(10.0, 10.0, 1.0, 2.0, 0.5)]), forward_camera(), backend="warp")
+
+
+def test_losses_stay_on_their_device():
+    """On torch's device of tensors without contents, which mixes with the CPU as little as CUDA does."""
+    image = torch.rand(48, 64, 3, device="meta", requires_grad=True)
+    target = torch.rand(48, 64, 3, device="meta")
+    loss = photometric(image, Ssim(target), target) + Hvsq(target, 1.0).absolute(image) + Hvsq(target, 3.0)(image)
+    loss.backward()
+    assert loss.device.type == image.grad.device.type == "meta"
+
+
+def test_projection_and_optimiser_stay_on_their_device(monkeypatch):
+    monkeypatch.setattr("torch.fx.experimental._config.meta_nonzero_assume_all_nonzero", True)
+    gaussians = round_gaussians([(10.0, 10.0, 1.0, 2.0, 0.5), (20.0, 10.0, 1.0, 2.0, 0.5)]).to("meta")
+    gaussians.sh_rest = torch.zeros(2, 15, 3, device="meta")
+    optimiser = Optimiser(gaussians, dense_rates(0.0, 1.0))
+    splats = project_torch(optimiser.gaussians, forward_camera(), 4.5)
+    sum(results.sum() for results in (splats.mean2d, splats.factor, splats.opacity, splats.colour, splats.depth)).backward()
+    gradients = [tensor.grad for tensor in optimiser.gaussians.tensors().values() if tensor.requires_grad]
+    assert gradients and all(gradient.device.type == "meta" for gradient in gradients)
+    optimiser.append(gaussians)
+    assert {tensor.device.type for tensor in (*vars(splats).values(), *optimiser.gaussians.tensors().values())} == {"meta"}
