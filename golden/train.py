@@ -20,7 +20,6 @@ EXAMPLES = """examples:
 In the output folder: model.ply (for golden/render.py and make frame), report.md, report.json, log.jsonl, curves.png,
 pictures/ and checkpoints/.
 """
-DEVICES = ("auto", "cpu", "cuda")
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -57,30 +56,16 @@ def import_torch() -> None:
         raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
 
 
-def chosen_device(name: str) -> str:
-    """cpu or cuda.
-
-    Raises:
-        InputError: no such choice, or there is no such device.
-    """
-    import torch
-
-    if name not in DEVICES:
-        raise InputError(f"device {name!r} is not accepted: choose one of {', '.join(DEVICES)}")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise InputError("device 'cuda' is not accepted: torch finds no CUDA device here; auto and cpu are")
-    return "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; its exit status."""
     args = parse_arguments(argv)
     import_torch()
+    from golden.training.device import resolve_device
     from golden.training.failure import TrainingError
     from golden.training.run import train
 
     size = parse_size(args.size) if args.size else None
-    device = chosen_device(args.device)
+    device = str(resolve_device(args.device))
     try:
         return train(args, size, device)
     except TrainingError as error:

@@ -79,7 +79,7 @@ class FineTuneStage(Stage):
         loss.backward()
         self._optimiser.step()
         self.done += 1
-        record = {"loss": float(loss.detach()), "points": len(self.gaussians)}
+        record = {"loss": float(loss.detach()), "points": len(self.gaussians), "view": view}
         if self.done % self._interval == 0 or self.finished:
             quality = self._quality()
             record |= {"psnr": quality.psnr, "ssim": quality.ssim, "hvsq": quality.hvsq[0]}

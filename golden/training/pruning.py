@@ -25,6 +25,10 @@ QUALITY_LOSS = {"H": 0.01, "M": 0.02, "L": 0.03}
 """Share of the dense model's PSNR and SSIM that each variant may lose."""
 
 
+RECOVERY = 5
+"""Intervals from a failed gate to the next look: healing takes that long, and gamma should not be gone by then."""
+
+
 @dataclass(frozen=True)
 class PruneOptions:
     """How the loop goes.
@@ -32,7 +36,7 @@ class PruneOptions:
     Attributes:
         iterations: of retraining, in all.
         interval: iterations of retraining after a prune until the gate is looked at.
-        recovery: iterations from a failed gate to the next look.
+        recovery: iterations from a failed gate to the next look; None for 5 times `interval`.
         fraction: of the points, removed at each passed gate.
         parts: that a prune is made in, with the scores measured anew before each.
         criterion: one of CRITERIA, or None: nothing is pruned, scale decay alone is controlled.
@@ -47,7 +51,7 @@ class PruneOptions:
 
     iterations: int = 3000
     interval: int = 20
-    recovery: int = 60
+    recovery: int | None = None
     fraction: float = 0.10
     parts: int = 5
     criterion: str | None = "ce"
@@ -55,13 +59,13 @@ class PruneOptions:
     gamma_first: float = GAMMA_FIRST
     opacity_min: float = 0.005
     opacity_clamp: float | None = None
-    margin: float = 0.25
+    margin: float = 0.1
     scored: int = 8
     validated: int = 8
 
     def __post_init__(self) -> None:
         for name in ("iterations", "interval", "recovery", "parts", "scored", "validated"):
-            if getattr(self, name) < 1:
+            if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
         if self.margin < 0 or self.gamma_first <= 0:
             raise ValueError(f"margin must be at least 0 and gamma_first above 0, not {self.margin!r} and {self.gamma_first!r}")
@@ -147,7 +151,7 @@ class PruneStage(Stage):
             self._decide(dense)
         loss = self._training.step(self.done, self.gamma)
         self.done += 1
-        record = {"loss": loss, "points": len(self.gaussians), "gamma": self.gamma}
+        record = {"loss": loss, "points": len(self.gaussians), "gamma": self.gamma, "view": self._training.view}
         if self.done >= self._look or self.finished:
             check = self._decide(self._quality())
             record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed}
@@ -189,9 +193,11 @@ class PruneStage(Stage):
             self._best = self.gaussians.detached()
         if self.finished:
             return check
-        self._look = self.done + (self.options.interval if check.passed else self.options.recovery)
-        if self.options.scale_decay:
-            self.gamma = next_gamma(self.gamma, check.passed, self.options.gamma_first)
+        options = self.options
+        recovery = options.recovery or RECOVERY * options.interval
+        self._look = self.done + (options.interval if check.passed else recovery)
+        if options.scale_decay:
+            self.gamma = next_gamma(self.gamma, check.passed, options.gamma_first)
         if check.passed and self._scores is not None:
             self._prune()
         return check

@@ -46,7 +46,7 @@ DEFAULTS = {"iterations": 20_000, "max_points": 60_000}
 """What is not asked for of photographs."""
 
 CHECKS = 40
-"""Looks at a gate that a stage of pruning has room for."""
+"""Looks at a gate that a stage of pruning has room for at least, however few its iterations."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,14 @@ class Recipe:
         """Iterations of a stage."""
         share = SEPARATE_SHARE if stage.startswith("separate") else SHARES[stage]
         return max(1, round(share * self.iterations))
+
+
+    def prune_options(self) -> PruneOptions:
+        """Pruning's defaults, with looks at the gate closer together where there are few iterations."""
+        iterations, usual = self.budget("prune"), PruneOptions()
+        interval = max(1, min(usual.interval, iterations // CHECKS))
+        recovery = max(1, usual.recovery * interval // usual.interval)
+        return PruneOptions(iterations=iterations, interval=interval, recovery=recovery)
 
 
 class ReadyStage(Stage):
@@ -155,8 +163,7 @@ class _Makers:
 
     def prune(self, results: dict[str, Any]) -> Stage:
         dense, recipe = results["dense"].to(self.device), self.recipe
-        iterations = recipe.budget("prune")
-        options = PruneOptions(iterations=iterations, interval=max(1, iterations // CHECKS))
+        options = recipe.prune_options()
         if recipe.baseline in PRUNING_BASELINES:
             return baseline_stage(recipe.baseline, self.scene, dense, recipe.variant, options, seed=self.seed)
         return PruneStage(self.scene, dense, recipe.variant, options, seed=self.seed)

@@ -43,11 +43,15 @@ class Retraining:
         gaussians: copied.
         seed, purpose: of the order of views.
         rates: Adam's, by field; None for `retraining_rates`.
+
+    Attributes:
+        view: trained on in the last iteration; None before the first.
     """
 
     def __init__(
         self, scene: TrainingScene, gaussians: Gaussians, seed: int, purpose: str, rates: Mapping[str, float] | None = None
     ) -> None:
+        self.view: int | None = None
         self._scene, self._seed, self._purpose = scene, seed, purpose
         self._rates = retraining_rates(scene) if rates is None else rates
         width, height = scene.cameras[scene.train[0]].width, scene.cameras[scene.train[0]].height
@@ -78,7 +82,7 @@ class Retraining:
 
     def step(self, iteration: int, gamma: float) -> float:
         """One iteration; the loss."""
-        view = view_at(self._scene.train, self._seed, self._purpose, iteration)
+        self.view = view = view_at(self._scene.train, self._seed, self._purpose, iteration)
         gaussians, device = self.gaussians, self.gaussians.device
         rendering = render(gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
         loss = photometric(rendering.image, self._ssim(view), self._scene.photograph(view).to(device))
