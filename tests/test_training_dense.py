@@ -143,6 +143,17 @@ def test_a_resumed_run_is_the_uninterrupted_one(scene, tmp_path, stops):
     assert records == other and equal(whole.result(), stage.result())
 
 
+def test_transparent_points_fade_and_are_removed(scene):
+    """One addition is due at iteration 4; a point that was nearly transparent is gone, the others' opacities are multiplied."""
+    stages = [DenseStage(scene, replace(OPTIONS, opacity_decay=decay, threshold=1e9), 0) for decay in (1.0, 0.5)]
+    for stage in stages:
+        stage.gaussians.opacity.data[7] = -9.0
+        run(stage, 4)
+    kept, faded = (torch.sigmoid(stage.gaussians.opacity.detach()) for stage in stages)
+    assert len(kept) == len(faded) == 399
+    torch.testing.assert_close(faded, 0.5 * kept)
+
+
 def test_the_seed_decides(scene):
     one, again, other = (DenseStage(scene, OPTIONS, seed) for seed in (1, 1, 2))
     assert run(one, 12) == run(again, 12) and equal(one.result(), again.result())
@@ -170,7 +181,7 @@ def test_rates_fall_at_the_end():
 
 
 @pytest.mark.parametrize("bad", [{"iterations": 0}, {"densify_from": 0.6}, {"densify_until": 1.5}, {"max_points": 3},
-                                 {"cooling": 1.5}, {"cooled": 0.0}])
+                                 {"cooling": 1.5}, {"cooled": 0.0}, {"opacity_decay": 0.0}])
 def test_bad_options(scene, bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         DenseStage(scene, replace(OPTIONS, **bad), 0)

@@ -39,7 +39,8 @@ class DenseOptions:
         densify_from, densify_until: shares of the run between which Gaussians are added.
         densify_every: iterations between additions (3DGS).
         threshold: smallest mean screen gradient, in half frames, of a Gaussian that is cloned or split (3DGS: 2e-4).
-        opacity_decay: what opacities are multiplied by at each addition; 1 leaves them.
+        opacity_decay: what opacities are multiplied by at each addition, in place of 3DGS's resets: what the views do not need
+            fades and is removed, and nothing gets stuck at an opacity of 1. 1 leaves them.
         gain, means_gain: factors on 3DGS's learning rates, which are meant for 30,000 iterations: of all fields but the means,
             and of the means.
         cooling: share of the run at the end over which the rates of all fields but the means fall.
@@ -55,7 +56,7 @@ class DenseOptions:
     densify_until: float = 0.5
     densify_every: int = 100
     threshold: float = 2e-4
-    opacity_decay: float = 1.0
+    opacity_decay: float = 0.9
     gain: float = 4.0
     means_gain: float = 2.0
     cooling: float = 0.5
@@ -67,6 +68,8 @@ class DenseOptions:
         if not 0 <= self.densify_from <= self.densify_until <= 1:
             raise ValueError(f"densify_from and densify_until must be ordered in 0..1, not {self.densify_from!r}, "
                              f"{self.densify_until!r}")
+        if not 0 < self.opacity_decay <= 1:
+            raise ValueError(f"opacity_decay must lie above 0 and up to 1, not {self.opacity_decay!r}")
         if not (0 <= self.cooling <= 1 and 0 < self.cooled <= 1):
             raise ValueError(f"cooling must lie in 0..1 and cooled above 0 and up to 1, not {self.cooling!r}, {self.cooled!r}")
 
