@@ -43,7 +43,8 @@ class PruneOptions:
         scale_decay: whether gamma is ever above 0.
         gamma_first: gamma after the first passed gate, and the least that is not 0.
         opacity_min: Gaussians below it go first, whatever their score.
-        opacity_clamp: opacities are clamped to it after a prune, None leaves them.
+        opacity_clamp: opacities are clamped to it after a prune, None leaves them. 0.1, as the predecessor has it, costs more
+            than a few hundred iterations bring back: 13 dB at once on the embedded scene, 2 dB after 100 iterations.
         margin: share of a frame's size by which it is widened on every side where points are scored.
         scored: poses that points are scored at anew before each part of a prune, in turn, while the others' last scores stand.
         validated: views that the gate looks at, at most, evenly spread over the validation views.
