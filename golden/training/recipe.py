@@ -39,7 +39,7 @@ SEPARATE_SHARE = 0.05
 MIN_ITERATIONS = 20
 """Fewest iterations of a chain: every stage has at least one."""
 
-EMBEDDED_DEFAULTS = {"iterations": 6000, "max_points": 20_000}
+EMBEDDED_DEFAULTS = {"iterations": 8000, "max_points": 20_000}
 """What is not asked for of the embedded scene."""
 
 DEFAULTS = {"iterations": 20_000, "max_points": 60_000}
@@ -85,10 +85,8 @@ class Recipe:
 
     def prune_options(self) -> PruneOptions:
         """Pruning's defaults, with looks at the gate closer together where there are few iterations."""
-        iterations, usual = self.budget("prune"), PruneOptions()
-        interval = max(1, min(usual.interval, iterations // CHECKS))
-        recovery = max(1, usual.recovery * interval // usual.interval)
-        return PruneOptions(iterations=iterations, interval=interval, recovery=recovery)
+        iterations = self.budget("prune")
+        return PruneOptions(iterations=iterations, interval=max(1, min(PruneOptions.interval, iterations // CHECKS)))
 
 
 class ReadyStage(Stage):
