@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from golden.train import chosen_device, import_torch
+from golden.train import import_torch
 from spec.errors import InputError, run_command_line
 
 EXAMPLES = """examples:
@@ -49,11 +49,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")
     import_torch()
     from golden.training.chain import Interrupted
+    from golden.training.device import resolve_device
     from golden.training.failure import TrainingError
     from golden.training.tables import make_tables
 
     try:
-        make_tables(args, chosen_device(args.device))
+        make_tables(args, str(resolve_device(args.device)))
     except (Interrupted, KeyboardInterrupt) as interrupt:
         print(f"\n{str(interrupt) or 'interrupted'}; the same command goes on", file=sys.stderr)
         return 130

@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch")
 
 from training_samples import small_dense, small_scene  # noqa: E402
 
+from golden import tables_training  # noqa: E402
 from golden.msv2_ref import pipeline  # noqa: E402
 from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # noqa: E402
 from golden.scenes.gaze import Display, foveation_map  # noqa: E402
@@ -322,10 +323,18 @@ def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
     assert (tmp_path / "training.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("option, told", [
+    (["--edge", "8"], "edge 8"), (["--device", "tpu"], "tpu"), (["--size", "9"], "size '9'"),
+    (["--variant", "X"], "variant 'X'"), (["--iterations", "3"], "iterations 3"),
+    (["nowhere"], "nowhere"), (["--out", "Makefile"], "Makefile")])
+def test_bad_options_are_told(tmp_path, option, told):
+    folders = ["--runs", str(tmp_path), "--work", str(tmp_path / "work"), "--out", str(tmp_path / "out")]
+    with pytest.raises(InputError, match=told):
+        tables_training.main([*folders, *option])
+
+
 @pytest.mark.long
 def test_the_whole_command_and_again_without_training(tmp_path, capsys):
-    from golden import tables_training
-
     command = ["--size", "48x48", "--iterations", "60", "--max-points", "1000", "--edge", "48",
                "--runs", str(tmp_path / "none"), "--work", str(tmp_path / "work"), "--out", str(tmp_path / "out")]
     assert tables_training.main(command) == 0
