@@ -11,6 +11,7 @@ import numpy as np
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import culling, pipeline
 from golden.oracle.render import render as render_oracle
+from golden.render_stereo import add_stereo_arguments, render_request, save_pictures, stereo_statistics, take_stereo_arguments
 from golden.scenes.files import atomic_output
 from golden.scenes.pictures import depth_picture, levels_picture, save_png
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
@@ -21,6 +22,7 @@ EXAMPLES = """examples:
   python golden/render.py                                        the embedded scene
   python golden/render.py truck.splat --size 640x360 --compare oracle
   python golden/render.py rock_sh3/ --gaze 320,180 --levels 4    foveated, nested random subsets
+  python golden/render.py --stereo --ecc-thresh 27               two eyes: left.png, right.png, right_source.png
   python golden/render.py scene.ply --camera view.json --dump entries --out build/render/view
 """
 
@@ -30,6 +32,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="golden/render.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
+    add_stereo_arguments(parser)
     parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
     parser.add_argument("--compare", metavar="oracle", help="render the float64 oracle too and report the difference")
     parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
@@ -84,16 +87,27 @@ def main(argv: Sequence[str] | None = None) -> None:
     ):
         if value is not None and value not in accepted:
             raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    take_stereo_arguments(args)
     request = resolve(args)
-    frame = pipeline.render(
-        request.model, request.camera, config=CONFIGS[args.config], foveation=request.foveation, background=request.background)
+    config, eyes = CONFIGS[args.config], None
+    if args.stereo:
+        eyes = render_request(args, request, config)
+        frame = eyes.source
+    else:
+        frame = pipeline.render(
+            request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
     stats = frame_statistics(frame, request)
+    if eyes:
+        stats["stereo"] = stereo_statistics(args, request, eyes)
     if args.compare:
         stats.update(compare_with_oracle(frame, request))
 
     out = make_folder(args.out or Path("build/render") / request.model.name)
-    save_png(out / "frame.png", frame.image)
-    save_png(out / "depth.png", depth_picture(frame.depth))
+    if eyes:
+        save_pictures(out, eyes)
+    else:
+        save_png(out / "frame.png", frame.image)
+        save_png(out / "depth.png", depth_picture(frame.depth))
     save_png(out / "levels.png", levels_picture(frame.image, request.foveation))
     if args.dump:
         with atomic_output(out / f"{args.dump}.npz") as file:
@@ -102,6 +116,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
     print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
                                  for key in shown if key in stats))
+    if eyes:
+        print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 
 
 if __name__ == "__main__":

@@ -130,7 +130,7 @@ class Frame:
 def render(
     model: GaussianModel | GaussianWords, camera: Camera, *, config: AcceleratorConfig = DEFAULT,
     foveation: FoveationMap | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0), beta: int | None = None,
-    obb: bool = False,
+    obb: bool = False, baseline_px: float | None = None,
 ) -> Frame:
     """Renders one frame.
 
@@ -142,6 +142,7 @@ def render(
         background: r, g, b in [0, 1].
         beta: tile merge threshold; None chooses it from the counts.
         obb: bounding boxes instead of the exact tile test.
+        baseline_px: of a frame that is to be warped; the depth scale alone depends on it (`registers.depth_far`).
 
     Raises:
         InputError: the frame is wider than the machine's rows or the model has more levels than it supports.
@@ -161,7 +162,7 @@ def render(
     seconds["quantise"] = clock() - begin
 
     begin = clock()
-    registers = frame_registers(config, camera, words, foveation, background)
+    registers = frame_registers(config, camera, words, foveation, background, baseline_px)
     seconds["culling"] = clock() - begin
     return render_frame(config, words, registers, beta=beta, obb=obb, seconds=seconds)
 
@@ -206,7 +207,7 @@ def render_frame(
 
     begin = clock()
     tile_y, tile_x = np.divmod(np.arange(len(counts)), registers.tiles_x)
-    header = np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]])
+    header = np.ascontiguousarray(np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]]))
     work = vrc_array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
     pixels = vrc_array.render(config, splats, work, registers.background, rendered)
     seconds["array"] = clock() - begin

@@ -12,7 +12,16 @@ from golden.msv2_ref.rounding import pattern, round_to
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
-from spec.constants import DEPTH_FRAME_MARGIN, DEPTH_PERCENTILE, DEPTH_REACH, EXPONENT_SCALE, FRUSTUM_MARGIN, TILE
+from spec.constants import (
+    DEPTH_FRAME_MARGIN,
+    DEPTH_NEAR_PERCENTILE,
+    DEPTH_PERCENTILE,
+    DEPTH_REACH,
+    EXPONENT_SCALE,
+    FRUSTUM_MARGIN,
+    TILE,
+    WARP_DEPTH_ERROR_PX,
+)
 
 
 @dataclass(frozen=True)
@@ -82,24 +91,30 @@ def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, he
     return found[:count]
 
 
-def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera) -> float:
+def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: float = 0.0) -> float:
     """The z at which depth saturates: from the points in front of the camera and inside the widened frustum.
 
-    A high percentile, so that one outlier does not cost everyone's resolution.
+    A high percentile, so that one outlier does not cost everyone's resolution. In a frame that is to be warped it may lie as
+    far beyond as the rounding of near depths allows: a far layer that saturates makes what is before it look nearer.
 
     Args:
         mean: (N, 3) float64 relative to `origin`.
         origin: (3,) float64 world units.
         camera: the view.
+        per_near: in frames that are to be warped: times the square of the near z, how far it may lie. Reciprocal world units.
     """
     c = camera
     translation = c.translation + c.rotation @ origin
     z = _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-    return min(float(z.max()), DEPTH_REACH * float(np.percentile(z, DEPTH_PERCENTILE))) if len(z) else 2 * c.near
+    if not len(z):
+        return 2 * c.near
+    near, far = np.percentile(z, (DEPTH_NEAR_PERCENTILE, DEPTH_PERCENTILE))
+    return min(float(z.max()), max(DEPTH_REACH * float(far), per_near * float(near) ** 2))
 
 
 def frame_registers(
     config: AcceleratorConfig, camera: Camera, words: GaussianWords, foveation: FoveationMap, background: np.ndarray,
+    baseline_px: float | None = None,
 ) -> FrameRegisters:
     """Registers for one frame.
 
@@ -109,9 +124,12 @@ def frame_registers(
         words: the DRAM image: its origin, and its means for the depth range.
         foveation: tile levels and blend planes of the gaze.
         background: (3,) float in [0, 1].
+        baseline_px: of a frame that is to be warped: distance between the eyes, world units, times the focal length in pixels.
     """
     n = config.formats
-    far = depth_far(words.decoded.mean, words.origin, camera)
+    # Half an ulp of depth, far 2^-(frac + 1), moves what is at z by baseline_px / z^2 times as much.
+    per_near = WARP_DEPTH_ERROR_PX * 2.0 ** (n.depth.frac_bits + 1) / baseline_px if baseline_px else 0.0
+    far = depth_far(words.decoded.mean, words.origin, camera, per_near)
     margin = FRUSTUM_MARGIN
     right, below = camera.width - camera.cx, camera.height - camera.cy
     limits = [-margin * camera.cx, margin * right, -margin * camera.cy, margin * below]

@@ -207,10 +207,11 @@ def render_stereo(
     gaze = (foveation and foveation.gaze_xy) or gaze or (camera.width / 2, camera.height / 2)
     check_gaze(f"{pair.source_eye} (source)", gaze, camera)
     if gaze_target is not None:
-        check_gaze("target", gaze_target, camera)
+        check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
     warpable_tiles(display, gaze, threshold_deg)  # refuses the threshold before anything is rendered
     words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
-    source = pipeline.render(words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb)
+    source = pipeline.render(words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb,
+                             baseline_px=float(pair.disparity(1.0)))
 
     warnings: list[str] = []
     if gaze_target is None:

@@ -11,6 +11,7 @@ from golden.scenes.files import atomic_output
 from golden.scenes.gaze import FoveationMap
 
 _LEVEL_COLOURS = np.array([[255, 80, 80], [255, 200, 60], [80, 200, 120], [90, 140, 255]], np.float64) / 255
+_KIND_COLOURS = np.array([[255, 255, 255], [255, 80, 80], [80, 200, 120], [90, 140, 255], [255, 200, 60]], np.float64) / 255
 _DEPTH_STOPS = np.array([[253, 231, 37], [53, 183, 121], [49, 104, 142], [68, 1, 84]], np.float64) / 255
 
 
@@ -47,3 +48,17 @@ def levels_picture(image: np.ndarray, foveation: FoveationMap) -> np.ndarray:
     colour = np.where(blend, 0.5 * _LEVEL_COLOURS[level] + 0.5 * _LEVEL_COLOURS[outer], _LEVEL_COLOURS[level])
     edge = (np.arange(height) % foveation.tile == 0)[:, None] | (np.arange(width) % foveation.tile == 0)[None, :]
     return np.where(edge[..., None], 0.45, 0.65) * np.clip(image, 0, 1) + 0.35 * colour
+
+
+def kinds_picture(image: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float: the brightness of an (H, W, 3) uint8 image in the colour of each pixel's kind.
+
+    Kinds, (H, W), are 0..4: white, red, green, blue, yellow.
+    """
+    brightness = image.astype(np.float64).mean(axis=2, keepdims=True) / 255
+    return (0.35 + 0.65 * brightness) * _KIND_COLOURS[kind]
+
+
+def anaglyph(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 of two: red of the left eye, green and blue of the right, for red-cyan glasses."""
+    return np.concatenate([left[..., :1], right[..., 1:]], axis=2)

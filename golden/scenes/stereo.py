@@ -44,6 +44,11 @@ class StereoPair:
         """Of the way a pixel moves from source to target: -1 where the source is the left eye, +1 where it is the right."""
         return -1 if self.source_eye == "left" else 1
 
+    @property
+    def target_eye(self) -> str:
+        """The other eye, "left" or "right"."""
+        return EYES[1 - EYES.index(self.source_eye)]
+
     def disparity(self, depth: np.ndarray | float) -> np.ndarray:
         """float64 magnitude of the disparity in pixels at a z depth in world units."""
         with np.errstate(divide="ignore"):
