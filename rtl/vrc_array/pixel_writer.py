@@ -134,8 +134,8 @@ class PixelWriter(wiring.Component):
     def _display(self, lane: int) -> Value:
         """The DisplayPixel of a lane."""
         row, n = self.rows.payload, self.config.formats
-        colour = [_bytes(row.colour[3 * lane + c], n.accumulator) for c in range(3)]
-        return Cat(colour, ~_bytes(row.transmittance[lane], n.transmittance))
+        colour = [display_byte(row.colour[3 * lane + c], n.accumulator) for c in range(3)]
+        return Cat(colour, ~display_byte(row.transmittance[lane], n.transmittance))
 
     def _count(self, m: Module, busy, inside) -> None:
         """Tiles that have come, pixels that have left."""
@@ -157,7 +157,7 @@ class PixelWriter(wiring.Component):
         ]
 
 
-def _bytes(raw: Value, number: Fixed) -> Value:
+def display_byte(raw: Value, number: Fixed) -> Value:
     """255 times the value, rounded half up, at most 255.
 
     Of 256 raw - raw the low 8 bits only matter by their borrow: it is 256 times raw - ceil(raw / 256), and less than 256 more.
