@@ -314,6 +314,7 @@ def tile_level(config: AcceleratorConfig) -> Record:
         Field("tile", tile_index(config), "native tile"),
         Field("level", uint(2), "level of the tile, 0..3"),
         Field("blend", uint(1), "the tile blends its level with the next"),
+        *([Field("rendered", uint(1), "the tile is rendered; pairs with others are dropped")] if config.stereo else []),
     ))
 
 

@@ -22,7 +22,7 @@ from rtl.culling.tile_expand import TileExpand
 from rtl.culling.tile_runs import TileRuns, run_layout
 from rtl.culling.tile_test import TileTest
 from spec import tables
-from spec.config import DEFAULT, PAPER, TINY, NumberFormats
+from spec.config import PAPER, TINY, NumberFormats
 from spec.constants import TILE
 from spec.formats import SmallFloat
 from spec.queues import LEVEL_GROUP
@@ -141,6 +141,25 @@ def test_every_entry_and_survivor_is_the_golden_ones_and_no_cycle_is_lost(played
     assert sum(item.most_cycles is not None for item in plan) == 8
 
 
+def test_pairs_of_tiles_that_are_not_rendered_are_dropped(tmp_path):
+    config, rng = suite.VARIANTS["tiny_stereo"], np.random.default_rng(3)
+    cases = [random_case(config, rng, f"tiles rendered, {k}", 170, 90, 60, frames=3, kind=kind)
+             for k, kind in enumerate(("one", "rings", "random"))]
+    for item in cases:
+        masks = [np.arange(66) % 11 < 5, np.zeros(66, bool), rng.random(66) < 0.5]
+        assert len(masks) == len(item.frames) == len(item.rendered)
+    cases = [replace(item, rendered=tuple(masks)) for item in cases]
+    everything = [replace(item, rendered=()) for item in cases]
+    for item, whole in zip(cases, everything, strict=True):
+        for golden, other in zip(item.golden, whole.golden, strict=True):
+            assert golden.touched == other.touched and golden.filtered > other.filtered
+        assert len(item.golden[1].entries) == len(item.golden[1].survivors) == 1
+    plan = [suite.plan_of(item, reset=False, most_cycles=suite.most_cycles(item)) for item in cases]
+    plan += [suite.plan_of(item, f"{item.name}, all", reset=False) for item in everything]
+    outcome = suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan)
+
+
 def test_faults_are_found(played):
     _, plan, outcome = played
     item = next(item for item in plan if item.name == "discs in rings")
@@ -179,7 +198,7 @@ def test_an_ulp_decides_where_it_is_meant_to():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", suite.VARIANTS.values(), ids=suite.VARIANTS)
 def test_scenes_are_exact(config, tmp_path):
     """The embedded scene always, trained ones where they are; rates are held by the plan."""
     plan = suite.full_plan(config, 1)

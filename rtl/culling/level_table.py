@@ -14,8 +14,11 @@ from spec.records import TILE_BITS, tile_index, tile_level
 
 GROUP_PLACES = LEVEL_GROUP.bit_length() - 1
 
-CODE = data.StructLayout({"level": unsigned(2), "blend": unsigned(1)})
-"""What is kept of a tile."""
+
+def code_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What is kept of a tile: its TileLevel without the number."""
+    return data.StructLayout({
+        f.name: unsigned(f.format.width) for f in tile_level(config).fields if f.name in ("level", "blend", "rendered")})
 
 
 class LevelTable(wiring.Component):
@@ -33,14 +36,14 @@ class LevelTable(wiring.Component):
         codes: what they are, a cycle after `enable`; it stays until the next. Tiles beyond the row's end are undefined.
         row_start: the number of the row's first tile, likewise: kept, lest somebody multiply.
 
-    Storage: a memory of 48 bits for 16 tiles and one of a tile number a row: for PAPER 960 and 120 words.
+    Storage: a memory of 48 bits (with stereo 64) for 16 tiles and one of a tile number a row: for PAPER 960 and 120 words.
     """
 
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         widest = -(-config.row_width // TILE)
-        self._rows, self._groups = widest, 1 << ((widest - 1) >> GROUP_PLACES).bit_length()
+        self._code, self._rows, self._groups = code_layout(config), widest, 1 << ((widest - 1) >> GROUP_PLACES).bit_length()
         super().__init__({
             "table": In(stream.Signature(layout(tile_level(config)))),
             "filled": Out(1),
@@ -50,7 +53,7 @@ class LevelTable(wiring.Component):
             "enable": In(1),
             "row": In(TILE_BITS),
             "group": In(TILE_BITS - GROUP_PLACES),
-            "codes": Out(data.ArrayLayout(CODE, LEVEL_GROUP)),
+            "codes": Out(data.ArrayLayout(code_layout(config), LEVEL_GROUP)),
             "row_start": Out(tile_index(config).width),
         })
 
@@ -60,7 +63,7 @@ class LevelTable(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.words = words = memory.Memory(
-            shape=data.ArrayLayout(CODE, LEVEL_GROUP), depth=self._rows * self._groups, init=[])
+            shape=data.ArrayLayout(self._code, LEVEL_GROUP), depth=self._rows * self._groups, init=[])
         m.submodules.starts = starts = memory.Memory(shape=self.row_start.shape(), depth=self._rows, init=[])
         write, read = words.write_port(granularity=1), words.read_port()
         write_start, read_start, tile = starts.write_port(), starts.read_port(), Signal.like(self.row_start)
@@ -82,7 +85,8 @@ class LevelTable(wiring.Component):
             self.row_start.eq(read_start.data),
         ]
         for code in write.data:
-            m.d.comb += [code.level.eq(item.level), code.blend.eq(item.blend)]
+            for name in self._code.members:
+                m.d.comb += code[name].eq(item[name])
         with m.If(taken):
             m.d.sync += [column.eq(column + 1), tile.eq(tile + 1)]
             with m.If(last_column):

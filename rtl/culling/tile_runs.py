@@ -10,7 +10,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling.level_table import CODE, GROUP_PLACES
+from rtl.culling.level_table import GROUP_PLACES, code_layout
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.queues import LEVEL_GROUP
@@ -30,7 +30,8 @@ def run_layout(config: AcceleratorConfig) -> data.StructLayout:
     """
     return data.StructLayout({
         "splat": _tested(config), "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES),
-        "tile": unsigned(tile_index(config).width), "begin": PLACE, "stop": PLACE, "code": CODE, "last": 1, "end": 1})
+        "tile": unsigned(tile_index(config).width), "begin": PLACE, "stop": PLACE, "code": code_layout(config),
+        "last": 1, "end": 1})
 
 
 def _tested(config: AcceleratorConfig) -> data.StructLayout:
@@ -77,7 +78,7 @@ class TileRuns(wiring.Component):
             "enable": Out(1),
             "row": Out(TILE_BITS),
             "group": Out(TILE_BITS - GROUP_PLACES),
-            "codes": In(data.ArrayLayout(CODE, LEVEL_GROUP)),
+            "codes": In(data.ArrayLayout(code_layout(config), LEVEL_GROUP)),
             "row_start": In(tile_index(config).width),
             "runs": Out(stream.Signature(run_layout(config))),
         })
@@ -87,7 +88,7 @@ class TileRuns(wiring.Component):
         walked = _Stage("walked", self.config, {"begin": PLACE, "stop": PLACE})
         cut = _Stage("cut", self.config, {
             "tile": self.row_start.shape(), "begin": PLACE, "stops": unsigned(LEVEL_GROUP),
-            "codes": data.ArrayLayout(CODE, LEVEL_GROUP)})
+            "codes": data.ArrayLayout(code_layout(self.config), LEVEL_GROUP)})
         self._walk(m, walked)
         self._cut(m, walked, cut)
         self._pick(m, cut)

@@ -33,15 +33,16 @@ class TileTest(wiring.Component):
         entries: EntryItem items, splat by splat in the order they came, each by tile row, then by column; then `end`.
         survivors: SurvivingSplat items of the splats with an entry, in that order; then `end`.
         width, height, obb: as `frame_settings`.
-        touched: (splat, tile) pairs of the frame that touch. filtered: those of them that the foveation filter rejects; the
-            others are entries. From 0 at the frame's first item; they hold from its `end` in both streams to the next's first.
+        touched: (splat, tile) pairs of the frame that touch. filtered: those of them that the foveation filter rejects, or
+            whose tile is not rendered; the others are entries. From 0 at the frame's first item; they hold from its `end` in
+            both streams to the next's first.
         filled: the frame's table is full; until its `end` has left for both streams.
         busy: high from a frame's last table item until its last items are taken: whenever splats or entries are inside.
 
     A pair touches if the ellipse on which the splat is just visible, widened by margins, meets a pixel centre of the tile, at
     the larger of the opacities of the tile's levels that use it; with `obb`, if the tile is in the splat's box. It passes if
-    the tile's level is at most the splat's bound. A run of a splat lies in a tile row, within 16 columns, and ends where the
-    next tile is of another level or blend.
+    the tile's level is at most the splat's bound and the tile is rendered, as all are without stereo. A run of a splat lies in
+    a tile row, within 16 columns, and ends where the next tile is of another level or blend, or the one of both is rendered.
 
     Throughput: a run every `point_interval` cycles, an entry a cycle; a run without entries takes the cycle of one. Between
     frames the unit runs empty. Latency: 8 cycles and the schedule's length of the ellipse test, for PAPER 66 in all. Storage:
@@ -122,6 +123,7 @@ class TileTest(wiring.Component):
         run, splat, code = runs.runs.payload, runs.runs.payload.splat, runs.runs.payload.code
         operands, plan = ellipse.sink.payload, ellipse.sink.payload.carried
         blends = code.blend & (splat.bound > code.level)
+        passes = (code.level <= splat.bound) & code.rendered if self.config.stereo else code.level <= splat.bound
         m.d.comb += [
             ellipse.sink.valid.eq(runs.runs.valid),
             runs.runs.ready.eq(ellipse.sink.ready),
@@ -131,7 +133,7 @@ class TileTest(wiring.Component):
             operands.row.eq(run.row),
             operands.opacity.eq(splat.log2_opacity[code.level]),
             operands.other_opacity.eq(splat.log2_opacity[(code.level + Mux(blends, 1, 0))[:2]]),
-            plan.passes.eq(code.level <= splat.bound),
+            plan.passes.eq(passes),
             plan.level.eq(code.level),
             *(plan[name].eq(run[name]) for name in ("tile", "group", "begin", "stop", "last", "end")),
             expand.runs.valid.eq(ellipse.source.valid),

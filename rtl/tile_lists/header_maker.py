@@ -11,7 +11,7 @@ from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config, read_port
-from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings
+from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings, connect_mask, mask_port
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS
@@ -40,6 +40,10 @@ class HeaderMaker(wiring.Component):
         clear: strobe, lowers `error`.
         error: memory answered with an error; the items of such beats mean nothing but go their way.
 
+    With stereo, tiles that are not rendered give neither a header nor a level:
+        target, mask_tile, mask: see `mask_port`.
+        done: all tiles of a frame have gone since `clear`.
+
     Storage: `waiting_tiles` counts, a beat, 16 headers. Throughput: one tile a cycle, for any latency of memory of up to
     about `waiting_tiles` cycles. Latency: about 8 cycles and memory's. Order: a frame's first tile is taken when all beats of
     the frame before have been asked for.
@@ -56,6 +60,7 @@ class HeaderMaker(wiring.Component):
             "headers": Out(stream.Signature(layout(tile_header(config)))),
             "levels": Out(stream.Signature(layout(tile_use(config)))),
             "clear": In(1), "error": Out(1),
+            **mask_port(config), **({"done": Out(1)} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -104,10 +109,11 @@ class HeaderMaker(wiring.Component):
         setting, header, use = table.settings.payload, Signal(self.headers.payload.shape()), levels.sink.payload
         column, row = Signal.like(header.tile_x), Signal.like(header.tile_y)
         whole, moves = waiting.r_rdy & table.settings.valid, Signal()
+        leaves = moves & table.rendered if self.config.stereo else moves
         m.d.comb += [
             moves.eq(whole & headers.w_rdy & levels.sink.ready),
             waiting.r_en.eq(moves), table.settings.ready.eq(moves), table.last.eq(tile.ends),
-            headers.w_en.eq(moves), headers.w_data.eq(header), levels.sink.valid.eq(moves),
+            headers.w_en.eq(leaves), headers.w_data.eq(header), levels.sink.valid.eq(leaves),
             header.tile_x.eq(column), header.tile_y.eq(row),
             header.outer.eq(setting.level != 0), header.blend.eq(setting.blend), header.plane.eq(setting.plane),
             header.count.eq(tile.count),
@@ -119,6 +125,12 @@ class HeaderMaker(wiring.Component):
             row_ends = column == self.tiles_x - 1
             m.d.sync += column.eq(Mux(row_ends | tile.ends, 0, column + 1))
             m.d.sync += row.eq(Mux(tile.ends, 0, row + row_ends))
+        if self.config.stereo:
+            connect_mask(m, self, table)
+            with m.If(self.clear):
+                m.d.sync += self.done.eq(0)
+            with m.Elif(moves & tile.ends):
+                m.d.sync += self.done.eq(1)
 
 
 def emit_header_maker(config: AcceleratorConfig) -> str:

@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.tile_lists.beats import BeatRun, check_config, read_port
-from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings
+from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings, connect_mask, mask_port
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS
 from spec.records import frame_tiles, tile_level
@@ -30,6 +30,10 @@ class TableLoader(wiring.Component):
         done: strobe, in the cycle after that.
         error: memory answered with an error since `start`; the items of such beats mean nothing but go their way.
 
+    With stereo:
+        target, mask_tile, mask: see `mask_port`.
+        rendered_tiles: tiles of the items that were taken since `start` that are rendered.
+
     Throughput: one tile a cycle. Latency: one cycle from a beat.
     """
 
@@ -41,6 +45,7 @@ class TableLoader(wiring.Component):
             **read_port(config),
             "levels": Out(stream.Signature(layout(tile_level(config)))),
             "busy": Out(1), "done": Out(1), "error": Out(1),
+            **mask_port(config), **({"rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -68,6 +73,13 @@ class TableLoader(wiring.Component):
             m.d.sync += [tile.eq(0), self.busy.eq(1), self.error.eq(0)]
         with m.Elif(table.failed):
             m.d.sync += self.error.eq(1)
+        if self.config.stereo:
+            connect_mask(m, self, table)
+            m.d.comb += item.rendered.eq(table.rendered)
+            with m.If(self.start):
+                m.d.sync += self.rendered_tiles.eq(0)
+            with m.Elif(taken & table.rendered):
+                m.d.sync += self.rendered_tiles.eq(self.rendered_tiles + 1)
         return m
 
 

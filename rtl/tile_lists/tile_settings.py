@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -10,9 +10,18 @@ from rtl.shapes import layout
 from rtl.tile_lists.beats import check_config
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES, check_memory, read_data, tile_setting
+from spec.records import tile_index
 
 BEAT_TILES = BEAT_BYTES // TILE_SETTING_BYTES
 """Tiles of a beat of the table."""
+
+
+def mask_port(config: AcceleratorConfig) -> dict[str, wiring.Member]:
+    """How units with TileSettings learn which tiles are rendered; of machines with stereo alone.
+
+    target: the pass of the target eye. mask_tile: a tile. mask: holes are left in it; a cycle after `mask_tile`.
+    """
+    return {"target": In(1), "mask_tile": Out(tile_index(config).width), "mask": In(1)} if config.stereo else {}
 
 
 class TileSettings(wiring.Component):
@@ -27,6 +36,11 @@ class TileSettings(wiring.Component):
         last: the item taken in this cycle is its frame's last: the rest of its beat is dropped.
         failed: strobe, the beat taken in this cycle is an error; its items mean nothing but go their way.
 
+    With stereo:
+        target, mask_tile, mask: see `mask_port`.
+        rendered: of the item on offer: the tile is rendered. All are but those of the target eye that may be warped and whose
+            holes are filled.
+
     Storage: the beat that is being used up. Throughput: one item a cycle, between beats, too. Latency: one cycle.
     """
 
@@ -38,6 +52,7 @@ class TileSettings(wiring.Component):
             "data": In(stream.Signature(layout(read_data(config)))),
             "settings": Out(stream.Signature(layout(tile_setting(config)))),
             "last": In(1), "failed": Out(1),
+            **mask_port(config), **({"rendered": Out(1)} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -58,4 +73,21 @@ class TileSettings(wiring.Component):
             m.d.sync += items.eq(Cat(beat[size * i : size * i + width] for i in range(BEAT_TILES)))
         with m.Elif(self.settings.ready):
             m.d.sync += [items.as_value().eq(items.as_value() >> width), left.eq(left - 1)]
+        if self.config.stereo:
+            self._look_up(m)
         return m
+
+    def _look_up(self, m: Module) -> None:
+        """The mask is asked for the next cycle's tile: it is there with the item."""
+        tile = Signal.like(self.mask_tile)
+        with m.If(self.settings.valid & self.settings.ready):
+            m.d.comb += self.mask_tile.eq(Mux(self.last, 0, tile + 1))
+        with m.Else():
+            m.d.comb += self.mask_tile.eq(tile)
+        m.d.sync += tile.eq(self.mask_tile)
+        m.d.comb += self.rendered.eq(~self.target | ~self.settings.payload.warp | self.mask)
+
+
+def connect_mask(m: Module, unit: wiring.Component, table: TileSettings) -> None:
+    """Joins the `mask_port` of a unit and of its table."""
+    m.d.comb += [table.target.eq(unit.target), table.mask.eq(unit.mask), unit.mask_tile.eq(table.mask_tile)]

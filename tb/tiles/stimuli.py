@@ -54,6 +54,7 @@ class Case:
         width, height: in pixels.
         frames: of each its ProjectedSplat records without `end`, and (tiles, 2) level and blend of its tiles.
         obb: boxes instead of the exact test.
+        rendered: (tiles,) bool of each frame, which of them are rendered, on machines with stereo; empty: all are.
     """
 
     name: str
@@ -62,6 +63,12 @@ class Case:
     height: int
     frames: tuple[tuple[np.ndarray, np.ndarray], ...]
     obb: bool = False
+    rendered: tuple[np.ndarray, ...] = ()
+
+    @property
+    def masks(self) -> list[np.ndarray]:
+        """(tiles,) bool of each frame."""
+        return list(self.rendered) or [np.ones(len(levels), bool) for _, levels in self.frames]
 
     @property
     def settings(self) -> dict[str, int]:
@@ -71,7 +78,8 @@ class Case:
     @cached_property
     def golden(self) -> list[TileTest]:
         """What the golden renderer makes of each frame."""
-        return [tile_test(self.config, *frame, self.width, self.height, obb=self.obb) for frame in self.frames]
+        return [tile_test(self.config, *frame, self.width, self.height, obb=self.obb, rendered=mask)
+                for frame, mask in zip(self.frames, self.masks, strict=True)]
 
     @property
     def inputs(self) -> dict[str, np.ndarray]:
@@ -81,6 +89,8 @@ class Case:
         tables = np.zeros(sum(len(levels) for _, levels in self.frames), tile_level(self.config).dtype)
         tables["tile"] = np.concatenate([np.arange(len(levels)) for _, levels in self.frames])
         tables["level"], tables["blend"] = np.concatenate([levels for _, levels in self.frames]).T
+        if self.config.stereo:
+            tables["rendered"] = np.concatenate(self.masks)
         return {"splats": np.concatenate([part for splats, _ in self.frames for part in (splats, end)]), "table": tables}
 
     @property
@@ -95,12 +105,13 @@ class Case:
 
     def costs(self) -> list[Cost]:
         """Of each frame."""
-        return [self._cost(*frame, golden) for frame, golden in zip(self.frames, self.golden, strict=True)]
+        return [self._cost(*frame, mask, golden)
+                for frame, mask, golden in zip(self.frames, self.masks, self.golden, strict=True)]
 
-    def _cost(self, splats: np.ndarray, levels: np.ndarray, golden: TileTest) -> Cost:
+    def _cost(self, splats: np.ndarray, levels: np.ndarray, rendered: np.ndarray, golden: TileTest) -> Cost:
         """Runs stop at a group's last tile and where the next tile is of another kind."""
         tiles_x = -(-self.width // TILE)
-        grid = levels.reshape(-1, tiles_x, 2)
+        grid = np.column_stack([levels, rendered]).reshape(-1, tiles_x, 3)
         stops = np.ones(grid.shape[:2], np.int64)
         stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % LEVEL_GROUP == 0)
         before = np.zeros((len(grid) + 1, tiles_x + 1), np.int64)
@@ -187,11 +198,13 @@ def random_case(
     config: AcceleratorConfig, rng: np.random.Generator, name: str, width: int, height: int, count: int, *, frames: int = 2,
     shape: str | None = None, kind: str | None = None, obb: bool = False,
 ) -> Case:
-    """Frames of `count` splats each; shape and kind of the levels drawn for each where they are not given."""
+    """Frames of `count` splats each; shape and kind of the levels drawn for each where they are not given, and which tiles are
+    rendered, on machines with stereo."""
     tiles = -(-width // TILE), -(-height // TILE)
-    return Case(name, config, width, height, tuple(
-        (random_splats(config, rng, count, width, height, shape or str(rng.choice(SHAPES))),
-         random_levels(rng, *tiles, kind or str(rng.choice(LEVELS)))) for _ in range(frames)), obb)
+    drawn = tuple((random_splats(config, rng, count, width, height, shape or str(rng.choice(SHAPES))),
+                   random_levels(rng, *tiles, kind or str(rng.choice(LEVELS)))) for _ in range(frames))
+    share = rng.choice([0.0, 0.1, 0.5, 0.9, 1.0], frames) if config.stereo else ()
+    return Case(name, config, width, height, drawn, obb, tuple(rng.random(tiles[0] * tiles[1]) < part for part in share))
 
 
 def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str) -> np.ndarray:

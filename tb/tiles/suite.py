@@ -18,11 +18,12 @@ from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
 from tb.tiles.stimuli import Case, case_of, corner_cases, random_case, sharp_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True)}
 """Machines that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper")
-"""A run every 8, 4 cycles and every cycle."""
+DISTINCT = ("tiny", "default", "paper", "tiny_stereo")
+"""A run every 8, 4 cycles and every cycle; tiles that are not rendered."""
 
 PORTS = ("splats", "table", "entries", "survivors")
 
@@ -35,7 +36,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The unit of a configuration, emitted, with files at its streams."""
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
-        name=f"tiles-{config.row_width}-{config.point_interval}", module="tile_test",
+        name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}", module="tile_test",
         verilog=emitted("tile_test", config, emit_tile_test),
         inputs=(Stream("splats", projected_splat(config)), Stream("table", tile_level(config))),
         outputs=(Stream("entries", entry_item(config)), Stream("survivors", surviving_splat(config))),
@@ -98,8 +99,9 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
     for item, recording in exact.at_full_rate(plan, outcome, "traced"):
         splats, table = item.run.inputs["splats"], item.run.inputs["table"]
         levels = np.stack([table["level"], table["blend"]], 1).astype(np.int64)
+        rendered = (table["rendered"] == 1,) if config.stereo else ()
         case = Case(item.name, config, item.run.settings["width"], item.run.settings["height"], (
-            (splats[:-1], levels),), bool(item.run.settings["obb"]))
+            (splats[:-1], levels),), bool(item.run.settings["obb"]), rendered)
         (cost,), cycles = case.costs(), recording.cycles - len(table)
         lines.append(
             f"{item.name}: {len(splats) - 1} splats, {cost.runs} runs, {cost.entries} entries, "
