@@ -21,7 +21,7 @@ def test_records_only_grow_at_their_end(plain, both):
         fields = make(plain).fields
         assert make(both).fields[: len(fields)] == fields
         grown |= {make(plain).name} if len(make(both).fields) > len(fields) else set()
-    assert grown == {"TileSetting", "FrameSettings"}
+    assert grown >= {"TileSetting", "FrameSettings"}
 
 
 @pytest.mark.parametrize(("plain", "both"), PAIRS, ids=CONFIGS)
