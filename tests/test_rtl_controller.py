@@ -32,7 +32,8 @@ class Host:
     async def tick(self, **inputs):
         for name, value in inputs.items():
             self.ctx.set(getattr(self.dut, name), value)
-        self.strobes += [(name, self.cycle) for name in STARTS if self.ctx.get(getattr(self.dut, name))]
+        strobes = ("next_pass", *STARTS) if self.dut.config.stereo else STARTS
+        self.strobes += [(name, self.cycle) for name in strobes if self.ctx.get(getattr(self.dut, name))]
         phase = Phase(self.ctx.get(self.dut.phase))
         if not self.phases or self.phases[-1] != phase:
             self.phases.append(phase)
@@ -112,6 +113,78 @@ def test_a_frame_that_fails_is_cleared_away(phase, inputs, error):
         ctx.set(dut.units_ready, 1)
         await host.start(16, 16)
         await host.until(Phase.TABLE)
+        assert ctx.get(dut.error) == ErrorCode.NONE
+
+    simulate(dut, bench)
+
+
+STEREO = TINY.with_(stereo=True)
+PASS = ("clear", "start_table", "start_geometry", "start_render")
+
+
+async def passes(host, count):
+    """So many passes, to their ends."""
+    for phase in PHASES * count:
+        await host.until(phase)
+        await host.tick()
+        await host.tick(**{DONE[phase]: 1})
+        await host.tick(**{DONE[phase]: 0})
+
+
+def test_a_frame_of_two_eyes_goes_through_its_phases_twice():
+    """And ordinary ones before, between and behind as ever."""
+    dut = FrameController(STEREO)
+
+    async def bench(ctx):
+        host = Host(ctx, dut)
+        for stereo in (0, 1, 1, 0):
+            begun, targets = len(host.strobes), []
+            ctx.set(dut.stereo, stereo)
+            await host.start(100, 40)
+            for _ in range(1 + stereo):
+                await host.until(Phase.TABLE)
+                targets.append(ctx.get(dut.target))
+                assert ctx.get(dut.tiles_x) == 7 and ctx.get(dut.tile_count) == 21
+                await passes(host, 1)
+            assert targets == [0, 1][: 1 + stereo]
+            assert not ctx.get(dut.busy) and ctx.get(dut.error) == ErrorCode.NONE
+            strobes = [name for name, _ in host.strobes[begun:]]
+            assert strobes == ["clear", *PASS[1:], *(("next_pass", *PASS) if stereo else ()), "finished"]
+        tables = [cycle for name, cycle in host.strobes if name == "start_table"]
+        assert [t - max(c for name, c in host.strobes if name == "clear" and c < t) for t in tables] == [4] * len(tables)
+
+    simulate(dut, bench)
+
+
+@pytest.mark.parametrize("phase", [Phase.CLEAR, *PHASES])
+@pytest.mark.parametrize(("inputs", "error"), [
+    ({"failure": ErrorCode.WRITE_ERROR}, ErrorCode.WRITE_ERROR), ({"abort": 1}, ErrorCode.ABORTED),
+    ({"abort": 1, **dict.fromkeys(DONE.values(), 1)}, ErrorCode.ABORTED)], ids=str)
+@pytest.mark.parametrize("target", [0, 1])
+def test_a_frame_of_two_eyes_that_fails_is_over(target, phase, inputs, error):
+    dut = FrameController(STEREO)
+
+    async def bench(ctx):
+        host = Host(ctx, dut)
+        ctx.set(dut.stereo, 1)
+        await host.start(64, 48)
+        await passes(host, target)
+        for before in PHASES[: max(phase - Phase.TABLE, 0)]:
+            await host.until(before)
+            await host.tick(**{DONE[before]: 1})
+            await host.tick(**{DONE[before]: 0})
+        await host.until(phase)
+        assert ctx.get(dut.target) == target
+        await host.tick(**inputs)
+        await host.tick(**dict.fromkeys(inputs, 0))
+        await host.until(Phase.IDLE, 40)
+        assert host.strobes[-1][0] == "finished" and ctx.get(dut.error) == error
+        assert [name for name, _ in host.strobes].count("next_pass") == target
+        begun = len(host.strobes)
+        ctx.set(dut.stereo, 0)
+        await host.start(16, 16)
+        await passes(host, 1)
+        assert [name for name, _ in host.strobes[begun:]] == list(STARTS) and not ctx.get(dut.target)
         assert ctx.get(dut.error) == ErrorCode.NONE
 
     simulate(dut, bench)

@@ -52,7 +52,8 @@ def events_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class PerformanceCounters(wiring.Component):
-    """All counters of the machine. Cycles and stages count in all phases but IDLE, beats always, events when a frame ends.
+    """All counters of the machine. Cycles and stages count in all phases but IDLE, beats always, events when a frame, or an
+    eye's pass, ends.
 
     Parameters:
         config: the machine; `stereo` matters here.
@@ -62,6 +63,7 @@ class PerformanceCounters(wiring.Component):
         target: level: the pass of the target eye; only with stereo.
         clear: strobe: set all to 0.
         finished: strobe: a frame has ended.
+        next_pass: strobe: its first eye's pass has ended, events are those of this pass; only with stereo.
         stage_valid, stage_ready: of the stages' input streams, in the order of `spec.registers.stages`.
         read_beats, write_beats: a bit a client, strobes.
         events: of the frame, final when it ends; see `events_layout`.
@@ -78,7 +80,7 @@ class PerformanceCounters(wiring.Component):
             "stage_valid": watched, "stage_ready": watched,
             "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(write_clients(config))),
             "events": In(events_layout(config)), "counters": Out(counters_layout(config)),
-            **({"target": In(1)} if config.stereo else {}),
+            **({"target": In(1), "next_pass": In(1)} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -97,7 +99,8 @@ class PerformanceCounters(wiring.Component):
         steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
         steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
         steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(write_clients(self.config))}
-        steps |= {name: Mux(self.finished, self.events[name], 0) for name in events(self.config)}
+        final = self.finished | self.next_pass if self.config.stereo else self.finished
+        steps |= {name: Mux(final, self.events[name], 0) for name in events(self.config)}
         if self.config.stereo:
             steps["cycles_target"] = active & self.target
         steps["read_beats"] = self.read_beats.any()  # one bus: at most one a cycle

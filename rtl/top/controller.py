@@ -11,6 +11,8 @@ when all it wrote is in memory, because RENDER reads it. A failed frame is not r
 on its way is swallowed, and a reset of all units, bus and registers apart, makes room for the next frame. Broken data cannot
 hang a unit, as none waits for anything but counts and answers; a watchdog gives up a frame in which memory moves nothing for
 2^WATCHDOG_BITS cycles all the same. Memory that owes an answer and never gives it holds the machine in DRAIN until `rst`.
+
+A frame of two eyes goes through CLEAR to RENDER twice, for the source eye and then for the target eye.
 """
 
 from __future__ import annotations
@@ -55,6 +57,11 @@ class FrameController(wiring.Component):
         finished: strobe: the frame has ended.
         error: how it ended, from `finished` to the next start.
 
+    With stereo:
+        stereo: the frame is of two eyes.
+        target: level: the second pass, from the cycle after its `clear`. After a frame it stays until the next start.
+        next_pass: strobe, with `clear`: the first pass has ended, the second begins.
+
     Latency: tile rows + 2 cycles from start to the table's; one cycle from phase to phase.
     """
 
@@ -77,6 +84,7 @@ class FrameController(wiring.Component):
             "clear": Out(1), "start_table": Out(1), "start_geometry": Out(1), "start_render": Out(1),
             "abort_bus": Out(1), "reset_units": Out(1), "phase": Out(phase), "busy": Out(1),
             "finished": Out(1), "error": Out(code),
+            **({"stereo": In(1), "target": Out(1), "next_pass": Out(1)} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -89,11 +97,10 @@ class FrameController(wiring.Component):
             with m.State("IDLE"):
                 m.d.comb += self.busy.eq(0)
                 with m.If(self.start):
-                    m.d.comb += self.clear.eq(1)
-                    m.d.sync += [
-                        self.tiles_x.eq((self.width + TILE - 1) >> _TILE_SHIFT),
-                        rows.eq((self.height + TILE - 1) >> _TILE_SHIFT), self.tile_count.eq(0),
-                        self.error.eq(ErrorCode.NONE)]
+                    self._begin(m, rows)
+                    m.d.sync += self.error.eq(ErrorCode.NONE)
+                    if self.config.stereo:
+                        m.d.sync += self.target.eq(0)
                     m.next = "CLEAR"
             with m.State("CLEAR"):
                 m.d.comb += self.phase.eq(Phase.CLEAR)
@@ -113,6 +120,8 @@ class FrameController(wiring.Component):
                     with m.If(done & ~stops):
                         m.d.comb += strobe.eq(1)
                         m.next = following
+                        if self.config.stereo and name == "RENDER":
+                            self._next_pass(m, rows)
                     self._stop(m, stops, bites)
             with m.State("DRAIN"):
                 m.d.comb += [self.phase.eq(Phase.DRAIN), self.abort_bus.eq(1)]
@@ -126,6 +135,21 @@ class FrameController(wiring.Component):
                     m.d.comb += self.finished.eq(1)
                     m.next = "IDLE"
         return m
+
+    def _begin(self, m: Module, rows: Signal) -> None:
+        """Units forget what was before; tiles are counted."""
+        m.d.comb += self.clear.eq(1)
+        m.d.sync += [
+            self.tiles_x.eq((self.width + TILE - 1) >> _TILE_SHIFT), rows.eq((self.height + TILE - 1) >> _TILE_SHIFT),
+            self.tile_count.eq(0)]
+
+    def _next_pass(self, m: Module, rows: Signal) -> None:
+        """The source eye is in memory: the same again for the target eye."""
+        with m.If(self.stereo & ~self.target):
+            m.d.comb += [self.finished.eq(0), self.next_pass.eq(1)]
+            m.d.sync += self.target.eq(1)
+            self._begin(m, rows)
+            m.next = "CLEAR"
 
     def _stop(self, m: Module, stops: Signal, bites: Signal) -> None:
         """Leaves a phase when a unit has failed or the host aborts; the unit's reason goes before the host's."""
