@@ -30,7 +30,8 @@ from spec.constants import AMP_MAX  # noqa: E402
 
 UP = np.array([0.0, 0.0, 1.0])
 POOLING = (1.0, 3.0, 7.0, 12.0)
-QUICK = LevelOptions(iterations=12, interval=3, patience=1, share=3, pooling=POOLING)
+QUICK = LevelOptions(
+    iterations=12, interval=3, patience=1, share=3, rate_opacity=0.1, rate_log_amp=0.4, rate_sh_dc=0.02, pooling=POOLING)
 
 
 @pytest.fixture(scope="module")
