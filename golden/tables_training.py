@@ -36,7 +36,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
     add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
     add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
-    add("--work", default="build/tables-training/work", metavar="DIR", help="checkpoints and simulated frames")
+    add("--work", default="build/tables-training/kept", metavar="DIR", help="checkpoints and simulated frames")
     add("--out", default="build/tables-training", metavar="DIR", help="of NAME.md, NAME.json and NAME.png")
     add("--name", default="tables", help="of those files (default: tables)")
     return parser.parse_args(argv)
