@@ -13,10 +13,11 @@ from tb.axi.suite import REGISTER_SCENARIOS, VARIANTS, Registers, full_plan, run
 from tb.common.runner import ROOT
 
 
-@pytest.mark.parametrize("unit", ["master", "registers"])
-def test_every_scenario(unit):
-    plan = [item for item in full_plan(TINY, 1, 120) if isinstance(item, Registers) == (unit == "registers")]
-    outcome = run_plan(TINY, plan, ROOT / "build" / "test" / "axi")
+@pytest.mark.parametrize(("unit", "variant"), [("master", "tiny"), ("registers", "tiny"), ("registers", "stereo")])
+def test_every_scenario(unit, variant):
+    config = VARIANTS[variant]
+    plan = [item for item in full_plan(config, 1, 120) if isinstance(item, Registers) == (unit == "registers")]
+    outcome = run_plan(config, plan, ROOT / "build" / "test" / f"axi-{variant}")
     assert outcome.failures == {} and outcome.runs == len(plan)
 
 

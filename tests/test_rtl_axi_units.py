@@ -18,8 +18,9 @@ from rtl.axi.lite import LiteSlave
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
+from spec import registers
 from spec.config import TINY
-from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, Phase
+from spec.registers import READ_CLIENTS, Phase
 
 
 def simulate(dut, bench) -> None:
@@ -182,16 +183,18 @@ def test_stage_counters_add_up():
     simulate(dut, bench)
 
 
-def test_performance_counters_count_what_their_names_say():
-    rng, dut = random.Random(2), PerformanceCounters(TINY)
+@pytest.mark.parametrize("config", [TINY, TINY.with_(stereo=True)], ids=["tiny", "stereo"])
+def test_performance_counters_count_what_their_names_say(config):
+    rng, dut = random.Random(2), PerformanceCounters(config)
+    stages, writers, names_of_events = registers.stages(config), registers.write_clients(config), registers.events(config)
 
     async def bench(ctx):
         wanted = Counter()
         for step in range(300):
             phase = rng.choice(list(Phase))
-            valid, ready = rng.getrandbits(len(STAGES)), rng.getrandbits(len(STAGES))
-            reader, writer = rng.randrange(len(READ_CLIENTS) + 1), rng.randrange(len(WRITE_CLIENTS) + 1)
-            events = {name: rng.getrandbits(16) for name in EVENTS}
+            valid, ready = rng.getrandbits(len(stages)), rng.getrandbits(len(stages))
+            reader, writer = rng.randrange(len(READ_CLIENTS) + 1), rng.randrange(len(writers) + 1)
+            events = {name: rng.getrandbits(16) for name in names_of_events}
             ctx.set(dut.phase, phase)
             ctx.set(dut.stage_valid, valid)
             ctx.set(dut.stage_ready, ready)
@@ -200,14 +203,17 @@ def test_performance_counters_count_what_their_names_say():
             ctx.set(dut.events, events)
             ctx.set(dut.finished, step % 3 == 0)
             ctx.set(dut.clear, step == 100)
+            if config.stereo:
+                ctx.set(dut.target, step % 7 < 3)
             await ctx.tick()
             active = phase != Phase.IDLE
+            wanted.update({"cycles_target": active} if config.stereo and step % 7 < 3 else {})
             wanted.update(events if step % 3 == 0 else {})
             wanted.update({"cycles_total": active, "frames": step % 3 == 0, f"cycles_{phase.name.lower()}": 1})
-            for i, stage in enumerate(STAGES):
+            for i, stage in enumerate(stages):
                 what = "starved" if not valid >> i & 1 else "busy" if ready >> i & 1 else "blocked"
                 wanted[f"{stage}_{what}"] += active
-            for total, names, client in (("read_beats", READ_CLIENTS, reader), ("write_beats", WRITE_CLIENTS, writer)):
+            for total, names, client in (("read_beats", READ_CLIENTS, reader), ("write_beats", writers, writer)):
                 if client:
                     wanted.update([total, f"{total}_{names[client - 1]}"])
             if step == 100:

@@ -86,5 +86,5 @@ def master_design(config: AcceleratorConfig) -> Design:
 @cache
 def register_design(config: AcceleratorConfig) -> Design:
     """The register file of a configuration."""
-    name = "axi-registers" if config.counters else "axi-registers-without-counters"
+    name = f"axi-registers{'' if config.counters else '-without-counters'}{'-stereo' if config.stereo else ''}"
     return _design(name, "register_file", emitted("register_file", config, emit_register_file))

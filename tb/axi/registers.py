@@ -364,7 +364,7 @@ async def scenarios(dut: object) -> None:
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
     bus = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), dut.clk, dut.rst)
     for order in orders:
-        config = CONFIGS[order["config"]].with_(counters=order["counters"])
+        config = CONFIGS[order["config"]].with_(counters=order["counters"], stereo=order["stereo"])
         await restart(dut)
         host = Host(dut, bus, config, order["pauses"], order["seed"])
         watching, begin = cocotb.start_soon(host.watch()), get_sim_time("ns")

@@ -14,10 +14,11 @@ from tb.common.exact import Outcome
 from tb.common.patterns import Pattern
 from tb.common.runner import Waves, simulate
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "without_counters": TINY.with_(counters=False)}
-"""Machines that can be tested; only `counters` and number formats, which are the same everywhere, matter here."""
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "without_counters": TINY.with_(counters=False), "stereo": TINY.with_(stereo=True)}
+"""Machines that can be tested; only `counters`, `stereo` and number formats, which are the same everywhere, matter here."""
 
-DISTINCT = ("tiny", "without_counters")
+DISTINCT = ("tiny", "without_counters", "stereo")
 
 REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
 """Of `tb.axi.registers`."""
@@ -66,6 +67,7 @@ class Registers:
     seed: int
     config: str
     counters: bool
+    stereo: bool
 
 
 Planned = Scenario | Registers
@@ -137,13 +139,14 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
 def register_plan(config: AcceleratorConfig, seed: int) -> list[Registers]:
     """Every scenario, without pauses and with."""
     return [
-        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, "tiny", config.counters)
+        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, "tiny", config.counters,
+                  config.stereo)
         for scenario in REGISTER_SCENARIOS for i, pauses in enumerate((0.0, 0.5))]
 
 
 def full_plan(config: AcceleratorConfig, seed: int, count: int = 400) -> list[Planned]:
-    """Both units; the master is the same with and without counters."""
-    return [*(master_plan(seed, count) if config.counters else ()), *register_plan(config, seed)]
+    """Both units; the master is the same in all variants."""
+    return [*(master_plan(seed, count) if config.counters and not config.stereo else ()), *register_plan(config, seed)]
 
 
 def run_plan(
