@@ -32,7 +32,7 @@ frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFI
 	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
-sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
+sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
 		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
 

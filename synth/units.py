@@ -39,6 +39,8 @@ from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.row import VrcRow
 from rtl.vrc_array.setup import SetupUnit
 from rtl.vrc_array.splat_fetch import SplatFetch
+from rtl.warp_unit.disparity import disparity_divider
+from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import DEFAULT, PAPER, AcceleratorConfig, NumberFormats
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS
 
@@ -116,6 +118,8 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer),
     "splat_fetch": Unit(SplatFetch),
     "pixel_writer": Unit(PixelWriter),
+    "warp_divider": Unit(disparity_divider),
+    "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True))),
     "axi_master": Unit(lambda config: AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS))),
     "register_file": Unit(RegisterFile),
     "frame_controller": Unit(FrameController),

@@ -21,6 +21,7 @@ from tb.tiles import suite as tiles
 from tb.tmu import suite as tmu
 from tb.top import suite as top
 from tb.vrc import suite as vrc
+from tb.warp import suite as warp
 from tb.writer import suite as writer
 
 UNITS = {
@@ -30,11 +31,12 @@ UNITS = {
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
+    "warp": {"warp": warp},
     "axi": {"axi": axi},
     "top": {"top": top},
 }
 """What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
-unit; sorters and what hands over to the array; splat fetch, array and pixel writer; bus and registers; the machine."""
+unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the machine."""
 
 
 def parse_window(text: str) -> tuple[int, int]:

@@ -1,0 +1,119 @@
+"""Where a pixel of the source eye goes: its disparity, its column in the target eye, and how near it is.
+
+The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the quotient it is wider than any frame, and the
+pixel is dropped; so are pixels whose coverage lies between the background's and that of a solid one, and those that leave
+the frame. Rounded to whole pixels, half up, it is added where the source is the right eye, else subtracted::
+
+    stage   1            2            3 .. 3 + Q - 1       Q + 3            Q + 4
+            class,       S w          long division,       column, key      inside the frame?
+            S w's half                Q bits
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.pipeline import Pipeline, Staged
+from rtl.vrc_array.pixel_writer import display_byte
+from rtl.warp_unit.divider import Divider
+from rtl.warp_unit.queue import place_layout, source_layout
+from spec.config import AcceleratorConfig
+from spec.memory import frame_settings
+from spec.stereo import (
+    DISPARITY_FRAC,
+    DISPARITY_SCALE_BITS,
+    background_transmittance,
+    disparity,
+    solid_transmittance,
+    weight_shift,
+)
+
+
+def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A pixel on its way into a lane's part of the strip: of WarpPixel, what is not the same for the whole lane."""
+    return data.StructLayout({
+        "place": place_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
+
+
+def disparity_latency(config: AcceleratorConfig) -> int:
+    """Cycles through the unit."""
+    return disparity(config).width + 4
+
+
+def disparity_divider(config: AcceleratorConfig) -> Divider:
+    """S w by d."""
+    n = config.formats
+    return Divider(numerator_bits=DISPARITY_SCALE_BITS + n.weight.width, divisor_bits=n.depth_accumulator.width,
+                   quotient_bits=disparity(config).width)
+
+
+class Disparity(wiring.Component):
+    """A pixel of the source eye to where it goes.
+
+    Parameters:
+        config: the machine; `row_width` matters here, and `warp_lanes` for the places.
+
+    Ports:
+        load: a pixel is at the input; without it the stages keep what they hold.
+        place, pixel: the pixel, which lies in the frame.
+        width, disparity_scale, source_right: settings of the frame.
+        moved: the pixel, `disparity_latency` cycles later; `keep` is low for those that are dropped, and where none is.
+
+    Throughput: one a cycle; it never waits. Latency: 23 cycles for PAPER.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "load": In(1), "place": In(place_layout(config)), "pixel": In(source_layout(config)),
+            "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
+            "disparity_scale": In(DISPARITY_SCALE_BITS), "source_right": In(1), "moved": Out(moved_layout(config)),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        n, p = self.config.formats, Pipeline(m, load=self.load)
+        loads = p.control("load", self.load)
+        t = p.data("transmittance", self.pixel.transmittance)
+        background = p.reg("background", lambda t: t >= background_transmittance(n), t)
+        may = p.reg("may", lambda load, t: load & ((t >= background_transmittance(n)) | (t <= solid_transmittance(n))),
+                    loads, t)
+        colour = p.reg("colour", lambda c: Cat(display_byte(c.word_select(i, n.accumulator.width), n.accumulator)
+                                               for i in range(3)), p.data("sums", self.pixel.colour.as_value()))
+        raw, over = self._quotient(m, p, loads, t)
+        may = p.reg("fits", lambda may, over, background: may & (~over | background), may, over, background)
+        key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, background)
+        x = p.reg("x", self._column, raw, background, p.data("column", self.place.x))
+        keep = p.reg("keep", lambda may, x: may & (x >= 0) & (x < self.width), may, x)
+        end, moved = keep.stage, self.moved
+        m.d.comb += [
+            moved.keep.eq(keep.value), moved.place.x.eq(x.at(end)), moved.key.eq(key.at(end)),
+            moved.place.sub.eq(p.data("sub", self.place.sub).at(end)), moved.colour.as_value().eq(colour.at(end))]
+        if end != disparity_latency(self.config):
+            raise AssertionError(f"{end} stages, not {disparity_latency(self.config)}")
+        return m
+
+    def _quotient(self, m: Module, p: Pipeline, loads: Staged, t: Staged) -> tuple[Staged, Staged]:
+        """The raw disparity, and whether it is too wide, which is known long before."""
+        n = self.config.formats
+        weight = t.map(lambda t: (~t)[weight_shift(n) :])  # the first T, all ones, less the last
+        half = n.weight.width // 2
+        low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
+        product = p.reg("product", lambda low, w: Cat(low[:half], low[half:] + self.disparity_scale * w[half:]), low, weight)
+        m.submodules.divider = divider = disparity_divider(self.config)
+        start = product.stage
+        m.d.comb += [
+            divider.load.eq(loads.at(start)), divider.numerator.eq(product.value),
+            divider.divisor.eq(p.data("depth", self.pixel.depth).at(start))]
+        return (Staged(p, "quotient", divider.quotient, start + divider.latency, False),
+                Staged(p, "over", divider.over, start + 1, False))
+
+    def _column(self, raw: Value, background: Value, x: Value) -> Value:
+        """x plus or minus the disparity rounded; -((r - h) / 2h rounded up) = ~(r >> n) + 1 less whether r is past the half."""
+        left = ~self.source_right
+        whole, above = raw[DISPARITY_FRAC:], raw[DISPARITY_FRAC - 1]
+        past = above & (self.source_right | raw[: DISPARITY_FRAC - 1].any())
+        whole, past = Mux(background, 0, whole), past & ~background
+        return x + (Cat(whole, Const(0, 1)) ^ left.replicate(len(whole) + 1)).as_signed() + (past ^ left)

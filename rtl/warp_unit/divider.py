@@ -1,0 +1,67 @@
+"""Quotients of integers, floored: long division, a bit of the quotient a stage.
+
+A stage doubles the remainder, takes in the next bit of the numerator and subtracts the divisor where that leaves no negative
+number. A quotient of 19 bits takes 19 subtractions of 19 bits; a table, Newton's step and an exact residual would take three
+products of as many bits each.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.pipeline import Pipeline
+
+
+class Divider(wiring.Component):
+    """`quotient` = floor(numerator / divisor).
+
+    Parameters:
+        numerator_bits, divisor_bits, quotient_bits: widths; the numerator is wider than the quotient, by the divisor's bits at
+            most.
+
+    Ports:
+        load: operands are at the input; without it the stages keep what they hold.
+        numerator, divisor: unsigned.
+        over: a cycle after the operands: the quotient needs more bits, or the divisor is 0; the quotient then means nothing.
+        quotient: `quotient_bits` cycles after the operands.
+
+    Throughput: one a cycle; it never waits.
+    """
+
+    def __init__(self, *, numerator_bits: int, divisor_bits: int, quotient_bits: int):
+        widths = {"divisor_bits": divisor_bits, "quotient_bits": quotient_bits, "numerator_bits": numerator_bits}
+        for name, bits in widths.items():
+            if not isinstance(bits, int) or isinstance(bits, bool):
+                raise TypeError(f"{name} must be an integer, not {bits!r}")
+            if bits < 1:
+                raise ValueError(f"{name} must be 1 or more, not {bits!r}")
+        if not quotient_bits < numerator_bits <= quotient_bits + divisor_bits:
+            raise ValueError(f"numerator_bits must be in {quotient_bits + 1}..{quotient_bits + divisor_bits}, "
+                             f"not {numerator_bits!r}")
+        self.latency = quotient_bits
+        super().__init__({
+            "load": In(1), "numerator": In(numerator_bits), "divisor": In(divisor_bits), "over": Out(1),
+            "quotient": Out(quotient_bits),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        p = Pipeline(m, load=self.load)
+        divisor = p.data("divisor", self.divisor)
+        remainder = p.data("remainder", self.numerator[self.latency :])  # below the divisor, or the quotient is over
+        rest = p.data("rest", self.numerator[: self.latency])  # the numerator's bits from the top, the quotient's from below
+        m.d.comb += self.over.eq(p.reg("over", lambda r, d: r >= d, remainder, divisor).value)
+        for _ in range(self.latency):
+            bits = len(self.divisor)
+
+            def step(remainder, rest, divisor, bits=bits):
+                doubled = Cat(rest[-1], remainder)
+                less = doubled - divisor
+                return Cat(~less[-1], rest[:-1], Mux(less[-1], doubled[:bits], less[:bits]))
+
+            both = p.reg("step", step, remainder, rest, divisor)
+            rest, remainder = both.map(lambda v: v[: self.latency]), both.map(lambda v: v[self.latency :])
+        m.d.comb += self.quotient.eq(rest.value)
+        return m

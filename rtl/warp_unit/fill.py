@@ -1,0 +1,98 @@
+"""The median of a hole's neighbours, for each channel: found bit by bit from the top.
+
+Of the neighbours that are still alive, those with a 0 in the bit lie below those with a 1. If they are more than `rank`, the
+wanted one is among them and has a 0; else it has a 1, and as many lie below it as there were zeros. Those on the other side are
+alive no more. Two bits a stage; where the neighbours are few of the eight, the others are not alive from the start.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.pipeline import Pipeline, Staged
+from rtl.warp_unit.window import NEIGHBOURS, group_members, slot_layout
+from spec.config import AcceleratorConfig
+
+_BITS_A_STAGE = 2
+
+FILL_LATENCY = 1 + 8 // _BITS_A_STAGE
+"""Cycles through the unit."""
+
+
+def filled_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A slot, and the colour of the hole that is filled in it."""
+    return data.StructLayout({**group_members(config), "colour": data.ArrayLayout(8, 3)})
+
+
+class Fill(wiring.Component):
+    """Slots with a hole's neighbours to slots with its colour.
+
+    Parameters:
+        config: the machine; `warp_lanes` matters here.
+
+    Ports:
+        slots: groups and their holes.
+        filled: the same, in the same order.
+        busy: a slot is inside.
+
+    Throughput: a slot a cycle. Latency: 5 cycles. All stages wait where the last one does.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "slots": In(stream.Signature(slot_layout(config))), "filled": Out(stream.Signature(filled_layout(config))),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        slot, advance = self.slots.payload, Signal()
+        m.d.comb += [advance.eq(~self.filled.valid | self.filled.ready), self.slots.ready.eq(advance)]
+        group = Pipeline(m, load=self.slots.valid, advance=advance)
+        hole = Pipeline(m, load=self.slots.valid & slot.fills, advance=advance)
+        valid = group.control("valid", self.slots.valid)
+        m.d.comb += [self.filled.valid.eq(valid.at(FILL_LATENCY)),
+                     self.busy.eq(Cat(valid.at(stage) for stage in range(1, FILL_LATENCY + 1)).any())]
+        for name in group_members(self.config):
+            value = slot[name] if isinstance(slot[name], Value) else slot[name].as_value()
+            target = self.filled.payload[name]
+            m.d.comb += (target if isinstance(target, Value) else target.as_value()).eq(
+                group.data(name, value).at(FILL_LATENCY))
+        alive = hole.data("alive", Cat(pixel.valid for pixel in slot.around))
+        rank = hole.data("rank", slot.rank)
+        for channel in range(3):
+            planes = [hole.data(f"plane_{channel}_{bit}", Cat(pixel.colour[channel][bit] for pixel in slot.around))
+                      for bit in range(8)]
+            m.d.comb += self.filled.payload.colour[channel].eq(_median(m, hole, channel, alive.to(1), rank.to(1), planes))
+        return m
+
+
+def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, planes: list[Staged]) -> Value:
+    """The value of that rank among those alive, 0 the smallest; `planes` are their bits, lowest first."""
+    found: list[Staged] = []
+    for top in range(7, -1, -_BITS_A_STAGE):
+        def stage(alive: Value, rank: Value, *planes: Value) -> Value:
+            bits = []
+            for plane in planes:
+                alive, rank, bit = _halved(m, alive, rank, plane)
+                bits.insert(0, bit)
+            return Cat(alive, rank, *bits)
+
+        both = p.reg(f"median_{channel}", stage, alive, rank, *(planes[top - i] for i in range(_BITS_A_STAGE)))
+        alive, rank, bits = (both.map(lambda v, a=a, b=b: v[a:b]) for a, b in (
+            (0, len(NEIGHBOURS)), (len(NEIGHBOURS), -_BITS_A_STAGE), (-_BITS_A_STAGE, None)))
+        found.insert(0, bits)
+    return Cat(bits.at(both.stage) for bits in found)
+
+
+def _halved(m: Module, alive: Value, rank: Value, plane: Value) -> tuple[Value, Value, Value]:
+    """Who is alive after a bit, the rank among them, and the bit of the one wanted."""
+    zeros = Signal(range(len(NEIGHBOURS) + 1))
+    alive_next, rank_next, bit = Signal.like(alive), Signal.like(rank), Signal()
+    m.d.comb += [
+        zeros.eq(sum(alive & ~plane)), bit.eq(rank >= zeros), alive_next.eq(alive & (plane ^ ~bit.replicate(len(plane)))),
+        rank_next.eq(Mux(bit, rank - zeros, rank))]
+    return alive_next, rank_next, bit

@@ -1,0 +1,111 @@
+"""A lane's rows of pixels, waiting, and their pixels one by one.
+
+The row in work stays at the memory's read port, which keeps what it has read until it reads again, so that no register holds
+it::
+
+    cycle            0      1      2      3      4      5      6      rows of 2 pixels
+    push         ~~~~~~~~~~~~~~
+    row          <  A  ><  B  >
+    read                ~~~~~~~       ~~~~~~~
+    pixel                      < A0  >< A1  >< B0  >< B1  >
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import shape
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+
+
+def column_bits(config: AcceleratorConfig) -> int:
+    """Bits of a column of a frame."""
+    return (config.row_width - 1).bit_length()
+
+
+def sub_rows(config: AcceleratorConfig) -> int:
+    """Rows of a strip that a lane works on: r, r + warp_lanes, ..."""
+    return TILE // config.warp_lanes
+
+
+def sub_bits(config: AcceleratorConfig) -> int:
+    """Bits of the number of a lane's row."""
+    return (sub_rows(config) - 1).bit_length()
+
+
+def source_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What a PixelRow says of a pixel."""
+    n = config.formats
+    return data.StructLayout({
+        "colour": data.ArrayLayout(shape(n.accumulator), 3), "depth": shape(n.depth_accumulator),
+        "transmittance": shape(n.transmittance)})
+
+
+def place_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Where a pixel is: its row among the lane's, its column in the frame. Read as a number it is dense, whatever the width."""
+    return data.StructLayout({"sub": sub_bits(config), "x": column_bits(config)})
+
+
+def row_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A row of pixels: the first one's place, the last that lies in the frame, and all of them."""
+    return data.StructLayout({
+        "place": place_layout(config), "last": range(config.cores_x),
+        "pixels": data.ArrayLayout(source_layout(config), config.cores_x)})
+
+
+def queue_rows(config: AcceleratorConfig) -> int:
+    """Rows that a lane's queue holds besides the one in work: a tile's, and two at least."""
+    return max(2, sub_rows(config) * TILE // config.cores_x)
+
+
+class RowQueue(wiring.Component):
+    """Rows to pixels.
+
+    Parameters:
+        config: the machine; `cores_x`, `row_width` and `warp_lanes` matter here.
+
+    Ports:
+        push: strobe, `row` comes; only while there is `room`.
+        valid, place, pixel: a pixel of the frame; whoever is behind takes it in that cycle.
+        busy: a row is inside.
+
+    Storage: `queue_rows`, for PAPER 4 of 1,265 bits. Throughput: a pixel a cycle. Latency: 2 cycles. Order: as they come.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "push": In(1), "row": In(row_layout(config)), "room": Out(1), "valid": Out(1), "place": Out(place_layout(config)),
+            "pixel": Out(source_layout(config)), "busy": Out(1),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        depth = queue_rows(self.config)
+        m.submodules.store = store = memory.Memory(shape=row_layout(self.config), depth=depth, init=[])
+        write, read = store.write_port(), store.read_port()
+        waiting, shown, index = Signal(range(depth + 1)), Signal(), Signal(range(self.config.cores_x))
+        ends, pops = Signal(), Signal()
+        head = read.data
+        m.d.comb += [
+            self.room.eq(waiting != depth),
+            write.en.eq(self.push), write.data.eq(self.row),
+            ends.eq(index == head.last),
+            pops.eq(waiting.any() & (ends | ~shown)),
+            read.en.eq(pops),
+            self.valid.eq(shown), self.pixel.eq(head.pixels[index]),
+            self.place.sub.eq(head.place.sub), self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
+            self.busy.eq(shown | waiting.any()),
+        ]
+        m.d.sync += [waiting.eq(waiting + self.push - pops), shown.eq(pops | shown & ~ends)]
+        with m.If(shown):
+            m.d.sync += index.eq(Mux(ends, 0, index + 1))
+        for moves, address in ((self.push, write.addr), (pops, read.addr)):
+            place = Signal(range(depth), name=f"{'write' if moves is self.push else 'read'}_place")
+            m.d.comb += address.eq(place)
+            with m.If(moves):
+                m.d.sync += place.eq(place + 1)  # a power of two
+        return m

@@ -1,0 +1,193 @@
+"""The closed strip, column by column: every pixel with its neighbours, and the holes that they fill one by one.
+
+Pixels follow each other down a column and then to the next, `warp_lanes` a step, through a chain of registers in which a
+pixel's neighbours are always the same distance away: 1, 15, 16 and 17 pixels before it and behind. What lies above a strip's
+first row or below its last is no neighbour; beyond its first and last column come groups of pixels without any.
+
+A group at the chain's middle leaves in a slot; where it has holes to fill, in a slot for each, and the chain waits::
+
+    cycle            0      1      2      3      4      5      6      7
+    middle       <  A  ><  B  ><  B  ><  B  ><  C  ><  D  >            B has three holes to fill, C has one
+    hole                < B0  >< B1  >< B3  >< C2  >
+    slots.last   ~~~~~~~______________~~~~~~~~~~~~~~~~~~~~~
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+from typing import NamedTuple
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.warp_unit.bank import kept_layout
+from rtl.warp_unit.queue import column_bits, place_layout, sub_rows
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import frame_settings
+from spec.stereo import FILL_NEIGHBOURS
+
+NEIGHBOURS = tuple(TILE * dx + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1) if (dx, dy) != (0, 0))
+"""How many pixels later in the scan a pixel's neighbours come."""
+
+RANK_BITS = 2
+"""Bits of the median's place among 5 to 8 neighbours in order: 2 or 3."""
+
+
+def painted_layout() -> data.StructLayout:
+    """A pixel of the target eye; `covered` where it is neither background nor a hole."""
+    return data.StructLayout({"colour": data.ArrayLayout(8, 3), "covered": 1})
+
+
+def group_members(config: AcceleratorConfig) -> dict[str, object]:
+    """What is known of `warp_lanes` pixels of a column, and of one of them that is filled: `lane`, where `fills`."""
+    lanes = config.warp_lanes
+    return {
+        "pixels": data.ArrayLayout(painted_layout(), lanes), "holes": lanes, "fills": 1, "lane": range(lanes), "last": 1,
+        "left": 1, "warped": range(lanes + 1)}
+
+
+def slot_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A group of pixels, `last` in its last slot.
+
+    `holes` are those that are filled; `left`: a hole that is not; `warped`: how many pixels are none. Of the hole that is
+    filled in this slot: which it is, the neighbours it has, and the median's rank among them.
+    """
+    neighbour = data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1})
+    return data.StructLayout({
+        **group_members(config), "around": data.ArrayLayout(neighbour, len(NEIGHBOURS)), "rank": RANK_BITS})
+
+
+class _Pixel(NamedTuple):
+    """A pixel of the chain, as `kept_layout`."""
+
+    colour: Value
+    valid: Value
+    solid: Value
+
+
+class Window(wiring.Component):
+    """A strip's pixels with their neighbours.
+
+    Parameters:
+        config: the machine; `row_width` and `warp_lanes` matter here.
+
+    Ports:
+        start: strobe before a strip, after which `run` rises.
+        run: high until all slots have left, and what follows them is empty.
+        width, rows: columns of the frame, rows of the strip that lie in it.
+        read, place, kept: the closed strip of every lane's bank. clear, clear_place: what was read.
+        slots: the groups, down every column, left to right.
+
+    Storage: 38 pixels of 26 bits for 4 lanes. Throughput: a group a cycle where it has no more than one hole to fill, else a
+    cycle a hole. Latency: a column and 3 cycles, and as many without a group at a strip's end.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "start": In(1), "run": In(1), "rows": In(range(TILE + 1)),
+            "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
+            "read": Out(1), "place": Out(place_layout(config)), "kept": In(kept_layout(config)).array(config.warp_lanes),
+            "clear": Out(1), "clear_place": Out(place_layout(config)),
+            "slots": Out(stream.Signature(slot_layout(config))),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        step, real = Signal(), Signal(sub_rows(self.config) + 2)
+        fetched = self._fetch(m, step)
+        with m.If(step):
+            m.d.sync += real.eq(Cat(fetched, real))
+        pixels = self._chain(m, step, fetched)
+        sub = Signal(range(sub_rows(self.config)))
+        with m.If(self.start):
+            m.d.sync += sub.eq(0)
+        with m.Elif(step & real[-1]):
+            m.d.sync += sub.eq(sub + 1)
+        last = self._slots(m, pixels, sub, real[-1])
+        m.d.comb += step.eq(self.run & (~real[-1] | self.slots.ready & last))
+        return m
+
+    def _fetch(self, m: Module, step: Signal) -> Signal:
+        """Reads all places, one a step; whether memory has given one."""
+        place, more, fetched = Signal(place_layout(self.config)), Signal(), Signal()
+        x, sub = place.x, place.sub
+        sub_ends = sub == sub_rows(self.config) - 1
+        m.d.comb += [self.read.eq(step & more), self.place.eq(place)]
+        m.d.sync += [self.clear.eq(self.read), self.clear_place.eq(place)]
+        with m.If(self.start):
+            m.d.sync += [place.eq(0), more.eq(1)]
+        with m.Elif(step):
+            m.d.sync += [fetched.eq(more), sub.eq(sub + 1)]
+            with m.If(sub_ends):
+                m.d.sync += x.eq(x + 1)
+                with m.If(x == (self.width - 1)[: column_bits(self.config)]):
+                    m.d.sync += more.eq(0)
+        return fetched
+
+    def _chain(self, m: Module, step: Signal, fetched: Signal) -> dict[int, _Pixel]:
+        """The pixels by how much later they come than the first of the group in the middle."""
+        lanes, reach = self.config.warp_lanes, sub_rows(self.config) + 1
+        before: list[_Pixel] = [_Pixel(kept.colour.as_value(), kept.valid & fetched, kept.solid) for kept in self.kept]
+        pixels: dict[int, _Pixel] = {}
+        for group in range(reach, -reach - 1, -1):
+            now = []
+            for lane, pixel in enumerate(before):
+                at = group * lanes + lane
+                name = f"pixel_{'before' if at < 0 else 'behind'}_{abs(at)}"
+                pixels[at] = after = _Pixel(
+                    Signal(24, name=f"{name}_colour", reset_less=True), Signal(name=f"{name}_valid"),
+                    Signal(name=f"{name}_solid", reset_less=True))
+                with m.If(step):
+                    m.d.sync += [a.eq(b) for a, b in zip(after, pixel, strict=True)]
+                now.append(after)
+            before = now
+        return pixels
+
+    def _slots(self, m: Module, pixels: dict[int, _Pixel], sub: Signal, real: Value) -> Value:
+        """The slots of the group in the middle; whether this is its last one."""
+        lanes, slot = range(self.config.warp_lanes), self.slots.payload
+        neighbours, counts = zip(*(self._around(m, pixels, lane, sub) for lane in lanes), strict=True)
+        valid = Cat(pixels[lane].valid for lane in lanes)
+        fillable, done, todo, pick = (Signal(len(lanes), name=name) for name in ("fillable", "done", "todo", "pick"))
+        inside = Cat((Cat(Const(lane, len(lanes).bit_length() - 1), sub) < self.rows) for lane in lanes)
+        last = ~(todo & ~pick).any()
+        m.d.comb += [
+            todo.eq(fillable & ~done), pick.eq(todo & ~(todo - 1)),
+            fillable.eq(~valid & Cat(count >= FILL_NEIGHBOURS for count in counts)),
+            self.slots.valid.eq(real & self.run),
+            slot.holes.eq(fillable), slot.fills.eq(todo.any()), slot.last.eq(last),
+            slot.left.eq((~valid & ~fillable & inside).any()), slot.warped.eq(sum(valid)),
+            slot.lane.eq(Cat(Cat(pick[lane] for lane in lanes if lane >> bit & 1).any()
+                             for bit in range(len(lanes).bit_length() - 1))),
+            slot.around.as_value().eq(_picked(pick, [Cat(around) for around in neighbours])),
+            slot.rank.eq(_picked(pick, [((count - 1) >> 1)[:RANK_BITS] for count in counts])),
+        ]
+        for lane in lanes:
+            pixel = pixels[lane]
+            m.d.comb += [slot.pixels[lane].colour.as_value().eq(Mux(pixel.valid, pixel.colour, 0)),
+                         slot.pixels[lane].covered.eq(pixel.valid & pixel.solid)]
+        with m.If(self.slots.valid & self.slots.ready):
+            m.d.sync += done.eq(Mux(last, 0, done | pick))
+        return last
+
+    def _around(self, m: Module, pixels: dict[int, _Pixel], lane: int, sub: Signal) -> tuple[list[Value], Value]:
+        """A lane's neighbours in the strip, and how many they are."""
+        above = sub.any() if lane == 0 else Const(1, 1)
+        below = sub != sub_rows(self.config) - 1 if lane == self.config.warp_lanes - 1 else Const(1, 1)
+        around, valid = [], []
+        for offset in NEIGHBOURS:
+            pixel, dy = pixels[lane + offset], (offset + 1) % TILE - 1
+            valid.append(pixel.valid & {-1: above, 0: Const(1, 1), 1: below}[dy])
+            around.append(Cat(pixel.colour, valid[-1]))
+        count = Signal(range(len(NEIGHBOURS) + 1), name=f"count_{lane}")
+        m.d.comb += count.eq(sum(valid))
+        return around, count
+
+
+def _picked(pick: Value, values: list[Value]) -> Value:
+    """The value whose bit of `pick` is set; 0 where none is."""
+    return reduce(or_, (Mux(pick[i], value, 0) for i, value in enumerate(values)))

@@ -1,0 +1,6 @@
+"""Unit test of the warp unit (`rtl.warp_unit`) against the golden renderer's target eye.
+
+    device      the unit between files, with a memory that is idle some cycles after its last write
+    stimuli     frames that meet every case, as the array's rows; the target eye's as beats and tiles
+    suite       what is run, in which configurations
+"""

@@ -1,0 +1,94 @@
+"""The warp unit between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle, tiles read
+one by one when the frame is finished."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from rtl.warp_unit.warp_unit import EVENTS, WarpUnit
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, write_request
+from spec.queues import COUNTER_BITS
+from spec.records import frame_tiles, pixel_row
+from spec.stereo import DISPARITY_SCALE_BITS, warped_tile
+from tb.common.playback import Playback, Stream
+
+IDLE_AFTER = 9
+"""Cycles after a write until the memory says that it is idle."""
+
+_SETTINGS = (("width", 14), ("height", 14), ("source_right", 1), ("disparity_scale", DISPARITY_SCALE_BITS),
+             ("target_frame_base", BEAT_BITS))
+
+_OBSERVED = (*((name, COUNTER_BITS) for name in EVENTS), ("finished", 1), ("busy", 1), ("early", 1))
+
+
+class WarpBench(wiring.Component):
+    """The unit; `begin` is high for a cycle where the setting `frame` changes.
+
+    `tiles` are the first `tile_count` bits of the mask, once the frame is finished. `early` stays high once `finished` was high
+    within IDLE_AFTER cycles after a write: it then came too soon.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({
+            "rows": In(stream.Signature(layout(pixel_row(config)))),
+            "writes": Out(stream.Signature(layout(write_request(config)))),
+            "tiles": Out(stream.Signature(layout(warped_tile(config)))),
+            **{name: In(bits) for name, bits in _SETTINGS},
+            **{name: Out(bits) for name, bits in _OBSERVED},
+            "tile_count": In(range(frame_tiles(config) + 1)), "frame": In(8),
+        })
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.unit = unit = WarpUnit(self.config)
+        wiring.connect(m, wiring.flipped(self.rows), unit.rows)
+        wiring.connect(m, unit.writes, wiring.flipped(self.writes))
+        before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
+        written = self.writes.valid & self.writes.ready
+        m.d.comb += [
+            *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _SETTINGS),
+            *(getattr(self, name).eq(getattr(unit, name)) for name in (*EVENTS, "finished", "busy")),
+            unit.begin.eq(before != self.frame),
+            unit.writes_idle.eq(wait == 0),
+        ]
+        m.d.sync += [before.eq(self.frame), finished.eq((finished | unit.finished) & ~unit.begin)]
+        with m.If(written):
+            m.d.sync += wait.eq(IDLE_AFTER)
+        with m.Elif(wait.any()):
+            m.d.sync += wait.eq(wait - 1)
+        m.d.sync += self.early.eq((self.early | finished & (written | wait.any())) & ~unit.begin)
+        self._tiles(m, unit)
+        return m
+
+    def _tiles(self, m: Module, unit: WarpUnit) -> None:
+        """A tile's bit every three cycles."""
+        tile, asked, known = Signal(range(frame_tiles(self.config) + 1)), Signal(), Signal()
+        m.d.comb += [
+            unit.tile.eq(tile), self.tiles.valid.eq(known), self.tiles.payload.tile.eq(tile)]
+        with m.If(known):
+            with m.If(self.tiles.ready):
+                m.d.sync += [known.eq(0), tile.eq(tile + 1)]
+        with m.Elif(asked):
+            m.d.sync += [asked.eq(0), known.eq(1), self.tiles.payload.invalid.eq(unit.invalid)]
+        with m.Else():
+            m.d.sync += asked.eq(unit.finished & (tile != self.tile_count))
+        with m.If(unit.begin):
+            m.d.sync += [tile.eq(0), asked.eq(0), known.eq(0)]
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The bench of a configuration, emitted, with files at its streams."""
+    return Playback(
+        name=f"warp-{config.warp_lanes}-{config.cores_x}", module="warp_bench",
+        verilog=to_verilog(WarpBench(config), "warp_bench"), inputs=(Stream("rows", pixel_row(config)),),
+        outputs=(Stream("writes", write_request(config)), Stream("tiles", warped_tile(config))),
+        settings=(*_SETTINGS, ("tile_count", frame_tiles(config).bit_length()), ("frame", 8)), observed=_OBSERVED)
