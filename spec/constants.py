@@ -73,9 +73,9 @@ DEPTH_REACH = 4.0
 DEPTH_NEAR_PERCENTILE = 1
 """Percentile of z in view that stands for what is near when a frame is to be warped."""
 
-WARP_DEPTH_ERROR_PX = 1 / 16
+WARP_DEPTH_ERROR_PX = 1 / 8
 """Error of the disparity, at that percentile, that depth's rounding may cost where it saturates later so that a frame can be
-warped: half of what is allowed in all. What saturates too early pulls all pixels that it shines through to the front."""
+warped. Blending averages the roundings; what saturates too early pulls all pixels that it shines through to the front."""
 
 DEPTH_FRAME_MARGIN = 0.15
 """Share of the frame's size by which it is widened on every side when z in view is collected: footprints reach in."""
