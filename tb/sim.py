@@ -36,7 +36,8 @@ UNITS = {
     "top": {"top": top},
 }
 """What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
-unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the machine."""
+unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the
+machine."""
 
 
 def parse_window(text: str) -> tuple[int, int]:

@@ -18,8 +18,7 @@ class Divider(wiring.Component):
     """`quotient` = floor(numerator / divisor).
 
     Parameters:
-        numerator_bits, divisor_bits, quotient_bits: widths; the numerator is wider than the quotient, by the divisor's bits at
-            most.
+        numerator_bits, divisor_bits, quotient_bits: widths; the numerator is wider than the quotient.
 
     Ports:
         load: operands are at the input; without it the stages keep what they hold.
@@ -37,9 +36,8 @@ class Divider(wiring.Component):
                 raise TypeError(f"{name} must be an integer, not {bits!r}")
             if bits < 1:
                 raise ValueError(f"{name} must be 1 or more, not {bits!r}")
-        if not quotient_bits < numerator_bits <= quotient_bits + divisor_bits:
-            raise ValueError(f"numerator_bits must be in {quotient_bits + 1}..{quotient_bits + divisor_bits}, "
-                             f"not {numerator_bits!r}")
+        if numerator_bits <= quotient_bits:
+            raise ValueError(f"numerator_bits must be more than {quotient_bits}, not {numerator_bits!r}")
         self.latency = quotient_bits
         super().__init__({
             "load": In(1), "numerator": In(numerator_bits), "divisor": In(divisor_bits), "over": Out(1),
@@ -50,9 +48,10 @@ class Divider(wiring.Component):
         m = Module()
         p = Pipeline(m, load=self.load)
         divisor = p.data("divisor", self.divisor)
-        remainder = p.data("remainder", self.numerator[self.latency :])  # below the divisor, or the quotient is over
+        above = p.data("above", self.numerator[self.latency :])
+        remainder = above.map(lambda r: r[: len(self.divisor)])  # below the divisor, or the quotient is over
         rest = p.data("rest", self.numerator[: self.latency])  # the numerator's bits from the top, the quotient's from below
-        m.d.comb += self.over.eq(p.reg("over", lambda r, d: r >= d, remainder, divisor).value)
+        m.d.comb += self.over.eq(p.reg("over", lambda r, d: r >= d, above, divisor).value)
         for _ in range(self.latency):
             bits = len(self.divisor)
 
