@@ -85,7 +85,8 @@ def measure(request: Request, name: str) -> dict[str, object]:
         "depth_within": float((depth <= DEPTH_ERROR).mean()), "depth_error_p50": float(np.median(depth)),
         "depth_error_p99": float(np.percentile(depth, 99)), "shares": frame.shares,
         "rerendered_across_strips": holes_left(frame, "across"), "rerendered_majority": holes_left(frame, "majority"),
-        "psnr_target_db": psnr_vs(shown, wanted), "psnr_warped_db": psnr_vs(shown[warped], wanted[warped]),
+        "psnr_target_db": psnr_vs(shown, wanted),
+        "psnr_warped_db": psnr_vs(shown[warped], wanted[warped]) if warped.any() else None,
     }
 
 
@@ -101,16 +102,17 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
     lines += ["", "| scene, view | levels | foveal tiles | re-rendered | if strips were no border | if a majority sufficed | "
               "filled pixels | target against rendering it | its warped pixels |", "|---|---|---|---|---|---|---|---|---|"]
     for r in rows:
-        s = r["shares"]
+        s, warps = r["shares"], r["psnr_warped_db"] is not None
         cells = [f"{r['scene']}, {r['camera']}", str(r["levels"]), *(f"{x:.1%}" for x in (
             s["tiles_foveal"], s["tiles_rerendered"], r["rerendered_across_strips"], r["rerendered_majority"], s["filled"])),
-            f"{r['psnr_target_db']:.1f} dB", f"{r['psnr_warped_db']:.1f} dB"]
+            f"{r['psnr_target_db']:.1f} dB" if warps else "-", f"{r['psnr_warped_db']:.1f} dB" if warps else "-"]
         lines.append(f"| {' | '.join(cells)} |")
     note = ("First table: pixels with a coverage of one half and more, against the float64 oracle. Scenes whose scale is "
             "unknown at 1 unit per metre. Four levels are nested random subsets, worse than trained ones: walls let through "
             "what is behind. The embedded scene's sky lies 50 times as far as its room; a part in a thousand of it that shines "
-            "through moves the mean depth by percents. Second table: thresholds of 18 degrees around a gaze in the centre; strips "
-            "no border: neighbours from other strips count; a majority: more than half of the neighbours inside strip and frame.")
+            "through moves the mean depth by percents. Second table: thresholds of 18 degrees around a gaze in the centre; "
+            "strips no border: neighbours from other strips count; a majority: more than half of the neighbours inside strip "
+            "and frame.")
     return "\n".join([*lines, "", note, ""])
 
 

@@ -358,6 +358,16 @@ def test_disparities_and_depths_of_trained_scenes(scene, data_dir):
     assert (depth <= 0.002).mean() >= 0.999
 
 
+def test_depth_saturates_later_where_frames_are_warped():
+    """As far out as half an ulp at the 1st percentile of z is worth 1/8 pixel, or at the farthest z."""
+    model = splats(*((x / 40, 0, 4.0) for x in range(-49, 50)), (0, 0, 1000.0), scale=0.01)
+    mono = pipeline.render(model, view(), config=CONFIG)
+    assert mono.registers.depth_far < 500  # four times an interpolated percentile
+    far = {px: pipeline.render(model, view(), config=CONFIG, baseline_px=px).registers.depth_far for px in (10.0, 100.0, 1e9)}
+    assert far[10.0] == pytest.approx(1000, rel=1e-5) and far[1e9] == mono.registers.depth_far
+    assert far[100.0] == pytest.approx(max(2**15 / 8 * 16 / 100, mono.registers.depth_far), rel=1e-5)
+
+
 def read_pgm(path) -> np.ndarray:
     from PIL import Image
 

@@ -10,7 +10,7 @@ import pytest
 from golden_samples import random_model
 from PIL import Image
 
-from golden import metric_scale
+from golden import accuracy_stereo, metric_scale
 from golden.msv2_ref import pipeline
 from golden.render import main
 from golden.scenes.embedded import cached_embedded_model, embedded_cameras
@@ -130,3 +130,18 @@ def test_bad_depth_maps(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             metric_scale.main(["--size", "96x54", "--depth-map", str(tmp_path / name)])
+
+
+def test_the_report_of_depths_and_holes(tmp_path):
+    accuracy_stereo.main([str(a) for a in ("embedded", "--size", "128x72", "--views", "3", "--out", tmp_path)][1:])
+    rows = json.loads((tmp_path / "accuracy_stereo.json").read_text())["rows"]
+    mine = [r for r in rows if r["scene"] == "embedded"]
+    assert [r["levels"] for r in mine] == [1, 4]
+    for r in mine:
+        assert 0.99 < r["within_budget"] <= 1 and 0.5 < r["depth_within"] <= 1
+        again = r["shares"]["tiles_rerendered"]
+        assert 0 < r["rerendered_majority"] <= again and 0 < r["rerendered_across_strips"] <= again
+        assert (r["psnr_warped_db"] is None) == (again + r["shares"]["tiles_foveal"] == 1)
+    assert mine[0]["psnr_target_db"] > mine[0]["psnr_warped_db"] > 20
+    text = (tmp_path / "accuracy_stereo.md").read_text()
+    assert text.count("| embedded, embedded_03 |") == 4
