@@ -279,6 +279,12 @@ def test_separate_model_has_the_points_asked_for_and_trains_everything(scene, ba
         SeparateStage(scene, base, 2, len(base) + 1)
 
 
+def test_records_name_the_view(scene, base):
+    """What stopped on a bad number is told by the view that it was trained on."""
+    for stage in (LevelStage(scene, FoveatedModel(base), 1, QUICK), SeparateStage(scene, base, 1, 700, SeparateOptions(2))):
+        assert stage.step()["view"] in scene.train
+
+
 def test_storage_of_separate_models(base):
     models = SeparateModels((base, base.select(torch.arange(100)), base.select(torch.arange(40))))
     assert models.storage.total == 236 * (len(base) + 140) and models.storage.level1 == 236 * len(base)

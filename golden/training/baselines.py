@@ -154,7 +154,7 @@ class SeparateStage(Stage):
         loss.backward()
         self._optimiser.step()
         self.done += 1
-        return {"loss": float(loss.detach()), "points": len(self.gaussians)}
+        return {"loss": float(loss.detach()), "points": len(self.gaussians), "view": view}
 
     def result(self) -> Gaussians:
         """The level's model."""

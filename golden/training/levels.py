@@ -174,7 +174,7 @@ class LevelStage(Stage):
         self.done += 1
         if self.finished:
             record |= self._finish()
-        return {"loss": float(loss.detach()), "points": len(self.gaussians), "target": self.target, **record}
+        return {"loss": float(loss.detach()), "points": len(self.gaussians), "view": view, "target": self.target, **record}
 
     def result(self) -> FoveatedModel:
         """The model with this level: the one before's points where not a single prune passed."""
