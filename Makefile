@@ -44,9 +44,9 @@ train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=
 		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) \
 		$(call option,DEVICE,device) $(if $(filter-out 0,$(RESUME)),--resume) $(call option,OUT,out)
 
-tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME=
+tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" TABLES=pruning,... VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME=
 	@$(RUN) golden/tables_training.py $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
-		$(call option,ITERATIONS,iterations) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
+		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)

@@ -1,4 +1,4 @@
-"""The paper's tables of training: foveated representations compared, the ablation, points per level, and latency."""
+"""The paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ import sys
 from collections.abc import Sequence
 
 from golden.train import import_torch
+from golden.training.labels import TABLES
 from spec.errors import InputError, run_command_line
 
 EXAMPLES = """examples:
   python golden/tables_training.py                                     the embedded scene
   python golden/tables_training.py embedded fern@504x378 --no-rtl      several scenes, sizes of their own, golden cycles alone
+  python golden/tables_training.py fern --tables pruning               one table alone; later ones find what it has trained
   python golden/tables_training.py --out reports --name training      training.json, training.md and training.png in reports/
 
 A finished run of golden/train.py in build/train that fits what is asked for is not trained again; what the tables need beside
-it (scale decay alone, levels without opacity enhancement, MMFR) is. After Ctrl-C the same command goes on.
+it (scale decay alone, levels without opacity enhancement, MMFR, pruning by other gates and criteria) is, once. After Ctrl-C the
+same command goes on.
 """
+
+
+PLOTTED = {"representations", "latency"}
+"""Tables with a plot."""
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -29,10 +36,11 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         help="as golden/train.py takes them, each with a size of its own or --size's (default: embedded)")
     add("--variant", metavar="H|M|L", help="as golden/train.py (default: a finished run's, else H)")
     add("--size", metavar="WxH", help="size to train at (default: a finished run's, else that of golden/train.py)")
-    add("--iterations", type=int, metavar="N", help="of the recipe's own chain; the other models take 0.6 of them more")
+    add("--iterations", type=int, metavar="N", help="of the recipe's own chain; all tables take 2.2 times as many more")
     add("--max-points", type=int, metavar="N", help="cap on the dense model's points")
     add("--seed", type=int, metavar="N", help="of everything drawn at random")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
+    add("--tables", default=",".join(TABLES), metavar="NAME,NAME", help=f"some of {', '.join(TABLES)} (default: all)")
     add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
     add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
     add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
@@ -42,11 +50,25 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+def chosen_tables(text: str) -> tuple[str, ...]:
+    """The tables that a list with commas names, each once, in the order of TABLES.
+
+    Raises:
+        InputError: a name that none has, or no name.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names or [""]:
+        if name not in TABLES:
+            raise InputError(f"tables {name!r} is not accepted: choose of {', '.join(TABLES)}, separated by commas")
+    return tuple(name for name in TABLES if name in names)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; its exit status."""
     args = parse_arguments(argv)
     if args.edge is not None and args.edge < 16:
         raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")
+    tables = chosen_tables(args.tables)
     import_torch()
     from golden.training.chain import Interrupted
     from golden.training.device import resolve_device
@@ -54,14 +76,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     from golden.training.tables import make_tables
 
     try:
-        make_tables(args, str(resolve_device(args.device)))
+        make_tables(args, tables, str(resolve_device(args.device)))
     except (Interrupted, KeyboardInterrupt) as interrupt:
         print(f"\n{str(interrupt) or 'interrupted'}; the same command goes on", file=sys.stderr)
         return 130
     except TrainingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print(f"written: {args.out}/{args.name}.md, .json and .png")
+    plots = " and .png" if PLOTTED & set(tables) else ""
+    print(f"written: {args.out}/{args.name}.md, .json{plots}")
     return 0
 
 

@@ -14,15 +14,6 @@ from golden.training.gaussians import Gaussians
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
-DENSE, DECAYED, PRUNED, TUNED = "dense", "+ scale decay", "+ CE pruning", "+ HVSQ fine-tuning of L1"
-FOVEATED, ENHANCED = "+ foveated levels", "+ opacity enhancement"
-
-PAPER_SPEED = {DENSE: 1.0, DECAYED: 1.6, PRUNED: 5.8, FOVEATED: 7.4, ENHANCED: 7.4 * 1.07}
-"""The paper's frame rates over the dense model's, means of 13 scenes on a Jetson Xavier; the last is its 7 % more."""
-
-PAPER_SIZE_PERCENT = {DENSE: 100.0, PRUNED: 15.0, FOVEATED: 16.0}
-"""The paper's model size, percent of the dense model's."""
-
 
 @dataclass(frozen=True)
 class Step:

@@ -12,22 +12,6 @@ from golden.training.level_quality import Levels, level_hvsq
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
-SMFR, MMFR, OURS, PLAIN = "SMFR", "MMFR", "ours", "ours without opacity enhancement"
-"""Methods; the last is the predecessor's."""
-
-PAPER = {
-    SMFR: {"fps": 125.9, "storage_mb": 161.6, "hvsq_e5": (2.12, 10.1, 21.7, 28.3)},
-    MMFR: {"fps": 52.6, "storage_mb": 311.0, "hvsq_e5": (2.12, 1.87, 1.79, 1.76)},
-    OURS: {"fps": 102.2, "storage_mb": 171.8, "hvsq_e5": (2.12, 2.10, 2.09, 2.08)},
-}
-"""The paper's table of FR methods: means of 13 scenes, frames per second of a Jetson Xavier."""
-
-PREDECESSOR_PERCENT = (100.0, 40.1, 21.8, 17.4)
-"""Points per level of the predecessor's model of the bicycle scene, percent of L1's."""
-
-PAPER_FEWER_PERCENT = 33.0
-"""The paper's largest cut of points in R3 and R4 by opacity enhancement, at equal HVSQ."""
-
 
 @dataclass(frozen=True)
 class Compared:

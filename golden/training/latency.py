@@ -16,6 +16,7 @@ from golden.scenes.camera import Camera
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.frame_cycles import FrameWork, whole_frame_work
 from golden.training.gaussians import Gaussians
+from golden.training.labels import CYCLES
 from golden.training.rtl_cycles import RtlCycles
 
 if TYPE_CHECKING:
@@ -23,11 +24,6 @@ if TYPE_CHECKING:
 
 CRITERIA = ("importance", "ce")
 """What chooses the points that go; names as in `golden.training.efficiency`."""
-
-LABELS = {"importance": "importance (LightGS)", "ce": "CE"}
-
-CYCLES = {"golden": "golden", "rtl": "RTL"}
-"""Kinds of cycles, and how they are called."""
 
 REMOVED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.97)
 """Shares of the points removed; the paper shows 75 to 97 %."""

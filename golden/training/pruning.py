@@ -98,6 +98,11 @@ class Check:
     passed: bool
 
 
+def gate_views(scene: TrainingScene, options: PruneOptions) -> tuple[int, ...]:
+    """The views that gates look at."""
+    return scene.validation[:: -(-len(scene.validation) // options.validated)]
+
+
 class PruneStage(Stage):
     """From a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
 
@@ -130,7 +135,7 @@ class PruneStage(Stage):
         self.gamma, self.gate, self.history = 0.0, None, []
         self._look = self.options.interval
         self._scene = scene
-        self._validation = scene.validation[:: -(-len(scene.validation) // self.options.validated)]
+        self._validation = gate_views(scene, self.options)
         self._training = Retraining(scene, dense, seed, name, rates)
         self._scores = None
         if self.options.criterion is not None:

@@ -1,24 +1,25 @@
 """The models that the tables compare, made by the stages of `golden/train.py` and what the comparisons need beside them.
 
-One chain a scene: the recipe's own stages (or what a finished run of `golden/train.py` left of them), scale decay without
-pruning, levels without opacity enhancement, and the separate models of MMFR.
+Parts, each a chain of its own that can be made alone and goes on where it was interrupted: L1 and the levels (or what a
+finished run of `golden/train.py` left of them), scale decay without pruning, levels without opacity enhancement, the separate
+models of MMFR, and pruning by other gates and criteria.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import copy
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from golden.training.baselines import SeparateModels, smfr
 from golden.training.chain import Planned
 from golden.training.foveated import FoveatedModel
-from golden.training.gaussians import Gaussians
 from golden.training.level_curves import LevelCurve, level_curves
-from golden.training.pruning import PruneOptions, PruneStage
-from golden.training.recipe import CHECKS, ReadyStage, Recipe, plan
+from golden.training.prune_baselines import BASELINES, baseline_stage
+from golden.training.pruning import PruneStage
+from golden.training.recipe import VARIANTS, Recipe, plan
 from golden.training.scene import TrainingScene
-from golden.training.stage import Stage
 from spec.constants import MAX_LEVELS
 
 SCALE_DECAY = "scale-decay"
@@ -30,84 +31,142 @@ PLAIN = "-plain"
 LEVELS = tuple(f"level{level + 1}" for level in range(1, MAX_LEVELS))
 SEPARATE = tuple(f"separate{level + 1}" for level in range(1, MAX_LEVELS))
 
+NEEDED = {
+    "representations": ("level1", "levels", "plain", "mmfr"), "ablation": ("level1", "levels", SCALE_DECAY, "plain"),
+    "pruning": ("level1", "pruning"), "latency": ("level1",)}
+"""Parts that each table needs, by the names of `labels.TABLES`."""
+
+PARTS = ("level1", "levels", SCALE_DECAY, "plain", "mmfr", "pruning")
+"""In the order in which they are made."""
+
+
+def parts_of(tables: Iterable[str]) -> tuple[str, ...]:
+    """The parts that some tables need, in order."""
+    needed = {part for table in tables for part in NEEDED[table]}
+    return tuple(part for part in PARTS if part in needed)
+
 
 @dataclass(frozen=True)
 class Trained:
     """What a scene's tables are about.
 
     Attributes:
-        dense, decayed, pruned, level1: models of one level: dense training's, with scale decay alone, pruned by CE under scale
-            decay, and that after fine-tuning on HVSQ.
-        ours, plain: four levels with and without opacity enhancement.
-        smfr, mmfr: the baselines, with the points per level of `ours`.
+        recipe: of the chain.
+        results: what stages left, by name.
         seconds: of training, by stage.
-        curves, plain_curves: HVSQ of levels against their points while they were made, with and without opacity enhancement.
+        records: of the chains' logs.
     """
 
-    dense: Gaussians
-    decayed: Gaussians
-    pruned: Gaussians
-    level1: Gaussians
-    ours: FoveatedModel
-    plain: FoveatedModel
-    smfr: FoveatedModel
-    mmfr: SeparateModels
+    recipe: Recipe
+    results: Mapping[str, Any]
     seconds: dict[str, float]
-    curves: tuple[LevelCurve, ...] = ()
-    plain_curves: tuple[LevelCurve, ...] = ()
+    records: Sequence[Mapping[str, Any]] = ()
 
-    @classmethod
-    def of(
-        cls, results: Mapping[str, Any], spent: Mapping[str, Mapping[str, float]], records: Sequence[Mapping[str, Any]],
-        seed: int,
-    ) -> Trained:
-        """From the results of a finished chain of `table_plan`, what its stages took, and the records of its log."""
-        ours, plain = results[LEVELS[-1]], results[LEVELS[-1] + PLAIN]
-        separate = SeparateModels((results["finetune"], *(results[name] for name in SEPARATE)))
-        return cls(
-            results["dense"], results[SCALE_DECAY], results["prune"], results["finetune"], ours, plain,
-            smfr(results["finetune"], ours.counts, seed), separate, {name: each["seconds"] for name, each in spent.items()},
-            level_curves(records, ours.counts), level_curves(records, plain.counts, PLAIN))
+    @property
+    def ours(self) -> FoveatedModel:
+        """Four levels, opacities enhanced."""
+        return self.results[LEVELS[-1]]
 
-    def seconds_of(self, stages: tuple[str, ...]) -> float:
+    @property
+    def plain(self) -> FoveatedModel:
+        """Four levels without opacity enhancement."""
+        return self.results[LEVELS[-1] + PLAIN]
+
+    @property
+    def smfr(self) -> FoveatedModel:
+        """Random subsets with the points of `ours`."""
+        return smfr(self.results["finetune"], self.ours.counts, self.recipe.seed)
+
+    @property
+    def mmfr(self) -> SeparateModels:
+        """Separate models with the points of `ours`."""
+        return SeparateModels((self.results["finetune"], *(self.results[name] for name in SEPARATE)))
+
+    @property
+    def curves(self) -> tuple[LevelCurve, ...]:
+        """HVSQ of levels against their points while they were made."""
+        return level_curves(self.records, self.ours.counts)
+
+    @property
+    def plain_curves(self) -> tuple[LevelCurve, ...]:
+        """The same without opacity enhancement."""
+        return level_curves(self.records, self.plain.counts, PLAIN)
+
+    def seconds_of(self, stages: Sequence[str]) -> float:
         """Of several stages."""
         return sum(self.seconds.get(name, 0.0) for name in stages)
 
 
-def table_plan(recipe: Recipe, scene: TrainingScene, device: str, ready: Mapping[str, Any] | None = None) -> list[Planned]:
-    """The stages in order.
+def part_plan(part: str, recipe: Recipe, scene: TrainingScene, device: str, before: Mapping[str, Any]) -> list[Planned]:
+    """The stages of a part in order, but for those whose results are there.
 
     Args:
+        part: one of PARTS.
         recipe: with opacity enhancement and no baseline, as the tables have both.
         scene: what is trained on and judged by.
         device: where to train.
-        ready: results of stages of the recipe that are there already, by name.
+        before: what the stages of earlier parts left, by name.
     """
-    ready = ready or {}
+    own = {stage.name: stage for stage in plan(recipe, scene, device)}
+    if part == "level1":
+        stages = [stage for name, stage in own.items() if name not in LEVELS]
+    elif part == "levels":
+        stages = [own[name] for name in LEVELS]
+    elif part == SCALE_DECAY:
+        stages = [_scale_decay(recipe, scene, device)]
+    elif part == "plain":
+        before = {name: left for name, left in before.items() if name not in LEVELS}
+        stages = [_renamed(stage, stage.name + PLAIN, {name: name + PLAIN for name in LEVELS})
+                  for stage in plan(replace(recipe, enhancement=False), scene, device) if stage.name in LEVELS]
+    elif part == "mmfr":
+        stages = [stage for stage in plan(replace(recipe, baseline="mmfr"), scene, device) if stage.name in SEPARATE]
+    else:
+        stages = _pruning(recipe, scene, device)
+    return [_after(stage, before) for stage in stages if stage.name not in before]
 
-    def planned(stage: Planned) -> Planned:
-        if stage.name not in ready:
-            return stage
-        return Planned(stage.name, 0, lambda _: ReadyStage(stage.name, ready[stage.name]))
 
-    ours = [planned(stage) for stage in plan(recipe, scene, device)]
-    plain = [_plain(stage) for stage in plan(replace(recipe, enhancement=False), scene, device) if stage.name in LEVELS]
-    separate = [stage for stage in plan(replace(recipe, baseline="mmfr"), scene, device) if stage.name in SEPARATE]
-    return [*ours, Planned(SCALE_DECAY, recipe.budget("prune"), _scale_decay(recipe, scene, device)), *plain, *separate]
+def prune_stages(recipe: Recipe) -> dict[tuple[str, str], str]:
+    """Names of the loops of pruning by criterion and variant: the recipe's is `prune`, the others' follow from both."""
+    ours = {("ce", variant): "prune" if variant == recipe.variant else f"prune-{variant}" for variant in VARIANTS}
+    return ours | {(criterion, recipe.variant): f"prune-{criterion}" for criterion in BASELINES}
 
 
-def _scale_decay(recipe: Recipe, scene: TrainingScene, device: str) -> Callable[[dict[str, Any]], Stage]:
+def tuned_stage(prune: str) -> str:
+    """Name of the stage that fine-tunes what a loop of ours left."""
+    return prune.replace("prune", "finetune")
+
+
+def _pruning(recipe: Recipe, scene: TrainingScene, device: str) -> list[Planned]:
+    """From the recipe's dense model: its loop by other criteria, and the loop and fine-tuning by other gates."""
+    options, baselines, ours = recipe.prune_options(), [], []
+
+    def baseline(criterion: str) -> Planned:
+        return Planned(prune_stages(recipe)[criterion, recipe.variant], options.iterations, lambda results: baseline_stage(
+            criterion, scene, results["dense"].to(device), recipe.variant, options, seed=recipe.seed))
+
+    for (criterion, variant), name in prune_stages(recipe).items():
+        if criterion in BASELINES:
+            baselines.append(baseline(criterion))
+        elif variant != recipe.variant:
+            stages = {stage.name: stage for stage in plan(replace(recipe, variant=variant), scene, device)}
+            ours += [_renamed(stages["prune"], name, {}),
+                     _renamed(stages["finetune"], tuned_stage(name), {"prune": name})]
+    return [*baselines, *ours]
+
+
+def _scale_decay(recipe: Recipe, scene: TrainingScene, device: str) -> Planned:
     """Pruning's loop, gate and budget with nothing pruned."""
-    iterations = recipe.budget("prune")
-    options = PruneOptions(iterations=iterations, interval=max(1, iterations // CHECKS), criterion=None)
-    return lambda results: PruneStage(
-        scene, results["dense"].to(device), recipe.variant, options, seed=recipe.seed, name=SCALE_DECAY)
+    options = replace(recipe.prune_options(), criterion=None)
+    return Planned(SCALE_DECAY, options.iterations, lambda results: PruneStage(
+        scene, results["dense"].to(device), recipe.variant, options, seed=recipe.seed, name=SCALE_DECAY))
 
 
-def _plain(stage: Planned) -> Planned:
-    """A level's stage under another name, on the levels that go by such names too."""
-    def make(results: dict[str, Any]) -> Stage:
-        own = {name: results[name + PLAIN] for name in LEVELS if name + PLAIN in results}
-        return stage.make({**{name: left for name, left in results.items() if name not in LEVELS}, **own})
+def _renamed(stage: Planned, name: str, given: Mapping[str, str]) -> Planned:
+    """A recipe's stage under another name, which gets other stages' results, where there are any, for those it asks for."""
+    return Planned(name, stage.total, lambda results: stage.make(
+        results | {asked: results[other] for asked, other in given.items() if other in results}))
 
-    return Planned(stage.name + PLAIN, stage.total, make)
+
+def _after(stage: Planned, before: Mapping[str, Any]) -> Planned:
+    """A stage that gets copies of what earlier parts left, beside what its own chain did."""
+    return Planned(stage.name, stage.total, lambda results: stage.make({**copy.deepcopy(dict(before)), **results}))

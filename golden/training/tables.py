@@ -1,4 +1,4 @@
-"""The paper's tables for scenes: foveated representations compared, techniques ablated, points per level, latency."""
+"""The paper's tables for scenes: representations compared, techniques ablated, pruning by gate and criterion, latency."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,17 @@ from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size, write_json
-from golden.training import ablation, comparison, latency
+from golden.training import ablation, comparison, labels, latency
 from golden.training.chain import Chain
 from golden.training.finished_runs import FinishedRun, find_run
 from golden.training.gaussians import Gaussians, to_model
 from golden.training.plots import read_log
+from golden.training.pruning_table import pruning_rows
 from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
 from golden.training.rtl_cycles import RtlCycles, rtl_cycles
 from golden.training.run import chosen_recipe, chosen_scene, run_options
 from golden.training.scene import TrainingScene
-from golden.training.table_runs import LEVELS, PLAIN, SEPARATE, Trained, table_plan
+from golden.training.table_runs import LEVELS, PLAIN, SCALE_DECAY, SEPARATE, Trained, part_plan, parts_of
 from golden.training.tables_plot import Shown, save_plots
 from golden.training.tables_text import markdown
 
@@ -126,54 +127,88 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
     return Prepared(scene, references, recipe, last.results, last.spent, run.records, options)
 
 
-def train_scene(prepared: Prepared, device: str, work: Path, note: Callable[[str], None]) -> Trained:
-    """The models of a scene's tables; a chain that was interrupted goes on.
+def train_scene(
+    prepared: Prepared, device: str, work: Path, tables: Sequence[str], note: Callable[[str], None],
+) -> Trained:
+    """The models of some of a scene's tables; a chain that was interrupted goes on, a finished one is not made again.
 
     Args:
-        work: folder of the chains, one for each set of options.
+        work: folder of the chains, a folder for each scene and set of options with one chain for each part.
+        tables: of labels.TABLES.
     """
     key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
-    folder = make_folder(work / f"{prepared.scene.name}-{key}")
-    stages = table_plan(prepared.recipe, prepared.scene, device, prepared.ready)
-    begun = any((folder / "checkpoints").glob("iteration_*.pt"))
-    note(f"{prepared.scene.name}: {'going on in' if begun else 'training in'} {folder}"
-         + (", from a finished run" if prepared.ready else ""))
-    chain = Chain(stages, folder, prepared.options, resume=begun, classes=RESULTS)
-    results = chain.run()
+    folder = work / f"{prepared.scene.name}-{key}"
+    results, spent, records = dict(prepared.ready), dict(prepared.spent), list(prepared.records)
+    if prepared.ready:
+        note(f"{prepared.scene.name}: from a finished run")
+    for part in parts_of(tables):
+        stages = part_plan(part, prepared.recipe, prepared.scene, device, dict(results))
+        if not stages:
+            continue
+        begun = any((folder / part / "checkpoints").glob("iteration_*.pt"))
+        note(f"{prepared.scene.name}, {part}: {'going on in' if begun else 'training in'} {folder / part}")
+        options = prepared.options | {"part": part}
+        chain = Chain(stages, make_folder(folder / part), options, resume=begun, classes=RESULTS)
+        results |= chain.run()
+        spent |= chain.spent
+        records += read_log(chain.log_path)
     results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
-    records = [*prepared.records, *read_log(chain.log_path)]
-    return Trained.of(results, chain.spent | prepared.spent, records, prepared.recipe.seed)
+    return Trained(prepared.recipe, results, {name: each["seconds"] for name, each in spent.items()}, records)
 
 
 def measure_scene(
-    prepared: Prepared, trained: Trained, *, edge: int, rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
+    prepared: Prepared, trained: Trained, tables: Sequence[str], *, edge: int,
+    rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
 ) -> tuple[dict[str, Any], Shown]:
-    """Everything the tables say of a scene, ready for JSON, and what the plots show of it."""
-    scene, t = prepared.scene, trained
-    methods = {comparison.SMFR: t.smfr, comparison.MMFR: t.mmfr, comparison.OURS: t.ours, comparison.PLAIN: t.plain}
-    seconds = {comparison.MMFR: t.seconds_of(SEPARATE), comparison.OURS: t.seconds_of(LEVELS),
-               comparison.PLAIN: t.seconds_of(tuple(name + PLAIN for name in LEVELS))}
-    compared = comparison.compare(scene, methods, seconds)
-    steps = ablation.ablate(scene, (
-        (ablation.DENSE, t.dense), (ablation.DECAYED, t.decayed), (ablation.PRUNED, t.pruned), (ablation.TUNED, t.level1),
-        (ablation.FOVEATED, t.plain), (ablation.ENHANCED, t.ours)))
-    camera = latency.frame_camera(scene.cameras[scene.test[0]], edge)
-    with tqdm(total=len(latency.CRITERIA) * len(latency.REMOVED), desc="latency", unit="frame", disable=None) as progress:
-        versions = latency.measure(t.dense, scene, edge=edge, rtl=rtl, progress=progress.update)
-    by_name = {row.method: row for row in compared}
+    """Everything that the tables asked for say of a scene, ready for JSON, and what the plots show of it."""
+    scene = prepared.scene
     record = {
         "scene": scene.name, "size": list(scene.size), "references": prepared.references, "options": prepared.options,
         "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
-        "comparison": [row.record() for row in compared], "ablation": [row.record() for row in steps],
-        "fewer_percent": comparison.fewer_percent(by_name[comparison.OURS], by_name[comparison.PLAIN]),
-        "latency": {"size": [camera.width, camera.height], "view": scene.test[0],
-                    "versions": [version.record() for version in versions],
-                    "proportionality": latency.proportionality(versions)},
-        "level_curves": {comparison.OURS: [asdict(curve) for curve in t.curves],
-                         comparison.PLAIN: [asdict(curve) for curve in t.plain_curves]},
-        "seconds": t.seconds,
-    }
-    return record, Shown(scene.name, versions, t.curves, t.plain_curves)
+        "seconds": trained.seconds}
+    shown = Shown(scene.name, (), (), ())
+    if "representations" in tables:
+        record |= _representations(scene, trained)
+        shown = replace(shown, curves=trained.curves, plain_curves=trained.plain_curves)
+    if "ablation" in tables:
+        record["ablation"] = _ablation(scene, trained)
+    if "pruning" in tables:
+        rows = pruning_rows(scene, trained)
+        record["pruning"] = [row.record(rows[0]) for row in rows]
+    if "latency" in tables:
+        record["latency"], versions = _latency(scene, trained, edge, rtl)
+        shown = replace(shown, versions=versions)
+    return record, shown
+
+
+def _representations(scene: TrainingScene, t: Trained) -> dict[str, Any]:
+    methods = {labels.SMFR: t.smfr, labels.MMFR: t.mmfr, labels.OURS: t.ours, labels.PLAIN: t.plain}
+    seconds = {labels.MMFR: t.seconds_of(SEPARATE), labels.OURS: t.seconds_of(LEVELS),
+               labels.PLAIN: t.seconds_of(tuple(name + PLAIN for name in LEVELS))}
+    compared = {row.method: row for row in comparison.compare(scene, methods, seconds)}
+    return {
+        "comparison": [row.record() for row in compared.values()],
+        "fewer_percent": comparison.fewer_percent(compared[labels.OURS], compared[labels.PLAIN]),
+        "level_curves": {labels.OURS: [asdict(curve) for curve in t.curves],
+                         labels.PLAIN: [asdict(curve) for curve in t.plain_curves]}}
+
+
+def _ablation(scene: TrainingScene, t: Trained) -> list[dict[str, Any]]:
+    of = t.results
+    return [row.record() for row in ablation.ablate(scene, (
+        (labels.DENSE, of["dense"]), (labels.DECAYED, of[SCALE_DECAY]), (labels.PRUNED, of["prune"]),
+        (labels.TUNED, of["finetune"]), (labels.FOVEATED, t.plain), (labels.ENHANCED, t.ours)))]
+
+
+def _latency(
+    scene: TrainingScene, t: Trained, edge: int, rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
+) -> tuple[dict[str, Any], list[latency.Version]]:
+    camera = latency.frame_camera(scene.cameras[scene.test[0]], edge)
+    with tqdm(total=len(latency.CRITERIA) * len(latency.REMOVED), desc="latency", unit="frame", disable=None) as progress:
+        versions = latency.measure(t.results["dense"], scene, edge=edge, rtl=rtl, progress=progress.update)
+    return {"size": [camera.width, camera.height], "view": scene.test[0],
+            "versions": [version.record() for version in versions],
+            "proportionality": latency.proportionality(versions)}, versions
 
 
 def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
@@ -186,8 +221,13 @@ def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera]
     return cycles
 
 
-def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
-    """Trains what is missing, measures, writes NAME.json, NAME.md and NAME.png; what the JSON holds.
+def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) -> dict[str, Any]:
+    """Trains what is missing, measures, writes NAME.json, NAME.md and, where there is anything to plot, NAME.png.
+
+    Args:
+        tables: of labels.TABLES.
+
+    Returns what the JSON holds.
 
     Raises:
         InputError: an option or a scene that nothing can be trained from, or an RTL frame that is not bit-exact.
@@ -198,9 +238,9 @@ def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
     for wanted in wanted_scenes(args):
         begin = time.monotonic()
         prepared = prepare(wanted, Path(args.runs), device)
-        trained = train_scene(prepared, device, work, lambda text: print(text, file=sys.stderr))
+        trained = train_scene(prepared, device, work, tables, lambda text: print(text, file=sys.stderr))
         rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
-        record, plots = measure_scene(prepared, trained, edge=args.edge or latency.EDGE, rtl=rtl)
+        record, plots = measure_scene(prepared, trained, tables, edge=args.edge or latency.EDGE, rtl=rtl)
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
         scenes.append(record)
         shown.append(plots)
@@ -209,8 +249,9 @@ def make_tables(args: argparse.Namespace, device: str) -> dict[str, Any]:
 
 
 def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown]) -> None:
-    """The three files, of the scenes so far."""
+    """The files, of the scenes so far."""
     write_json(folder / f"{name}.json", {"scenes": scenes})
     with atomic_output(folder / f"{name}.md") as file:
         file.write(markdown(scenes, f"{name}.png").encode())
-    save_plots(shown, folder / f"{name}.png")
+    if any(of.versions or of.curves for of in shown):
+        save_plots(shown, folder / f"{name}.png")

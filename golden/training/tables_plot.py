@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import atomic_output
-from golden.training.latency import CRITERIA, CYCLES, LABELS, Version, proportionality
+from golden.training.labels import CRITERION_LABELS, CYCLES
+from golden.training.latency import CRITERIA, Version, proportionality
 from golden.training.level_curves import LevelCurve
 
 
@@ -18,8 +19,8 @@ class Shown:
 
     Attributes:
         name: the scene's.
-        versions: pruned versions of its dense model.
-        curves, plain_curves: of its levels, with and without opacity enhancement.
+        versions: pruned versions of its dense model; empty where they were not asked for.
+        curves, plain_curves: of its levels, with and without opacity enhancement; the same.
     """
 
     name: str
@@ -37,10 +38,14 @@ def save_plots(scenes: Sequence[Shown], path: Path) -> None:
 
     figure, axes = pyplot.subplots(len(scenes), 3, figsize=(14, 3.8 * len(scenes)), squeeze=False, constrained_layout=True)
     for row, shown in zip(axes, scenes, strict=True):
-        _latency(row[0], shown, "points", "points")
-        _latency(row[1], shown, "entries", "tile-ellipse intersections per tile")
-        row[0].legend(fontsize=8)
-        _levels(row[2], shown)
+        if shown.versions:
+            _latency(row[0], shown, "points", "points")
+            _latency(row[1], shown, "entries", "tile-ellipse intersections per tile")
+            row[0].legend(fontsize=8)
+        if shown.curves or shown.plain_curves:
+            _levels(row[2], shown)
+        for axis in row:
+            axis.set_visible(axis.has_data())
     with atomic_output(path) as file:
         figure.savefig(file, format="png", dpi=110)
     pyplot.close(figure)
@@ -49,10 +54,11 @@ def save_plots(scenes: Sequence[Shown], path: Path) -> None:
 def _latency(axis: Any, shown: Shown, quantity: str, label: str) -> None:
     for colour, criterion in zip(("C0", "C1"), CRITERIA, strict=True):
         own = [v for v in shown.versions if v.criterion == criterion]
+        label = CRITERION_LABELS[criterion]
         x = [v.points if quantity == "points" else v.work.entries_per_tile for v in own]
-        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{LABELS[criterion]}, golden")
+        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{label}, golden")
         if all(v.rtl is not None for v in own):
-            axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{LABELS[criterion]}, RTL")
+            axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{label}, RTL")
     told = ", ".join(
         f"{CYCLES[kind]} r = {of[quantity]['pearson']:.3f}" for kind, of in proportionality(shown.versions).items())
     axis.set(xlabel=label, ylabel="cycles per frame", xlim=(0, None), ylim=(0, None))
@@ -68,5 +74,4 @@ def _levels(axis: Any, shown: Shown) -> None:
     axis.set(xlabel="points of the level", ylabel="lowest HVSQ reached / target (validation)", xlim=(0, None))
     axis.set_title(f"{shown.name}: levels as training saw them; at most 1 passes", fontsize=9)
     axis.grid(alpha=0.3)
-    if shown.curves or shown.plain_curves:
-        axis.legend(fontsize=8)
+    axis.legend(fontsize=8)
