@@ -24,6 +24,14 @@ def test_a_changed_number_is_noticed(tmp_path):
     assert (tmp_path / "README.md").read_text() == text
 
 
+def test_tables_of_training_stay_where_there_is_no_report(tmp_path):
+    text = "<!-- table:training_ablation -->\n| kept |\n<!-- end -->\n<!-- table:order -->\n| gone |\n<!-- end -->\n"
+    (tmp_path / "README.md").write_text(text)
+    assert fill_readme(tmp_path / "README.md", tmp_path) == 0
+    filled = (tmp_path / "README.md").read_text()
+    assert "| kept |" in filled and "| gone |" not in filled
+
+
 def test_every_table_is_shown_and_every_target_exists():
     text, makefile = (ROOT / "README.md").read_text(), (ROOT / "Makefile").read_text()
     assert set(re.findall(r"<!-- table:(\w+) -->", text)) == set(TABLES)

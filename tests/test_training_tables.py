@@ -1,6 +1,7 @@
 """Training tables: golden cycles against measured ones, models from finished runs, rows, plots and pages."""
 
 import json
+import sys
 from argparse import Namespace
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -34,6 +35,10 @@ from spec.config import PAPER  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tools.tables import fill_readme  # noqa: E402
+
 RECIPE = Recipe("H", None, True, 60, 1500, 0)
 
 
@@ -380,6 +385,21 @@ def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
     assert kept[0]["latency"]["versions"][0]["rtl"]["cycles"] == 7 * 600 + 31
     assert markdown(kept, "training.png") == page  # nothing is on the page that is not in the JSON
     assert (tmp_path / "training.png").read_bytes().startswith(b"\x89PNG")
+    readme_has_the_tables(tmp_path, page)
+
+
+def readme_has_the_tables(folder, page):
+    """The README's section, filled from the reports in a folder, has rows that the page has too, and nothing unmeasured."""
+    text = (ROOT / "README.md").read_text()
+    section = text[text.index("\n## Training\n") : text.index("\n## Everyday use\n")]
+    (folder / "README.md").write_text(section)
+    assert fill_readme(folder / "README.md", folder) == 0
+    filled = (folder / "README.md").read_text()
+    assert "(not measured yet)" not in filled and "reports/training.png" in filled
+    rows = [line for line in filled.splitlines() if line.startswith("|")]
+    assert len(rows) > 50 and set(rows) <= set(page.splitlines())
+    assert filled.count("**other, 64x64**") == 5
+    assert fill_readme(folder / "README.md", folder, check=True) == 0
 
 
 @pytest.mark.parametrize("name, keys, plotted", [

@@ -1,8 +1,11 @@
 """Run what the README's tables rest on, keep the numbers in reports/, and write the tables.
 
-    python tools/results.py                    everything (about 20 minutes); scenes in MSV2_DATA, liberties in MSV2_PDK
+    python tools/results.py                    everything but training (about 20 minutes); scenes in MSV2_DATA, liberties in
+                                               MSV2_PDK
     python tools/results.py --only frames      one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
                                                culling_area, colour, bench
+    python tools/results.py --only training    the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
+                                               finished runs in build/train are not trained again, else it takes hours
     python tools/results.py --only synthesis --unit splat_fetch    one unit's row alone; the others stay
     python tools/results.py --only tables      only rewrite the tables from reports/
     python tools/results.py --check            exit 1 where the README differs from what reports/ give
@@ -191,6 +194,13 @@ def measure_bench() -> None:
     run("golden/bench.py", *scenes, "--size", "640x360", "--repeat", "9", "--out", str(REPORTS))
 
 
+def measure_training() -> None:
+    """reports/training.json, .md and .png: the tables of training, of the embedded scene and of captured photographs."""
+    fern = data_folder().parent / "posed" / "fern"
+    scenes = ["embedded", *([str(fern)] if fern.exists() else [])]
+    run("golden/tables_training.py", *scenes, "--out", str(REPORTS), "--name", "training")
+
+
 PARTS = {
     "accuracy": lambda: run("golden/accuracy.py", "--out", str(REPORTS)), "frames": measure_frames, "machine": measure_machine,
     "sorting": lambda: run("-m", "tools.sorting_report"), "order": measure_order,
@@ -198,12 +208,16 @@ PARTS = {
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "tools.culling_area"),
     "colour": lambda: run("-m", "tools.colour_report"), "bench": measure_bench, "tables": lambda: None,
 }
+"""Of everything, in this order."""
+
+ON_REQUEST = {"training": measure_training}
+"""What takes hours."""
 
 
 def main() -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=list(PARTS), help="one part instead of all")
+    parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README is stale")
     args = parser.parse_args()
@@ -214,7 +228,7 @@ def main() -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
-            PARTS[name]()
+            (PARTS | ON_REQUEST)[name]()
     return fill_readme(ROOT / "README.md", REPORTS, check=args.check)
 
 

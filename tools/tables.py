@@ -19,6 +19,7 @@ from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.vrc_array import blend, expand, row, setup, splat_fetch
 from spec.config import DEFAULT, PAPER
 from spec.constants import TILE
+from tools.training_tables import TRAINING_TABLES
 
 AREA_7_TO_16_NM = 1 / 0.31
 """Area of the same logic at 16 nm over 7 nm (Stillmaker & Baas 2017)."""
@@ -286,18 +287,23 @@ def time_table(reports: Reports) -> str:
     return markdown(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
 
 
-TABLES: dict[str, Callable[[Reports], str]] = {
+TABLES: dict[str, Callable[[Reports], str | None]] = {
     "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
     "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
-    "order": order_table, "shared": shared_table, "time": time_table,
+    "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES,
 }
+"""By name; None where a table's report is not there: what the README has stays."""
 
 
 def fill_readme(readme: Path, reports_folder: Path, *, check: bool = False) -> int:
     """Rewrites the text between each `<!-- table:NAME -->` and `<!-- end -->`; with `check` returns 1 where it would change."""
     reports, old = load_reports(reports_folder), readme.read_text()
-    new = re.sub(r"(<!-- table:(\w+) -->\n).*?(<!-- end -->)",
-                 lambda m: f"{m[1]}{TABLES[m[2]](reports)}\n{m[3]}", old, flags=re.S)
+
+    def filled(match: re.Match[str]) -> str:
+        made = TABLES[match[2]](reports)
+        return match[0] if made is None else f"{match[1]}{made}\n{match[3]}"
+
+    new = re.sub(r"(<!-- table:(\w+) -->\n).*?(<!-- end -->)", filled, old, flags=re.S)
     if not check and new != old:
         with atomic_output(readme) as file:
             file.write(new.encode())

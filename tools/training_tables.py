@@ -1,0 +1,44 @@
+"""The README's tables of training, made of reports/training.json; needs no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from golden.training import tables_text
+
+Reports = Mapping[str, Mapping[str, Any]]
+
+PICTURE = "![latency of pruned versions against points and intersections; HVSQ of levels against points](reports/training.png)"
+
+
+def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[[Reports], str | None]:
+    """A table of each scene that has `key`, under its name; None where training was not measured at all."""
+    def text(reports: Reports) -> str | None:
+        if "training" not in reports:
+            return None
+        scenes = [scene for scene in reports["training"]["scenes"] if key in scene]
+        if not scenes:
+            return "(not measured yet)"
+        return "\n".join(f"**{tables_text.scene_title(scene)}**\n\n{shown(scene)}" for scene in scenes)
+
+    return text
+
+
+def _targets(reports: Reports) -> str | None:
+    return tables_text.targets_table(reports["training"]["scenes"]) if "training" in reports else None
+
+
+def _latency(reports: Reports) -> str | None:
+    text = _of_scenes("latency", tables_text.agreement_table)(reports)
+    return text if text is None else f"{PICTURE}\n\n{text}"
+
+
+TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {
+    "training_targets": _targets,
+    "training_representations": _of_scenes("comparison", lambda scene: tables_text.comparison_table(scene["comparison"])),
+    "training_points": _of_scenes("comparison", tables_text.points_table),
+    "training_ablation": _of_scenes("ablation", lambda scene: tables_text.ablation_table(scene["ablation"])),
+    "training_pruning": _of_scenes("pruning", lambda scene: tables_text.pruning_table(scene["pruning"])),
+    "training_latency": _latency,
+}
