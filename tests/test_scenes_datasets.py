@@ -275,6 +275,22 @@ def test_broken_points(tmp_path, spoil):
         read_points(path)
 
 
+def test_colmap_says_how_far_keypoints_are_from_their_points(tmp_path):
+    pytest.importorskip("pycolmap")
+    cameras, points = write_set("colmap", tmp_path)
+    path, off = tmp_path / "sparse" / "0" / "images.txt", [0.25 * i for i in range(VIEWS)]
+    lines = path.read_text().splitlines()
+    for k, i in enumerate(range(VIEWS - 1, -1, -1)):  # the file goes backwards
+        local = points @ cameras[i].rotation.T + cameras[i].translation
+        keypoints = local[:, :2] / local[:, 2:] * (cameras[i].fx, cameras[i].fy) + (cameras[i].cx, cameras[i].cy)
+        keypoints[:, 0] += off[i] * np.where(np.arange(len(points)) % 2, 1, -1)
+        lines[2 * k + 1] = " ".join(f"{x!r} {y!r} {n + 1}" for n, (x, y) in enumerate(keypoints.tolist())) if i != 2 else ""
+    path.write_text("\n".join(lines) + "\n")
+    error = load_dataset(tmp_path).pose_error
+    assert np.isnan(error[2])
+    assert np.delete(error, 2) == pytest.approx(np.delete(off, 2), abs=1e-6)
+
+
 def test_broken_or_distorted_colmap(tmp_path):
     pytest.importorskip("pycolmap")
     write_set("colmap", tmp_path)

@@ -47,6 +47,24 @@ def test_views_are_divided(views):
     assert scene.test == tuple(range(0, views, 8))
 
 
+def test_doubtful_views_neither_train_nor_validate():
+    cameras = little_scene()[0]
+    from golden.training.scene import divided_scene, doubtful_poses
+
+    def divided(doubtful):
+        return divided_scene("many", np.array([0.0, 0, 1]), tuple(cameras[i % VIEWS] for i in range(24)),
+                             np.zeros((24, HEIGHT, WIDTH, 3), np.uint8), np.ones((4, 3)), np.ones((4, 3)), doubtful)
+
+    whole, part = divided(()), divided((0, 1, 4, 5))
+    assert part.doubtful == (0, 1, 4, 5) and part.test == whole.test
+    assert part.train == tuple(i for i in whole.train if i not in part.doubtful)
+    assert part.validation == tuple(i for i in whole.validation if i not in part.doubtful)
+    assert {1, 4, 5} <= {*whole.train, *whole.validation}
+    assert divided(tuple(range(24))).train == whole.train and divided(whole.validation).doubtful == ()
+    assert doubtful_poses(None) == doubtful_poses(np.full(3, np.nan)) == ()
+    assert doubtful_poses(np.array([0.3, 0.2, np.nan, 0.5, 0.21])) == (3,)
+
+
 def test_size(tmp_path):
     write_set("llff", tmp_path)
     full = load_training_scene(tmp_path)

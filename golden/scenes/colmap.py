@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 
@@ -52,6 +53,7 @@ def load_colmap(folder: Path, model: Path) -> Dataset:
         points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
         point_colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
+        pose_error=np.array([_pose_error(image, camera, reconstruction) for image, camera in zip(posed, cameras, strict=True)]),
     )
 
 
@@ -76,6 +78,16 @@ def _camera(model: Path, image: object, intrinsics: object) -> Camera:
         cx=float(intrinsics.principal_point_x), cy=float(intrinsics.principal_point_y),
         width=int(intrinsics.width), height=int(intrinsics.height), name=image.name,
     )
+
+
+def _pose_error(image: object, camera: Camera, reconstruction: object) -> float:
+    """Median distance in pixels between a view's keypoints and its points' projections; nan without any."""
+    seen = [point for point in image.points2D if point.has_point3D()]
+    if not seen:
+        return math.nan
+    points = np.array([reconstruction.points3D[point.point3D_id].xyz for point in seen]) @ camera.rotation.T + camera.translation
+    projected = points[:, :2] / points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    return float(np.median(np.linalg.norm(projected - [point.xy for point in seen], axis=1)))
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -28,6 +28,8 @@ class Dataset:
         point_colours: (P, 3) uint8 RGB.
         up: (3,) unit vector, world up.
         name: short name for folders and reports.
+        pose_error: (V,) float64 px at the size of the reconstruction, median distance of each view's keypoints from the points
+            they were taken for, nan where a view has none; None where the data set does not say.
     """
 
     cameras: tuple[Camera, ...]
@@ -36,6 +38,7 @@ class Dataset:
     point_colours: np.ndarray
     up: np.ndarray
     name: str
+    pose_error: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.images is not None and len(self.images) != len(self.cameras):

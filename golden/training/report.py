@@ -84,7 +84,9 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
     storage = trained.levels.storage
     return {
         "scene": scene.name, "size": list(scene.size), "options": dict(trained.options), "references": trained.references,
-        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
+        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test),
+                  "doubtful": list(scene.doubtful)},
+        "psnr_dense_well_posed": _well_posed_psnr(trained.dense, scene),
         "psnr_dense": stages[0]["psnr"], "ssim_dense": stages[0]["ssim"], "psnr_l1": l1["psnr"], "ssim_l1": l1["ssim"],
         "points": {"dense": len(trained.dense), "levels": list(trained.levels.counts)},
         "entries_per_frame": machine.entries if machine else {"dense": stages[0]["entries"], "l1": l1["entries"]},
@@ -97,6 +99,12 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
         "regions": _regions(trained, scene),
         "machine": asdict(machine) if machine else None,
     }
+
+
+def _well_posed_psnr(dense: Gaussians, scene: TrainingScene) -> float | None:
+    """PSNR of the dense model on the test views whose poses are not in doubt; None where all are, or none is."""
+    views = [view for view in scene.test if view not in scene.doubtful]
+    return evaluate(dense, scene, views).psnr if 0 < len(views) < len(scene.test) else None
 
 
 def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: TrainingScene) -> dict[str, Any]:

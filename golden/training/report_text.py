@@ -47,7 +47,7 @@ def _summary(report: Mapping[str, Any]) -> str:
     entries, points = report["entries_per_frame"], report["points"]
     lines = [
         f"- PSNR on test views: dense {report['psnr_dense']:.2f} dB, L1 {report['psnr_l1']:.2f} dB "
-        f"({100 * report['psnr_l1'] / report['psnr_dense']:.1f} %).",
+        f"({100 * report['psnr_l1'] / report['psnr_dense']:.1f} %)." + _doubtful(report),
         f"- Points: dense {points['dense']:,}, levels {', '.join(f'{count:,}' for count in points['levels'])}.",
         f"- Entries per frame: dense {entries['dense']:,.0f}, " + ", ".join(
             f"{'L1 everywhere' if name == 'l1' else name} {value:,.0f} (1/{entries['dense'] / max(value, 1):.2f})"
@@ -55,6 +55,15 @@ def _summary(report: Mapping[str, Any]) -> str:
     if report["quantised_loss_db"] is not None:
         lines.append(f"- Quantisation to the machine's formats costs {report['quantised_loss_db']:.4f} dB.")
     return "\n".join(lines)
+
+
+def _doubtful(report: Mapping[str, Any]) -> str:
+    """What to say of views whose poses are in doubt."""
+    doubtful, psnr = report["views"]["doubtful"], report["psnr_dense_well_posed"]
+    if not doubtful:
+        return ""
+    judged = "" if psnr is None else f"; dense {psnr:.2f} dB on the other test views"
+    return f" The poses of {len(doubtful)} views are in doubt, which neither train nor validate{judged}."
 
 
 def _pictures(pictures: Mapping[str, str]) -> str:

@@ -34,6 +34,9 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     recipe = chosen_recipe(args)
     dense = None if args.source is None else loaded_dense(Path(args.source), device)
     scene, references = chosen_scene(args.scene, size, dense)
+    if scene.doubtful:
+        print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
+              "(reprojection error); they neither train nor validate", file=sys.stderr)
     out = make_folder(args.out or Path("build/train") / run_name(scene.name, recipe))
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)

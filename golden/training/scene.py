@@ -24,6 +24,10 @@ MIN_EDGE = 32
 MIN_POINTS = 4
 """A point and its three nearest neighbours, which give its first scale."""
 
+DOUBTFUL_POSE = 2.0
+"""A view whose pose error is this many times the median of all views' is left out of training and validation: what it shows
+is not where its camera says, so it blurs the model and its PSNR judges the pose."""
+
 EXTENT_MARGIN = 1.1
 """3DGS's scene extent is the radius of the cameras' positions around their mean, times this."""
 
@@ -44,6 +48,7 @@ class TrainingScene:
         cameras: one per view, at the size trained at.
         images: (V, H, W, 3) uint8, the photographs.
         train, validation, test: indices of views, disjoint, none empty.
+        doubtful: views whose poses the reconstruction itself contradicts; test views among them stay test views.
         extent: 3DGS's scene extent, of the training cameras, world units.
         points: (P, 3) float64, world units.
         colours: (P, 3) float64 in 0..1.
@@ -59,6 +64,7 @@ class TrainingScene:
     extent: float
     points: np.ndarray
     colours: np.ndarray
+    doubtful: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -85,7 +91,7 @@ def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *
 
     Test views are every 8th, as everywhere in the field; of the others every 8th, from the 4th on, validates. Photographs with
     masks (a folder `masks`, `mask_path`, or transparent pixels) are refused. Photographs that a COLMAP model does not name are
-    not used. Points that are not finite are dropped.
+    not used. Views with doubtful poses neither train nor validate. Points that are not finite are dropped.
 
     Args:
         path: a data set as `load_dataset` reads it, or 'embedded'.
@@ -107,7 +113,14 @@ def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *
                          "nerfstudio's ply_file_path (or a trained model to start from)")
     cameras = tuple(camera.resized(width, height) for camera in data.cameras)
     return divided_scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
-                  data.point_colours[finite] / 255)
+                         data.point_colours[finite] / 255, doubtful_poses(data.pose_error))
+
+
+def doubtful_poses(error: np.ndarray | None) -> tuple[int, ...]:
+    """Views whose pose error (V,) is above DOUBTFUL_POSE times the median; unknown errors are not doubted."""
+    if error is None or not np.isfinite(error).any():
+        return ()
+    return tuple(int(i) for i in np.flatnonzero(error > DOUBTFUL_POSE * np.nanmedian(error)))
 
 
 def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
@@ -123,18 +136,26 @@ def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> t
 
 
 def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
-                  colours: np.ndarray) -> TrainingScene:
-    """The scene with its views divided and its extent measured; at least three views, fields as of `TrainingScene`."""
+                  colours: np.ndarray, doubtful: tuple[int, ...] = ()) -> TrainingScene:
+    """The scene with its views divided and its extent measured; at least three views, fields as of `TrainingScene`.
+
+    Which views validate does not depend on `doubtful`: those among them are left out. Where hardly any would be left, none is.
+    """
     test = tuple(range(0, len(cameras), TEST_EVERY))
     others = [i for i in range(len(cameras)) if i % TEST_EVERY]
     validation = tuple(others[min(VALIDATE_EVERY // 2 - 1, len(others) - 1) :: VALIDATE_EVERY])
     train = tuple(i for i in others if i not in validation)
+    kept = [tuple(i for i in views if i not in doubtful) for views in (train, validation)]
+    if all(kept):
+        train, validation = kept
+    else:
+        doubtful = ()
     positions = np.array([cameras[i].position for i in train])
     extent = EXTENT_MARGIN * float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     if extent == 0:  # one training view, or all from one place: the points say how large the scene is
         extent = float(np.linalg.norm(points - positions[0], axis=1).mean()) if len(points) else 1.0
     return TrainingScene(name=name, up=up, cameras=cameras, images=images, train=train, validation=validation, test=test,
-                         extent=extent, points=points, colours=colours)
+                         extent=extent, points=points, colours=colours, doubtful=doubtful)
 
 
 def _embedded(width: int, height: int) -> TrainingScene:
