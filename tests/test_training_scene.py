@@ -62,7 +62,7 @@ def test_doubtful_views_neither_train_nor_validate():
     assert {1, 4, 5} <= {*whole.train, *whole.validation}
     assert divided(tuple(range(24))).train == whole.train and divided(whole.validation).doubtful == ()
     assert doubtful_poses(None) == doubtful_poses(np.full(3, np.nan)) == ()
-    assert doubtful_poses(np.array([0.3, 0.2, np.nan, 0.5, 0.21])) == (3,)
+    assert doubtful_poses(np.array([0.3, 0.2, np.nan, 0.9, 0.21])) == (3,)
 
 
 def test_size(tmp_path):

@@ -85,8 +85,9 @@ def _pose_error(image: object, camera: Camera, reconstruction: object) -> float:
     seen = [point for point in image.points2D if point.has_point3D()]
     if not seen:
         return math.nan
-    points = np.array([reconstruction.points3D[point.point3D_id].xyz for point in seen]) @ camera.rotation.T + camera.translation
-    projected = points[:, :2] / points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    points = np.array([reconstruction.points3D[point.point3D_id].xyz for point in seen])
+    local = points @ camera.rotation.T + camera.translation
+    projected = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return float(np.median(np.linalg.norm(projected - [point.xy for point in seen], axis=1)))
 
 
