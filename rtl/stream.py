@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, ShapeLike, Signal
+from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -69,4 +69,41 @@ class Fork(wiring.Component):
             m.submodules[f"buffer_{number}"] = buffer
             m.d.comb += [buffer.sink.payload.eq(self.sink.payload), buffer.sink.valid.eq(self.sink.valid & self.sink.ready)]
             wiring.connect(m, buffer.source, wiring.flipped(source))
+        return m
+
+
+class Broadcast(wiring.Component):
+    """Every item to each of several consumers at their own pace, without storage: it stays until the last of them has taken it.
+
+    Throughput one transfer a cycle, latency none. An output's `valid` does not depend on any `ready`; `sink.ready` depends on
+    all of theirs.
+
+    Parameters:
+        shape: shape of the payload.
+        count: consumers, 1 or more.
+
+    Ports:
+        sink, sources: the streams.
+        wanted: a bit a consumer: it gets the items; changes only while none is offered.
+    """
+
+    def __init__(self, shape: ShapeLike, count: int = 2):
+        if not isinstance(count, int) or isinstance(count, bool):
+            raise TypeError(f"count must be an integer, not {count!r}")
+        if count < 1:
+            raise ValueError(f"count must be 1 or more, not {count!r}")
+        items = stream.Signature(shape)
+        super().__init__({"sink": In(items), "sources": Out(items).array(count), "wanted": In(count)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        done, takes = Signal.like(self.wanted), Signal.like(self.wanted)
+        m.d.comb += self.sink.ready.eq((done | takes | ~self.wanted).all())
+        for number, source in enumerate(self.sources):
+            m.d.comb += [
+                source.payload.eq(self.sink.payload),
+                source.valid.eq(self.sink.valid & self.wanted[number] & ~done[number]),
+                takes[number].eq(source.ready & self.wanted[number])]
+        with m.If(self.sink.valid):
+            m.d.sync += done.eq(Mux(self.sink.ready, 0, done | takes))
         return m

@@ -14,7 +14,7 @@ from rtl_streams import assert_rejected, exchange
 from rtl.fixed import fits, modular, negated_round_shift, round_shift, saturate
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
-from rtl.stream import Buffer, Fork
+from rtl.stream import Broadcast, Buffer, Fork
 from spec.config import DEFAULT, TINY
 from spec.formats import SQ, UQ
 from spec.records import RECORDS, tile_group
@@ -134,9 +134,46 @@ def test_a_fork_holds_back_no_consumer_for_another_beyond_two_items():
     simulator.run()
 
 
+@pytest.mark.parametrize("pauses", [0.0, 0.6])
+@pytest.mark.parametrize("wanted", [1, 2, 5, 7])
+def test_a_broadcast_gives_every_item_once_to_each_that_wants_it(wanted, pauses):
+    dut, got, cycles = Broadcast(8, 3), [[], [], []], []
+
+    async def bench(ctx):
+        rng, words = random.Random(wanted), list(range(100))
+        ctx.set(dut.wanted, wanted)
+        for cycle in range(1000):
+            offers = bool(words) and (ctx.get(dut.sink.valid) or rng.random() >= pauses / 2)
+            ctx.set(dut.sink.valid, offers)
+            ctx.set(dut.sink.payload, words[0] if words else 0)
+            await ctx.delay(1e-10)
+            before = [ctx.get(source.valid) for source in dut.sources]
+            for source, share in zip(dut.sources, (pauses, pauses / 2, pauses), strict=True):
+                ctx.set(source.ready, rng.random() >= share)
+            await ctx.delay(1e-10)
+            assert before == [ctx.get(source.valid) for source in dut.sources], "valid must not depend on ready"
+            for source, found in zip(dut.sources, got, strict=True):
+                if ctx.get(source.valid) and ctx.get(source.ready):
+                    found.append(ctx.get(source.payload))
+            if offers and ctx.get(dut.sink.ready):
+                cycles.append(cycle)
+                assert words.pop(0) == ctx.get(dut.sink.payload)
+                assert {len(got[i]) for i in range(3) if wanted >> i & 1} == {100 - len(words)}
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-9)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert got == [list(range(100)) if wanted >> i & 1 else [] for i in range(3)]
+    if not pauses:
+        assert cycles == list(range(100))
+
+
 def test_bad_forks_are_rejected():
-    for count, error in ((0, ValueError), (True, TypeError), ("2", TypeError)):
-        assert_rejected(lambda count=count: Fork(layout(tile_group(TINY)), count), error, count)
+    for make in (Fork, Broadcast):
+        for count, error in ((0, ValueError), (True, TypeError), ("2", TypeError)):
+            assert_rejected(lambda make=make, count=count: make(layout(tile_group(TINY)), count), error, count)
 
 
 class Sum(wiring.Component):

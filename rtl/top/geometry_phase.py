@@ -13,9 +13,10 @@ from rtl.shapes import layout
 from rtl.tile_lists.entry_writer import EntryWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.table_loader import TableLoader
+from rtl.tile_lists.tile_settings import mask_port
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
-from spec.records import tile_hit
+from spec.records import frame_tiles, tile_hit
 
 READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
 """Its memory clients, by the names of `spec.registers`."""
@@ -48,6 +49,11 @@ class GeometryPhase(wiring.Component):
         ready: nothing is being cleared.
         stage_valid, stage_ready: of the streams into STAGES, a bit each.
         points, culled_near, culled_faint, culled_outside, survivors, entries, filtered: counts of the frame.
+
+    With stereo:
+        target: the target eye's pass.
+        mask_tile, mask: see `mask_port`; while the table is read.
+        rendered_tiles: tiles of the pass that are rendered, from `table_done` on.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -55,6 +61,7 @@ class GeometryPhase(wiring.Component):
         super().__init__({
             **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
             "start_table": In(1), "hits": Out(stream.Signature(layout(tile_hit(config)))), "table_done": Out(1), "full": Out(1),
+            **({**mask_port(config), "rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
         })
 
     def elaborate(self, platform) -> Module:
@@ -84,6 +91,9 @@ class GeometryPhase(wiring.Component):
         ]
         watch(m, self, (reader.data, projection.sink, tile_test.splats, colour.survivors, writer.entries))
         self._follow(m, loader, tile_test, colour)
+        if self.config.stereo:
+            m.d.comb += [self.mask_tile.eq(loader.mask_tile), loader.mask.eq(self.mask),
+                         self.rendered_tiles.eq(loader.rendered_tiles)]
         if self.config.counters:
             self._count(m, reader, projection, tile_test)
         return m

@@ -16,7 +16,7 @@ from rtl.top import geometry_phase, render_phase
 from rtl.top.controller import FrameController
 from spec.config import AcceleratorConfig
 from spec.queues import READ_DEPTHS
-from spec.registers import EVENTS, READ_CLIENTS, STAGES, WRITE_CLIENTS, ErrorCode
+from spec.registers import READ_CLIENTS, ErrorCode, events, stages, write_clients
 
 
 class Machine(wiring.Component):
@@ -40,7 +40,7 @@ class Machine(wiring.Component):
         self.config = config
         super().__init__({
             **bus.axi_lite_slave_ports("s_axil"),
-            **bus.axi_master_ports("m_axi", id_bits(len(READ_CLIENTS), len(WRITE_CLIENTS))),
+            **bus.axi_master_ports("m_axi", id_bits(len(READ_CLIENTS), len(write_clients(config)))),
             "interrupt": Out(1),
         })
 
@@ -48,7 +48,7 @@ class Machine(wiring.Component):
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
         m.submodules.controller = controller = FrameController(self.config)
-        m.submodules.master = master = AxiMaster(self.config, len(READ_CLIENTS), len(WRITE_CLIENTS))
+        m.submodules.master = master = AxiMaster(self.config, len(READ_CLIENTS), len(write_clients(self.config)))
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
         renamed = DomainRenamer("units")
@@ -59,6 +59,8 @@ class Machine(wiring.Component):
         bus.join(m, self, master, "m_axi")
         m.d.comb += self.interrupt.eq(registers.interrupt)
         self._control(m, registers, controller, master, geometry, render)
+        if self.config.stereo:
+            self._two_eyes(m, registers, controller, geometry, render)
         self._memory(m, renamed, master, geometry, render)
         if self.config.counters:
             self._count(m, registers, controller, master, geometry, render)
@@ -97,6 +99,25 @@ class Machine(wiring.Component):
             registers.read_errors.eq(master.read_errors), registers.write_errors.eq(master.write_errors),
         ]
 
+    def _two_eyes(
+        self, m: Module, registers: RegisterFile, controller: FrameController, geometry: geometry_phase.GeometryPhase,
+        render: render_phase.RenderPhase,
+    ) -> None:
+        """The target eye's pass: its own position, table and frame instead of the source's, and the mask of its tiles.
+
+        They are registered: no phase begins sooner than two cycles after the pass.
+        """
+        settings, target = registers.settings, controller.target
+        for name, others in (("position", "target_position"), ("tiles_base", "target_tiles_base"),
+                             ("frame_base", "target_frame_base")):
+            now = Signal.like(settings[name], name=name, reset_less=True)
+            m.d.sync += now.eq(Mux(target, settings[others], settings[name]))
+            m.d.comb += [unit.settings[name].eq(now) for unit in (geometry, render)]
+        m.d.comb += [
+            controller.stereo.eq(settings.stereo), geometry.target.eq(target), render.target.eq(target),
+            render.mask_tile.eq(geometry.mask_tile), geometry.mask.eq(render.mask),
+            render.rendered_tiles.eq(geometry.rendered_tiles)]
+
     def _memory(
         self, m: Module, renamed: DomainRenamer, master: AxiMaster,
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
@@ -110,7 +131,7 @@ class Machine(wiring.Component):
             self._connect_readers(m, name, queue, users)
             wiring.connect(m, queue.requests, master.reads[place])
             wiring.connect(m, master.beats[place], queue.beats)
-        for place, name in enumerate(WRITE_CLIENTS):
+        for place, name in enumerate(write_clients(self.config)):
             unit = geometry if name in geometry_phase.WRITERS else render
             wiring.connect(m, getattr(unit, f"writes_{name}"), master.writes[place])
             m.d.comb += getattr(unit, f"idle_{name}").eq(master.writes_idle[place])
@@ -138,8 +159,10 @@ class Machine(wiring.Component):
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
     ) -> None:
         m.submodules.counters = counters = PerformanceCounters(self.config)
-        if STAGES != geometry_phase.STAGES + render_phase.STAGES:
-            raise ValueError(f"STAGES must be those of both phases, in order, not {STAGES!r}")
+        if stages(self.config) != geometry_phase.STAGES + render_phase.stages(self.config):
+            raise ValueError(f"stages must be those of both phases, in order, not {stages(self.config)!r}")
+        if self.config.stereo:
+            m.d.comb += [counters.target.eq(controller.target), counters.next_pass.eq(controller.next_pass)]
         m.d.comb += [
             counters.phase.eq(controller.phase), counters.clear.eq(registers.clear),
             counters.finished.eq(controller.finished),
@@ -147,7 +170,8 @@ class Machine(wiring.Component):
             counters.stage_ready.eq(Cat(geometry.stage_ready, render.stage_ready)),
             counters.read_beats.eq(master.read_beats), counters.write_beats.eq(master.write_beats),
             registers.counters.eq(counters.counters),
-            *(counters.events[name].eq(getattr(geometry if hasattr(geometry, name) else render, name)) for name in EVENTS)]
+            *(counters.events[name].eq(getattr(geometry if hasattr(geometry, name) else render, name))
+              for name in events(self.config))]
 
 
 def emit_msv2_top(config: AcceleratorConfig) -> str:

@@ -32,7 +32,7 @@ def phase_ports(
     config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str], stages: Sequence[str], counts: Sequence[str],
 ) -> dict[str, Member]:
     """What both phases have: the frame's `settings`, `tiles_x` and `tile_count`; strobes `clear` and `start`; their clients;
-    `done` and `ready`; handshakes of their `stages`; `counts` of the frame.
+    `done` and `ready`; handshakes of their `stages`; `counts` of the frame; with stereo, `target`: it is the target eye's pass.
 
     Raises:
         TypeError: `config` is no AcceleratorConfig.
@@ -43,16 +43,17 @@ def phase_ports(
     return {
         "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles, "clear": In(1), "start": In(1),
         **memory_ports(config, readers, writers), "done": Out(1), "ready": Out(1),
-        "stage_valid": Out(len(stages)), "stage_ready": Out(len(stages)), **{name: Out(COUNTER_BITS) for name in counts}}
+        "stage_valid": Out(len(stages)), "stage_ready": Out(len(stages)), **{name: Out(COUNTER_BITS) for name in counts},
+        **({"target": In(1)} if config.stereo else {})}
 
 
 def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:
-    """Gives a unit those of the frame's settings, and of its tiles, that it has an input of the same name for."""
+    """Gives a unit those of the frame's settings, of its tiles and its pass, that it has an input of the same name for."""
     fields = outer.settings.shape().members
     for name, member in unit.signature.members.items():
         if name in fields:
             m.d.comb += getattr(unit, name).eq(outer.settings[name])
-        elif name in ("tiles_x", "tile_count"):
+        elif name in ("tiles_x", "tile_count", "target"):
             m.d.comb += getattr(unit, name).eq(getattr(outer, name))
         if name in fields and member.flow is not In:
             raise ValueError(f"{name} must be an input of {type(unit).__name__}, not {member!r}")

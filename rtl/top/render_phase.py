@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Member, Out
 
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.stream import Fork
+from rtl.stream import Broadcast, Fork
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
 from rtl.top.ports import connect_settings, phase_ports, watch
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.splat_fetch import SplatFetch
+from rtl.warp_unit.warp_unit import EVENTS as WARP_EVENTS
+from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import AcceleratorConfig
-from spec.queues import OUTPUT_DRAINS
-from spec.records import tile_hit
+from spec.queues import COUNTER_BITS, OUTPUT_DRAINS
+from spec.records import frame_tiles, tile_hit, tile_index
+from spec.registers import STEREO_EVENTS, STEREO_STAGES, STEREO_WRITE_CLIENTS
 
 READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
 """Its memory clients, by the names of `spec.registers`."""
@@ -28,6 +31,16 @@ STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
 """Its stages whose input streams are watched."""
 
 _COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "ops", "skipped", "pixels")
+
+
+def writers(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Its clients that write, of a machine."""
+    return WRITERS + STEREO_WRITE_CLIENTS if config.stereo else WRITERS
+
+
+def stages(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Its stages that are watched, of a machine."""
+    return STAGES + STEREO_STAGES if config.stereo else STAGES
 
 
 class RenderPhase(wiring.Component):
@@ -39,6 +52,12 @@ class RenderPhase(wiring.Component):
                                        └────► HeaderMaker ─────────── levels ─────────────────▲           │
                                          tiles ▲    └──────────────── headers ─────────► VrcArray ◄───────┘
                                                                                             └─► PixelWriter ─► frame
+
+    With stereo, the array's rows go to the warp unit too while the source eye is rendered::
+
+        array ─► Broadcast ─► PixelWriter ─► frame
+                    └───────► WarpUnit ────► warp
+                                 └─ mask ──► HeaderMaker, and the geometry phase's TableLoader, in the target eye's pass
 
     Parameters:
         config: the machine; `incremental` chooses how stages hand over.
@@ -54,14 +73,26 @@ class RenderPhase(wiring.Component):
         ready: nothing is being cleared.
         stage_valid, stage_ready: of the streams into STAGES, a bit each.
         groups, spilled_entries, fetch_hits, fetch_misses, ops, skipped, pixels: counts of the frame.
+
+    With stereo:
+        target: the target eye's pass.
+        rendered_tiles: tiles of the pass that are rendered.
+        mask_tile, mask: what the warp unit found of a tile, a cycle later; until `start` of the target eye's pass.
+        warped, filled, invalid_tiles, target_tiles: counts of the pass.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__({
-            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+            **phase_ports(config, READERS, writers(config), stages(config), _COUNTS),
             "hits": In(stream.Signature(layout(tile_hit(config)))), "counted": Out(1), "overflow": Out(1), "saturated": Out(1),
+            **(self._stereo_ports() if config.stereo else {}),
         })
+
+    def _stereo_ports(self) -> dict[str, Member]:
+        tile, tiles = tile_index(self.config).width, range(frame_tiles(self.config) + 1)
+        return {"rendered_tiles": In(tiles), "mask_tile": In(tile), "mask": Out(1),
+                **{name: Out(COUNTER_BITS) for name in STEREO_EVENTS}}
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -80,7 +111,7 @@ class RenderPhase(wiring.Component):
         m.d.comb += merge.auto.eq(self.settings.auto_beta)
         m.d.comb += [unit.clear.eq(self.clear) for unit in (reader, headers, sorter, fetch)]
         wiring.connect(m, wiring.flipped(self.hits), merge.hits)
-        self._gate(m, merge, fork)
+        opened = self._gate(m, merge, fork)
         wiring.connect(m, fork.sources[0], reader.tiles)
         wiring.connect(m, fork.sources[1], headers.tiles)
         wiring.connect(m, reader.groups, sorter.groups)
@@ -89,7 +120,8 @@ class RenderPhase(wiring.Component):
         wiring.connect(m, headers.levels, fetch.tiles)
         wiring.connect(m, headers.headers, array.tiles)
         wiring.connect(m, fetch.entries, array.entries)
-        wiring.connect(m, array.pixels, writer.rows)
+        if not self.config.stereo:
+            wiring.connect(m, array.pixels, writer.rows)
         for name, unit in (("tiles", headers), ("entries", reader), ("spill", sorter), ("views", fetch)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
@@ -100,13 +132,48 @@ class RenderPhase(wiring.Component):
             writer.begin.eq(self.start), self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
             self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy),
         ]
-        watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows))
+        watched = [reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows]
+        if self.config.stereo:
+            watched.append(self._second_eye(m, merge, headers, array, writer, opened))
+        watch(m, self, watched)
         if self.config.counters:
             self._count(m, merge, sorter, fetch, array, writer)
         return m
 
-    def _gate(self, m: Module, merge: TileMergeUnit, fork: Fork) -> None:
-        """Groups wait for the phase: their lists are complete with the last hit, the views perhaps not yet."""
+    def _second_eye(
+        self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, array: VrcArray, writer: PixelWriter, opened: Signal,
+    ) -> stream.Interface:
+        """The warp unit beside the pixel writer, its mask to whoever reads the table; gives the rows that it takes.
+
+        A pass is done when all that is rendered of it is in memory, but not before the other tiles have gone by; the source
+        eye's, when what was warped is in memory, too.
+        """
+        m.submodules.broadcast = broadcast = Broadcast(array.pixels.payload.shape())
+        m.submodules.warp = warp = WarpUnit(self.config)
+        connect_settings(m, self, warp)
+        wiring.connect(m, array.pixels, broadcast.sink)
+        wiring.connect(m, broadcast.sources[0], writer.rows)
+        wiring.connect(m, broadcast.sources[1], warp.rows)
+        wiring.connect(m, warp.writes, wiring.flipped(self.writes_warp))
+        warps = Signal()
+        m.d.comb += [
+            warps.eq(self.settings.stereo & ~self.target), broadcast.wanted.eq(Cat(1, warps)),
+            warp.writes_idle.eq(self.idle_warp), warp.begin.eq(self.start & warps),
+            warp.tile.eq(Mux(opened, headers.mask_tile, self.mask_tile)),
+            self.mask.eq(warp.invalid), headers.mask.eq(warp.invalid),
+            writer.tile_count.eq(self.rendered_tiles),
+            self.done.eq(writer.finished & headers.done & (warp.finished | ~warps)),
+            self.ready.eq(~merge.busy & ~(warp.busy & self.settings.stereo)),
+            self.target_tiles.eq(Mux(self.target, self.rendered_tiles, 0)),
+            *(getattr(self, name).eq(Mux(warps, getattr(warp, name), 0)) for name in WARP_EVENTS),
+        ]
+        return warp.rows
+
+    def _gate(self, m: Module, merge: TileMergeUnit, fork: Fork) -> Signal:
+        """Groups wait for the phase, whose work has begun where what this gives is high.
+
+        Their lists are complete with the last hit, the views perhaps not yet.
+        """
         counted, open_ = Signal(), Signal()
         with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
             m.d.sync += counted.eq(1)
@@ -120,6 +187,7 @@ class RenderPhase(wiring.Component):
             fork.sink.valid.eq(merge.groups.valid & open_),
             merge.groups.ready.eq(fork.sink.ready & open_),
         ]
+        return open_
 
     def _count(
         self, m: Module, merge: TileMergeUnit, sorter: HierarchicalSorter, fetch: SplatFetch, array: VrcArray,
