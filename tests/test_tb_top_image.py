@@ -25,9 +25,11 @@ from spec.memory import (
 )
 from spec.records import RECORDS, gaussian_colour, gaussian_geometry
 from spec.registers import first_illegal
+from tb.top.check_stereo import stereo_run
 from tb.top.image import REGIONS, gaussian_bytes, memory_image, page_beats, read_frame
 from tb.top.packing import pack, unpack
 from tb.top.player import setting_writes
+from tb.top.stimuli_stereo import stereo_case, wall
 
 
 def random_rows(record, count, seed=0):
@@ -96,7 +98,8 @@ def test_tiles_lie_row_by_row():
 def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift):
     frame = frame_of(gaze, levels, 2, size)
     image = image_of(frame)
-    places = [image.regions[name] for name in REGIONS]
+    places = [image.regions[name] for name in REGIONS if not name.startswith("target")]
+    assert len(places) == len(image.regions)
     assert all(a.end < b.base for a, b in pairwise(places)) and places[0].base > 0
     assert image.beats == places[-1].end
     for name, rows in image.contents.items():
@@ -163,3 +166,47 @@ def test_a_frame_for_displays_is_read_row_by_row():
     for name in ("colour", "coverage"):
         assert (getattr(pixels, name).reshape(rows[name].shape) == rows[name]).all()
         assert getattr(pixels, name).shape[:2] == (height, width)
+
+
+@pytest.mark.parametrize("source_eye", ["left", "right"])
+def test_the_second_eye_has_a_table_and_a_frame_of_its_own(source_eye):
+    config = TINY.with_(stereo=True)
+    made = stereo_case(config, "", wall(np.random.default_rng(1), 3, 4), (90, 60), gaze=(45, 30), source_eye=source_eye).frame
+    image = stereo_run(made, None).image
+    record, target = tile_setting(config), made.registers.target
+    rows = [record.unpack(int.from_bytes(row.tobytes(), "little"))
+            for row in image.contents["target_tiles"].reshape(-1, 8)[: len(target.header)]]
+    assert [row["warp"] for row in rows] == made.registers.warp.tolist() and {row["warp"] for row in rows} == {0, 1}
+    assert [[row["level"], row["blend"]] for row in rows] == target.header[:, :2].tolist()
+    first = [record.unpack(int.from_bytes(row.tobytes(), "little")) for row in image.contents["tiles"].reshape(-1, 8)]
+    assert not any(row["warp"] for row in first)
+    places = [image.regions[name] for name in REGIONS]
+    assert len(image.regions) == len(REGIONS) and all(a.end < b.base for a, b in pairwise(places))
+    patterns = setting_writes(config, image, {})
+    assert first_illegal(config, patterns) is None
+    assert first_illegal(config, patterns | {"display": 0}) is not None
+    assert patterns["stereo"] == 1 and patterns["source_right"] == (source_eye == "right")
+    assert patterns["target_tiles_base"] == image.regions["target_tiles"].base
+    assert patterns["target_frame_base"] == image.regions["target_frame"].base
+    assert patterns["disparity_scale"] == made.registers.disparity_scale > 0
+    moved = [patterns[f"target_position_{i}"] != patterns[f"position_{i}"] for i in range(3)]
+    assert any(moved)
+
+
+def test_frames_of_one_eye_leave_the_second_ones_settings_to_chance():
+    frame = frame_of(config=TINY.with_(stereo=True))
+    image = image_of(frame)
+    patterns = setting_writes(frame.config, image, {})
+    assert patterns["stereo"] == 0 and patterns["target_frame_base"] > image.beats and "target_frame" not in image.regions
+
+
+def test_both_eyes_are_read_back(tmp_path):
+    made = stereo_case(TINY.with_(stereo=True), "", wall(np.random.default_rng(1), 3, 1), (33, 18)).frame
+    image = stereo_run(made, None).image
+    words = np.random.default_rng(0).integers(0, 256, image.frames.beats * BEAT_BYTES, np.uint8)
+    words.tofile(tmp_path / "dump")
+    size, gap = 33 * 18 * DISPLAY_PIXEL_BYTES, BEAT_BYTES * (image.regions["target_frame"].base - image.regions["frame"].base)
+    for pixels, at in ((image.frame(tmp_path / "dump"), 0), (image.target_frame(tmp_path / "dump"), gap)):
+        expected = words[at : at + size].reshape(18, 33, 4)
+        assert np.array_equal(pixels.colour, expected[..., :3]) and np.array_equal(pixels.coverage, expected[..., 3])
+    assert image_of(frame_of()).target_frame(tmp_path / "dump") is None

@@ -33,6 +33,27 @@ def test_frames_failures_and_resets_in_short():
     assert outcome.failures == {} and outcome.runs == len(plan)
 
 
+STEREO_IN_SHORT = (
+    "two gazes, usual memory", "one eye, after: gaze in the middle, usual memory",
+    "no Gaussians, nothing rendered, usual memory", "no depth, instant memory, back to back")
+"""Of the plan's frames of two eyes, a few."""
+
+STEREO_BROKEN = ("reset after 250", "abort after 250", "target_frame fails", "second pages")
+"""Of those that end early, some of each kind."""
+
+
+def test_frames_of_two_eyes_in_short():
+    config = VARIANTS["tiny_stereo"]
+    plan = [item for item in good_plan(config, 0) if item.name in STEREO_IN_SHORT]
+    plan += [item for item in broken_plan(config, 0)
+             if any(words in item.name for words in STEREO_BROKEN)]
+    assert any(item.run.late for item in plan) and sum(item.stereo is None for item in plan) > 2
+    outcome = run_plan(config, plan, ROOT / "build" / "test-top" / "stereo")
+    assert outcome.failures == {} and outcome.runs == len(plan) > 10
+    late = [outcome.recordings[item.name].registers for item in plan if item.run.late and item.run.abort]
+    assert late and all(registers["cycles_target"] > 0 for registers in late)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("variant", DISTINCT)
 def test_every_frame_of_the_plan_is_right(variant):

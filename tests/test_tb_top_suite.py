@@ -9,7 +9,8 @@ from golden.msv2_ref import culling
 from spec.config import TINY
 from spec.registers import ErrorCode, first_illegal
 from tb.top.check import expected_events
-from tb.top.image import FramePixels
+from tb.top.check_stereo import stereo_events
+from tb.top.image import DisplayPixels, FramePixels
 from tb.top.player import FrameResult, setting_writes
 from tb.top.suite import DISTINCT, VARIANTS, broken_plan, good_plan, problems
 
@@ -67,3 +68,57 @@ def test_every_kind_of_wrong_result_is_told(plans):
     registers = {name: value ^ 1 for name, value in failing.registers.items()}
     told = problems(failing, replace(right, error=failing.error, done=False, registers=registers))
     assert len(told) == len(registers) and "register error_clients must be" in told[0]
+
+
+STEREO = VARIANTS["tiny_stereo"]
+
+
+@pytest.fixture(scope="module")
+def stereo_plans():
+    return good_plan(STEREO, 0), broken_plan(STEREO, 0)
+
+
+def test_plans_of_two_eyes_cover_what_the_machine_can_meet(stereo_plans):
+    good, broken = stereo_plans
+    names = [item.name for item in (*good, *broken)]
+    assert len(set(names)) == len(names)
+    frames = [item.stereo for item in good if item.stereo]
+    warped, rendered = [f.registers.warp == 1 for f in frames], [f.rendered for f in frames]
+    assert {f.registers.source_right for f in frames} == {True, False}
+    assert any(w.all() and not r.any() for w, r in zip(warped, rendered, strict=True))
+    assert any(not w.any() for w in warped) and any(w.any() and not w.all() and (w & r).any() and (w & ~r).any()
+                                                    for w, r in zip(warped, rendered, strict=True))
+    kinds = np.concatenate([f.warped.origin.reshape(-1) for f in frames])
+    assert set(kinds.tolist()) == {0, 1, 2, 3} and any(not f.events["warped"] for f in frames)
+    assert any((f.registers.target.header[:, 1] == 1).any() and f.target.entries.filtered for f in frames)
+    chunk = STEREO.sort_buffer_bytes // 16
+    for eye in ("source", "target"):
+        groups = [np.bincount(f.groups, np.diff(f.entries.start)).max() for f in (getattr(f, eye) for f in frames)]
+        assert max(groups) > chunk
+    single = [item for item in good if not item.stereo]
+    assert {item.run.image.settings["display"] for item in single} == {0, 1} and not any(item.run.reset for item in single)
+    assert {item.error for item in broken} == set(ErrorCode) - {ErrorCode.COUNT_SATURATED, ErrorCode.WATCHDOG}
+    assert all(item.error is ErrorCode.NONE and item.run.cut is None for item in broken[1::2])
+    assert {(bool(item.run.abort), bool(item.run.cut)) for item in broken if item.run.late} == {(True, False), (False, True)}
+    for item in broken:
+        patterns = setting_writes(STEREO, item.run.image, item.run.changes)
+        expected = item.registers["bad_setting"] if item.error is ErrorCode.BAD_SETTING else None
+        assert first_illegal(STEREO, patterns) == expected
+
+
+def test_every_kind_of_wrong_result_of_two_eyes_is_told(stereo_plans):
+    item = stereo_plans[0][0]
+    frame = item.stereo
+    eyes = [DisplayPixels(*(pixels[name].astype(np.int64) for name in DisplayPixels._fields))
+            for pixels in (frame.source_pixels, frame.target_pixels)]
+    registers = {**stereo_events(frame), "read_beats": 5, "write_beats": 6}
+    right = FrameResult(eyes[0], ErrorCode.NONE, True, registers, 100, 5, 6, 11, 0.1, (), eyes[1])
+    assert problems(item, right) == []
+    colour = eyes[1].colour.copy()
+    colour[3, 18, 2] ^= 1
+    target = eyes[1]._replace(colour=colour)
+    assert problems(item, replace(right, target=target))[0].startswith("right eye, tile 1 pixel (18, 3): colour is")
+    assert any("left eye, tile" in text for text in problems(item, replace(right, pixels=eyes[1])))
+    for name in stereo_events(frame):
+        wrong = replace(right, registers={**registers, name: registers[name] + 1})
+        assert problems(item, wrong) == [f"counter {name} must be {registers[name]}, not {registers[name] + 1}"]

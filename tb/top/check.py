@@ -27,21 +27,31 @@ def frame_run(
         display: pixels in the format of displays.
         options: those of FrameRun.
     """
-    counts = np.diff(frame.entries.start)
-    image = memory_image(
-        frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display, entries_beats=page_beats(counts),
-        spill_beats=spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64)))
+    entries_beats, spill = room(frame)
+    image = memory_image(frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display,
+                         entries_beats=entries_beats, spill_beats=spill)
     return FrameRun(name, image, speed or MemorySpeed(), **options)
+
+
+def room(frame: Frame) -> tuple[int, int]:
+    """Beats that a golden frame needs for its entries and for its spilled runs."""
+    counts = np.diff(frame.entries.start)
+    return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
 def mismatches(frame: Frame, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
     """Every value in which a frame from memory differs from the golden one, in tile order."""
-    found, wanted = [], display_pixels(frame) if isinstance(pixels, DisplayPixels) else frame_pixels(frame)
+    return differences(display_pixels(frame) if isinstance(pixels, DisplayPixels) else frame_pixels(frame), pixels)
+
+
+def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
+    """Every value in which a frame from memory differs from (height, width) golden records, in tile order."""
+    found, tiles_x = [], -(-wanted.shape[1] // TILE)
     for name, got in pixels._asdict().items():
         golden = wanted[name]
         wrong = (got != golden).reshape(*got.shape[:2], -1).any(axis=2)
         for y, x in np.argwhere(wrong).tolist():
-            tile = y // TILE * frame.registers.tiles_x + x // TILE
+            tile = y // TILE * tiles_x + x // TILE
             found.append({"field": name, "tile": tile, "x": x, "y": y, "rtl": np.ravel(got[y, x]).tolist(),
                           "golden": np.ravel(golden[y, x]).tolist()})
     return sorted(found, key=lambda m: (m["tile"], m["y"], m["x"]))
@@ -59,8 +69,11 @@ def expected_events(frame: Frame) -> dict[str, int]:
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Counters that differ from what the golden frame and the memory say, in words."""
-    if not frame.config.counters:
-        return []
+    return wrong_counters(expected_events(frame), result) if frame.config.counters else []
+
+
+def wrong_counters(events: dict[str, int], result: FrameResult) -> list[str]:
+    """Counters that differ from events and from what the memory says, in words."""
     memory = {"read_beats": result.reads, "write_beats": result.writes}
     return [f"counter {name} must be {wanted}, not {result.registers[name]!r}"
-            for name, wanted in {**expected_events(frame), **memory}.items() if result.registers[name] != wanted]
+            for name, wanted in {**events, **memory}.items() if result.registers[name] != wanted]

@@ -88,5 +88,5 @@ class Machine:
 @cache
 def machine(config: AcceleratorConfig) -> Machine:
     """The machine of a configuration, emitted."""
-    kind = "" if config.incremental else "-baseline"
+    kind = ("" if config.incremental else "-baseline") + (f"-stereo{config.warp_lanes}" if config.stereo else "")
     return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config, emit_msv2_top), ("pixel_core",))

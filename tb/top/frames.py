@@ -20,6 +20,7 @@ from tb.common.runner import CLOCK_NS
 
 _PROGRESS_CYCLES = 5000
 _PATIENCE = 1000
+_POLL_CYCLES = 20
 _COUNTERS = ("reads", "writes", "busy", "watched")
 
 
@@ -103,6 +104,8 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
     for address, value in frame["writes"]:
         await lite.write(address, value)
     started, end = get_sim_time("ns"), "cut off"
+    if frame["late"] is not None:
+        await _second_pass(dut, lite, frame["late"])
     if frame["abort"] is not None:
         await ClockCycles(dut.clk, frame["abort"])
         await lite.write(*frame["abort_write"])
@@ -121,6 +124,13 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
         "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS), "seconds": seconds,
         "registers": registers, "errors": after["errors"],
         **{name: (after[name] - before[name]) % (1 << 32) for name in _COUNTERS}}
+
+
+async def _second_pass(dut: object, lite: Lite, counter: int) -> None:
+    """Waits for the target eye's pass, by its counter of cycles."""
+    while not await lite.read(counter):
+        assert not dut.interrupt.value, "the frame ended before its second pass"
+        await ClockCycles(dut.clk, _POLL_CYCLES)
 
 
 async def _transfer(dut: object, strobe: object, number: int, first: int, beats: int) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from golden.msv2_ref.quantise import GaussianWords
 from golden.msv2_ref.registers import FrameRegisters
+from golden.msv2_ref.stereo import StereoRegisters
 from spec.config import AcceleratorConfig
 from spec.formats import SmallFloat
 from spec.memory import (
@@ -35,8 +36,10 @@ from spec.memory import (
 from spec.records import ENTRY_BYTES, gaussian_colour, gaussian_geometry
 from tb.top.packing import pack
 
-REGIONS = ("geometry", "colour", "tiles", "views", "directory", "entries", "spill", "frame")
-"""In the order in which they lie; the machine writes from the views on."""
+REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
+"""In the order in which they lie; the machine writes from the views on. Frames of one eye have none of the target's."""
+
+_SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
 
 _FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number: a base that is left out shows
 
@@ -102,9 +105,22 @@ class MemoryImage:
         np.ascontiguousarray(self.contents[name][:, ::-1]).tofile(path)
 
     def frame(self, path: Path) -> FramePixels | DisplayPixels:
-        """The frame, from the dump of its region."""
+        """The frame, from the dump of `frames`; of two eyes, the source's."""
         return read_frame(
             self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
+
+    def target_frame(self, path: Path) -> DisplayPixels | None:
+        """The target eye's frame, from the same dump; None of frames of one eye."""
+        if "target_frame" not in self.regions:
+            return None
+        begin = BEAT_BYTES * (self.regions["target_frame"].base - self.frames.base)
+        return read_frame(self.config, np.fromfile(path, np.uint8)[begin:], self.width, self.height, display=True)
+
+    @property
+    def frames(self) -> Region:
+        """All that holds pixels in the end."""
+        first = self.regions["frame"]
+        return Region(first.base, self.regions.get("target_frame", first).end - first.base)
 
 
 def page_beats(counts: np.ndarray) -> int:
@@ -122,9 +138,9 @@ def page_beats(counts: np.ndarray) -> int:
     return (FIRST_PAGE_ENTRIES * len(counts) + int((begun * (FIRST_PAGE_ENTRIES << pages)).sum())) // BEAT_ENTRIES
 
 
-def view_shift(registers: FrameRegisters) -> int:
-    """The smallest `view_shift` that gives every level in use a view."""
-    return int(registers.header[:, 0].max()).bit_length()
+def view_shift(*registers: FrameRegisters) -> int:
+    """The smallest `view_shift` that gives every level in use a view, in every one of the eyes."""
+    return max(int(eye.header[:, 0].max()).bit_length() for eye in registers)
 
 
 def gaussian_bytes(config: AcceleratorConfig, words: GaussianWords) -> dict[str, np.ndarray]:
@@ -134,9 +150,11 @@ def gaussian_bytes(config: AcceleratorConfig, words: GaussianWords) -> dict[str,
     return {"geometry": pack(gaussian_geometry(config), words.geometry, BEAT_BYTES), "colour": colour.reshape(-1, BEAT_BYTES)}
 
 
-def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarray:
-    """The region `tiles`, (beats, BEAT_BYTES) uint8."""
+def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.ndarray | None = None) -> np.ndarray:
+    """A table of tiles, (beats, BEAT_BYTES) uint8; `warp` is the target eye's bit of that name."""
     rows = {"plane": registers.plane, "level": registers.header[:, 0], "blend": registers.header[:, 1]}
+    if config.stereo:
+        rows["warp"] = np.zeros(len(registers.header), np.int64) if warp is None else warp
     flat = pack(tile_setting(config), rows, TILE_SETTING_BYTES).reshape(-1)
     return np.pad(flat, (0, -len(flat) % BEAT_BYTES)).reshape(-1, BEAT_BYTES)
 
@@ -144,6 +162,7 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarr
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
     beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
+    second: StereoRegisters | None = None,
 ) -> MemoryImage:
     """The image of a frame.
 
@@ -157,15 +176,21 @@ def memory_image(
         obb: bounding boxes instead of the exact tile test.
         display: the frame in the format of displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
+        second: the target eye, in frames of two; those are for displays.
     """
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
-    shift, tiles = view_shift(registers), len(registers.header)
+    if second is not None:
+        contents["target_tiles"] = tile_bytes(config, second.target, second.warp)
+        display = True
+    shift, tiles = view_shift(registers, *([second.target] if second else [])), len(registers.header)
     pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     beats = {name: len(rows) for name, rows in contents.items()} | {
         "views": len(words.geometry) << shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
         "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
+    if second is not None:
+        beats["target_frame"] = beats["frame"]
     regions, base = {}, _FIRST_BEAT
-    for name in REGIONS:
+    for name in (name for name in REGIONS if name in beats):
         regions[name] = Region(base, beats[name])
         base += beats[name] + _GUARD_BEATS
     settings = {
@@ -174,7 +199,20 @@ def memory_image(
         **{f"{name}_base": region.base for name, region in regions.items()},
         "entries_beats": entries_beats, "spill_beats": spill_beats,
     }
+    if config.stereo:
+        settings |= _second_eye(config, second) | settings
     return MemoryImage(config, registers.width, registers.height, regions, settings, contents)
+
+
+def _second_eye(config: AcceleratorConfig, second: StereoRegisters | None) -> dict[str, int | list[int]]:
+    """The settings of the target eye but for its bases; in frames of one eye, what must not matter."""
+    if second is None:
+        return {"stereo": 0, **{
+            f.name: [f.raw_range[1]] * f.count if f.count > 1 else f.raw_range[1]
+            for f in frame_settings(config).fields if f.name in _SECOND_EYE}}
+    return {
+        "stereo": 1, "source_right": int(second.source_right), "disparity_scale": second.disparity_scale,
+        "target_position": _view_settings(config, second.target)["position"]}
 
 
 def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict[str, int | list[int]]:

@@ -29,6 +29,7 @@ class FrameRun:
         changes: settings written instead of the image's, by register name.
         abort: cycles after the start at which `control.abort` is written; None: never.
         cut: cycles after the start at which the frame is left, for a following one with `reset`; None: played to the end.
+        late: `abort` and `cut` count from the target eye's pass on instead, give or take some; with counters alone.
     """
 
     name: str
@@ -39,6 +40,7 @@ class FrameRun:
     changes: dict[str, int] = field(default_factory=dict)
     abort: int | None = None
     cut: int | None = None
+    late: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class FrameResult:
     """What a frame gave.
 
     Attributes:
-        pixels: the frame, whatever its state, in the format that the run asks for.
+        pixels: the frame, whatever its state, in the format that the run asks for; of two eyes, the source's.
         error: why it ended early, or NONE.
         done: it ended well.
         registers: control registers and counters at the end, by name; 64-bit counters as one number.
@@ -55,6 +57,7 @@ class FrameResult:
         busy: cycles in which memory had a beat to move.
         seconds: wall time.
         errors: broken rules, in words.
+        target: the target eye's frame, of frames of two.
     """
 
     pixels: FramePixels | DisplayPixels
@@ -67,6 +70,7 @@ class FrameResult:
     busy: int
     seconds: float
     errors: tuple[str, ...]
+    target: DisplayPixels | None = None
 
 
 def setting_writes(config: AcceleratorConfig, image: MemoryImage, changes: dict[str, int]) -> dict[str, int]:
@@ -167,7 +171,7 @@ def collect(registers: Map, runs: Sequence[FrameRun], folder: Path) -> list[Fram
 
 
 def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], folder: Path) -> dict[str, object]:
-    image, frame = run.image, run.image.regions["frame"]
+    image, frame = run.image, run.image.frames
     loads = []
     for name, rows in image.contents.items():
         if not len(rows):
@@ -179,7 +183,9 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
         loads.append((files[id(rows)], region.base, region.beats, run.poison and not loads))
     enables = {"enable_done": 1, "enable_error": 1}
     return {
-        "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut, "pixels": image.width * image.height,
+        "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut,
+        "late": registers["cycles_target_low"] if run.late else None,
+        "pixels": image.width * image.height * (2 if "target_frame" in image.regions else 1),
         "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
             **run.speed.signals, "first_writable": BEAT_BYTES * image.regions["views"].base,
@@ -203,4 +209,4 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
     return FrameResult(
         run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
-        item["busy"], item["seconds"], tuple(errors))
+        item["busy"], item["seconds"], tuple(errors), run.image.target_frame(dump))

@@ -4,76 +4,44 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from golden.msv2_ref.pipeline import Frame
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
-from spec.memory import BEAT_BYTES, BEAT_ENTRIES, FIRST_PAGE_ENTRIES
+from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode, settings
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
 from tb.frame.bound import array_ops
-from tb.top.check import counter_errors, frame_run, mismatches
+from tb.top.check import frame_run
 from tb.top.device import Machine, machine
-from tb.top.memory import MemorySpeed
-from tb.top.player import FrameResult, FrameRun, play_frames
-from tb.top.stimuli import Case, case, cloud, crowd, small_cases
+from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
+from tb.top.planned import SPEEDS, PlannedFrame, failing, planned, problems
+from tb.top.player import play_frames
+from tb.top.stimuli import case, cloud, crowd, small_cases
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT, "paper": PAPER}
+    "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT, "paper": PAPER,
+    "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
+    "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4)}
 """Machines that can be tested."""
 
-DISTINCT = ("tiny", "tiny_baseline")
+DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline")
 """Both ways of handing over; larger machines are simulated by whole frames (`tb.frame`)."""
-
-SPEEDS = {
-    "usual": MemorySpeed(), "instant": MemorySpeed(1, None), "far": MemorySpeed(400, None), "slow": MemorySpeed(30, 6.4),
-    "pauses": MemorySpeed(20, None, 100)}
-"""Memories that frames are played on in turn."""
-
-_SHOWN = 5
-
-
-@dataclass(frozen=True)
-class PlannedFrame:
-    """A frame and what must come of it.
-
-    Attributes:
-        run: what is played.
-        frame: the golden frame.
-        error: how the frame must end.
-        registers: what registers must hold at the end, by name.
-    """
-
-    run: FrameRun
-    frame: Frame
-    error: ErrorCode = ErrorCode.NONE
-    registers: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """The run's, for reports."""
-        return self.run.name
-
-
-def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
-            registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
-    """A case on one of SPEEDS; `options` are those of `frame_run`."""
-    run = frame_run(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
-    return PlannedFrame(run, case.frame, error, registers or {})
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Every case on two memories, the second time without a reset and over what the frame before left in memory.
 
-    Every other frame is in the format of displays, and the case's other frame in the other format.
+    Every other frame is in the format of displays, and the case's other frame in the other format. Machines with stereo play
+    frames of two eyes instead, and a few of one among them.
     """
+    if config.stereo:
+        return good_stereo_plan(config, seed)
     cases, names = small_cases(config, seed), list(SPEEDS)
     plan = [planned(case, "usual memory", display=n % 2 == 1) for n, case in enumerate(cases)]
     return plan + [
@@ -84,6 +52,8 @@ def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
 
 def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Frames that end early, each followed by one that must be right, without a reset where the machine promises that."""
+    if config.stereo:
+        return broken_stereo_plan(config, seed)
     rng = np.random.default_rng(seed)
     scene = case(config, "scene", cloud(rng, 200, sh=1), (64, 48))
     chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
@@ -99,11 +69,11 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
     for name in ("geometry", "tiles", "colour"):
         clients = {"error_clients": 1 << READ_CLIENTS.index(name)}
-        add(_failing(scene, name, ErrorCode.READ_ERROR, clients))
+        add(failing(scene, name, ErrorCode.READ_ERROR, clients))
     for name in ("entries", "views", "frame"):
         clients = {"error_clients": 1 << 16 + WRITE_CLIENTS.index(name)}
-        add(_failing(scene, name, ErrorCode.WRITE_ERROR, clients))
-    add(_failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + WRITE_CLIENTS.index("spill")}))
+        add(failing(scene, name, ErrorCode.WRITE_ERROR, clients))
+    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + WRITE_CLIENTS.index("spill")}))
     numbers = {setting.name: setting.number for setting in settings(config)}
     for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27)):
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
@@ -112,14 +82,6 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": first_page}))
     add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
     return plan
-
-
-def _failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
-    """A case whose memory fails in a region."""
-    item = planned(case, f"{region} fails", error=error, registers=registers)
-    base, beats = item.run.image.regions[region]
-    failing = (BEAT_BYTES * base, BEAT_BYTES * (base + beats))
-    return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=failing)))
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[PlannedFrame]:
@@ -131,23 +93,6 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[PlannedFrame]:
 def full_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Everything."""
     return [*good_plan(config, seed), *broken_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "96x64"))]
-
-
-def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
-    """What is wrong with a result, in words; empty when every bit and every rule is kept."""
-    found = list(result.errors)
-    if item.run.cut is not None:
-        return found
-    if result.error is not item.error or result.done != (item.error is ErrorCode.NONE):
-        return [*found, f"ended with {result.error.name}, done {result.done}, instead of {item.error.name}"]
-    found += [f"register {name} must be {wanted:#x}, not {result.registers[name]:#x}"
-              for name, wanted in item.registers.items() if result.registers[name] != wanted]
-    if item.error is ErrorCode.NONE:
-        wrong = mismatches(item.frame, result.pixels)
-        found += ["tile {tile} pixel ({x}, {y}): {field} is {rtl}, golden {golden}".format(**m) for m in wrong[:_SHOWN]]
-        found += [f"and {len(wrong) - _SHOWN} more values"] * (len(wrong) > _SHOWN)
-        found += counter_errors(item.frame, result)
-    return found
 
 
 @cache

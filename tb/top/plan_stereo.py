@@ -1,0 +1,70 @@
+"""Plans of frames of two eyes: every kind of them, and every way in which one of their passes ends early."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
+from spec.records import ENTRY_BYTES
+from spec.registers import READ_CLIENTS, ErrorCode, settings, write_clients
+from tb.frame.bound import array_ops
+from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
+from tb.top.stimuli import case, cloud, crowd
+from tb.top.stimuli_stereo import aside, stereo_case, stereo_cases, wall
+
+
+def good_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
+    """Every case on two memories, the second time without a reset and over what the frame before left in memory.
+
+    Behind every third frame comes one of one eye, of either format, without a reset.
+    """
+    rng, names = np.random.default_rng(seed), list(SPEEDS)
+    single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
+    cases, plan = stereo_cases(config, seed), []
+    for second in (False, True):
+        for n, item in enumerate(cases):
+            speed = names[1 + n % 4] if second else "usual"
+            plan.append(planned(item, f"{speed} memory{', back to back' * second}", speed, reset=not second, poison=not second))
+            if n % 3 == 0:
+                plan.append(planned(single, f"after: {plan[-1].name}", reset=False, poison=False, display=n % 2 == 0))
+    return plan
+
+
+def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
+    """Frames whose passes end early, each followed by one that must be right, of two eyes and of one in turn."""
+    rng = np.random.default_rng(seed)
+    scene = stereo_case(config, "two eyes", wall(rng, 2, config.levels), (64, 48), threshold_deg=180)
+    mixed = stereo_case(config, "warped in part", wall(rng, 2, config.levels), (48, 33), gaze=(10, 10), baseline=0.2)
+    single = case(config, "one eye", cloud(rng, 100, sh=1), (64, 48))
+    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    hidden = stereo_case(config, "seen by the target eye alone", aside(crowd(rng, 2 * chunk + 5), 100.0), (16, 16),
+                         baseline=100.0, threshold_deg=180, beta=0)
+    plan: list[PlannedFrame] = []
+
+    def add(frame: PlannedFrame, reset: bool = False) -> None:
+        plan.extend([frame, planned((mixed, single)[len(plan) // 2 % 2], f"after: {frame.name}", reset=reset)])
+
+    cleared = TILE * config.row_width // config.warp_lanes  # the warp unit's strips, after a reset
+    for late, frame in ((False, scene.frame.source), (True, scene.frame.target)):
+        least, begun = array_ops(frame), 0 if late else cleared  # no pass is done before
+        for cycles in (1, 250, begun + least // 2, begun + 7 * least // 8):
+            when = f"after {cycles} cycles{' of the target eye' * late}"
+            add(planned(scene, f"reset {when}", cut=cycles, late=late), reset=True)
+            add(planned(scene, f"abort {when}", error=ErrorCode.ABORTED, abort=cycles, late=late))
+    for region, client in (("tiles", "tiles"), ("target_tiles", "tiles"), ("geometry", "geometry")):
+        clients = {"error_clients": 1 << READ_CLIENTS.index(client)}
+        add(failing(scene, region, ErrorCode.READ_ERROR, clients))
+    for region, client in (("frame", "frame"), ("target_frame", "warp"), ("views", "views")):
+        clients = {"error_clients": 1 << 16 + write_clients(config).index(client)}
+        add(failing(mixed, region, ErrorCode.WRITE_ERROR, clients))
+    numbers = {setting.name: setting.number for setting in settings(config)}
+    for name, value in (("display", 0), ("width", 0)):
+        registers = {"bad_setting": numbers[name], "cycles_render": 0}
+        add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
+    first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
+    add(planned(hidden, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": first_page}))
+    add(planned(hidden, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
+    add(planned(hidden, "room for all"))
+    return plan

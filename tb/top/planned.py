@@ -1,0 +1,87 @@
+"""Frames to play and what must come of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.stereo import StereoFrame
+from spec.memory import BEAT_BYTES
+from spec.registers import ErrorCode
+from tb.top.check import counter_errors, frame_run, mismatches
+from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
+from tb.top.memory import MemorySpeed
+from tb.top.player import FrameResult, FrameRun
+from tb.top.stimuli import Case
+from tb.top.stimuli_stereo import StereoCase
+
+SPEEDS = {
+    "usual": MemorySpeed(), "instant": MemorySpeed(1, None), "far": MemorySpeed(400, None), "slow": MemorySpeed(30, 6.4),
+    "pauses": MemorySpeed(20, None, 100)}
+"""Memories that frames are played on in turn."""
+
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class PlannedFrame:
+    """A frame and what must come of it.
+
+    Attributes:
+        run: what is played.
+        frame: the golden frame; of two eyes, the source's.
+        error: how the frame must end.
+        registers: what registers must hold at the end, by name.
+        stereo: the golden frame of both eyes, where there are two.
+    """
+
+    run: FrameRun
+    frame: Frame
+    error: ErrorCode = ErrorCode.NONE
+    registers: dict[str, int] = field(default_factory=dict)
+    stereo: StereoFrame | None = None
+
+    @property
+    def name(self) -> str:
+        """The run's, for reports."""
+        return self.run.name
+
+
+def planned(case: Case | StereoCase, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
+            registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
+    """A case on one of SPEEDS; `options` are those of `frame_run` or `stereo_run`."""
+    stereo = case.frame if isinstance(case, StereoCase) else None
+    play = frame_run if stereo is None else stereo_run
+    run = play(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
+    return PlannedFrame(run, case.frame if stereo is None else stereo.source, error, registers or {}, stereo)
+
+
+def failing(case: Case | StereoCase, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
+    """A case whose memory fails in a region."""
+    item = planned(case, f"{region} fails", error=error, registers=registers)
+    base, beats = item.run.image.regions[region]
+    where = (BEAT_BYTES * base, BEAT_BYTES * (base + beats))
+    return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=where)))
+
+
+def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
+    """What is wrong with a result, in words; empty when every bit and every rule is kept."""
+    found = list(result.errors)
+    if item.run.cut is not None:
+        return found
+    if result.error is not item.error or result.done != (item.error is ErrorCode.NONE):
+        return [*found, f"ended with {result.error.name}, done {result.done}, instead of {item.error.name}"]
+    found += [f"register {name} must be {wanted:#x}, not {result.registers[name]:#x}"
+              for name, wanted in item.registers.items() if result.registers[name] != wanted]
+    if item.error is ErrorCode.NONE:
+        stereo = item.stereo
+        wrong = mismatches(item.frame, result.pixels) if stereo is None else stereo_mismatches(stereo, result)
+        found += [_told(m) for m in wrong[:_SHOWN]]
+        found += [f"and {len(wrong) - _SHOWN} more values"] * (len(wrong) > _SHOWN)
+        found += counter_errors(item.frame, result) if stereo is None else stereo_counter_errors(stereo, result)
+    return found
+
+
+def _told(wrong: dict[str, object]) -> str:
+    eye = f"{wrong['eye']} eye, " if "eye" in wrong else ""
+    return "{eye}tile {tile} pixel ({x}, {y}): {field} is {rtl}, golden {golden}".format(**{**wrong, "eye": eye})
