@@ -4,9 +4,9 @@ The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the 
 pixel is dropped; so are pixels whose coverage lies between the background's and that of a solid one, and those that leave
 the frame. Rounded to whole pixels, half up, it is added where the source is the right eye, else subtracted::
 
-    stage   1            2            3 .. 3 + Q - 1       Q + 3            Q + 4
-            class,       S w          long division,       column, key      inside the frame?
-            S w's half                Q bits
+    stage   1      2            3      4 .. Q + 3       Q + 4          Q + 5
+            -      class,       S w    long division,   column, key    inside the frame?
+                   half of S w         Q bits
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def disparity_latency(config: AcceleratorConfig) -> int:
     """Cycles through the unit."""
-    return disparity(config).width + 4
+    return disparity(config).width + 5
 
 
 def disparity_divider(config: AcceleratorConfig) -> Divider:
@@ -61,7 +61,7 @@ class Disparity(wiring.Component):
         width, disparity_scale, source_right: settings of the frame.
         moved: the pixel, `disparity_latency` cycles later; `keep` is low for those that are dropped, and where none is.
 
-    Throughput: one a cycle; it never waits. Latency: 23 cycles for PAPER.
+    Throughput: one a cycle; it never waits. Latency: 24 cycles for PAPER.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -76,13 +76,13 @@ class Disparity(wiring.Component):
         m = Module()
         n, p = self.config.formats, Pipeline(m, load=self.load)
         loads = p.control("load", self.load)
-        t = p.data("transmittance", self.pixel.transmittance)
+        t, depth = (p.data(name, self.pixel[name]).to(1) for name in ("transmittance", "depth"))  # chosen late
         background = p.reg("background", lambda t: t >= background_transmittance(n), t)
         may = p.reg("may", lambda load, t: load & ((t >= background_transmittance(n)) | (t <= solid_transmittance(n))),
                     loads, t)
         colour = p.reg("colour", lambda c: Cat(display_byte(c.word_select(i, n.accumulator.width), n.accumulator)
-                                               for i in range(3)), p.data("sums", self.pixel.colour.as_value()))
-        raw, over = self._quotient(m, p, loads, t)
+                                               for i in range(3)), p.data("sums", self.pixel.colour.as_value()).to(1))
+        raw, over = self._quotient(m, p, loads, t, depth)
         may = p.reg("fits", lambda may, over, background: may & (~over | background), may, over, background)
         key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, background)
         x = p.reg("x", self._column, raw, background, p.data("column", self.place.x))
@@ -95,7 +95,7 @@ class Disparity(wiring.Component):
             raise AssertionError(f"{end} stages, not {disparity_latency(self.config)}")
         return m
 
-    def _quotient(self, m: Module, p: Pipeline, loads: Staged, t: Staged) -> tuple[Staged, Staged]:
+    def _quotient(self, m: Module, p: Pipeline, loads: Staged, t: Staged, depth: Staged) -> tuple[Staged, Staged]:
         """The raw disparity, and whether it is too wide, which is known long before."""
         n = self.config.formats
         weight = t.map(lambda t: (~t)[weight_shift(n) :])  # the first T, all ones, less the last
@@ -106,7 +106,7 @@ class Disparity(wiring.Component):
         start = product.stage
         m.d.comb += [
             divider.load.eq(loads.at(start)), divider.numerator.eq(product.value),
-            divider.divisor.eq(p.data("depth", self.pixel.depth).at(start))]
+            divider.divisor.eq(depth.at(start))]
         return (Staged(p, "quotient", divider.quotient, start + divider.latency, False),
                 Staged(p, "over", divider.over, start + 1, False))
 

@@ -22,7 +22,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from rtl.warp_unit.fill import filled_layout
 from rtl.warp_unit.queue import column_bits, sub_bits, sub_rows
-from rtl.warp_unit.window import painted_layout
+from rtl.warp_unit.window import painted_layout, picked
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, frame_settings, write_request
@@ -150,6 +150,7 @@ class Pack(wiring.Component):
         lanes, out, bits = range(self.config.warp_lanes), self.writes.payload, _WORD_BITS + 1
         todo, done, pick, last, moves = Signal(len(lanes)), Signal(len(lanes)), Signal(len(lanes)), Signal(), Signal()
         lane, word = Signal(range(len(lanes)), reset_less=True), Signal(ADDRESS_BITS, reset_less=True)
+        below = Signal(range(len(lanes) << len(self.width)), reset_less=True)  # words from lane 0's row
         near, far = Signal(_WORD_BITS, reset_less=True), Signal(reset_less=True)
         which = Cat(Cat(pick[i] for i in lanes if i >> bit & 1).any() for bit in range(len(lane)))
         m.d.comb += [
@@ -163,12 +164,13 @@ class Pack(wiring.Component):
         with m.If(moves):
             m.d.sync += [
                 done.eq(Mux(last, 0, done | pick)), lane.eq(which), near.eq(head.near), far.eq(head.far),
-                word.eq(head.word + which * self.width)]
-        at, begin = word[:_WORD_BITS], Signal(_WORD_BITS)
+                word.eq(head.word), below.eq(picked(pick, [i * self.width for i in lanes]))]
+        address, begin = Signal(ADDRESS_BITS), Signal(_WORD_BITS)
+        at = address[:_WORD_BITS]
         pixels = Array(read.data for read in reads)[lane]
         m.d.comb += [
             begin.eq(Mux(far | (near >= at), 0, at - near)),  # the row's first pixel lies in this beat
-            out.beat.eq(word >> _WORD_BITS),
+            address.eq(word + below), out.beat.eq(address >> _WORD_BITS),
             *(out.strobe[i].eq((begin <= i) & (at >= i)) for i in range(WORDS)),
             *(out.word[i].eq(Mux(out.strobe[i], Cat(pixels[i].colour.as_value(), pixels[i].covered.replicate(8)), 0))
               for i in range(WORDS)),

@@ -12,7 +12,7 @@ it::
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Array, Module, Mux, Signal
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -96,7 +96,7 @@ class RowQueue(wiring.Component):
             ends.eq(index == head.last),
             pops.eq(waiting.any() & (ends | ~shown)),
             read.en.eq(pops),
-            self.valid.eq(shown), self.pixel.eq(head.pixels[index]),
+            self.valid.eq(shown), self.pixel.eq(Array(head.pixels)[index]),
             self.place.sub.eq(head.place.sub), self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
             self.busy.eq(shown | waiting.any()),
         ]

@@ -64,9 +64,9 @@ class WarpUnit(wiring.Component):
     Storage in bits, of W = row_width and keys of k = 8 + bits of W: strips 16 W (2 * 26 + k), 2,181,120 for PAPER; queues of a
     tile, or two rows a lane, of 78 a pixel, 20,240; beats 6,400; mask 1 a tile, 14,400.
     Throughput: warp_lanes pixels a cycle into the open strip; as many out of the closed one, but 8 at most, a beat a cycle, and
-    a cycle more for every hole that is filled beyond a group's first. Latency: 27 cycles from a row's arrival to the strip for
-    PAPER; from a strip's last row to its first write 9 columns and 40 cycles. At most 60 cycles are lost
-    between strips. After a reset the strips are cleared first: 16 W / warp_lanes cycles.
+    a cycle more for every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w + 29
+    cycles in, and from the swap to the last write 4 w + 26. Latency for PAPER: 29 cycles from a row's arrival to the strip, 42
+    from the swap to the first write. After a reset the strips are cleared first: 16 W / warp_lanes cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):

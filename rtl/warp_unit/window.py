@@ -163,8 +163,8 @@ class Window(wiring.Component):
             slot.left.eq((~valid & ~fillable & inside).any()), slot.warped.eq(sum(valid)),
             slot.lane.eq(Cat(Cat(pick[lane] for lane in lanes if lane >> bit & 1).any()
                              for bit in range(len(lanes).bit_length() - 1))),
-            slot.around.as_value().eq(_picked(pick, [Cat(around) for around in neighbours])),
-            slot.rank.eq(_picked(pick, [((count - 1) >> 1)[:RANK_BITS] for count in counts])),
+            slot.around.as_value().eq(picked(pick, [Cat(around) for around in neighbours])),
+            slot.rank.eq(picked(pick, [((count - 1) >> 1)[:RANK_BITS] for count in counts])),
         ]
         for lane in lanes:
             pixel = pixels[lane]
@@ -188,6 +188,6 @@ class Window(wiring.Component):
         return around, count
 
 
-def _picked(pick: Value, values: list[Value]) -> Value:
+def picked(pick: Value, values: list[Value]) -> Value:
     """The value whose bit of `pick` is set; 0 where none is."""
     return reduce(or_, (Mux(pick[i], value, 0) for i, value in enumerate(values)))

@@ -40,6 +40,9 @@ SIZES = ((1, 1), (2, 3), (7, 17), (8, 16), (9, 17), (15, 33), (16, 16), (17, 16)
          (97, 18))
 """Frames narrower than a beat, than a tile, of whole and of broken beats and tiles, of one tile row and several."""
 
+BETWEEN_STRIPS = 36
+"""Cycles that are lost where a strip follows another: the last pixel's way into it, or the last group's through the median."""
+
 
 class Plan:
     """Runs, and the number of the frame.
@@ -107,7 +110,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def strip_cycles(config: AcceleratorConfig, width: int) -> int:
     """Cycles that a strip without holes takes at most: as many pixels a cycle as there are lanes, as the array's rows have and
     as a beat has; and between strips."""
-    return width * TILE // min(config.warp_lanes, config.cores_x, WORDS) + TILE * TILE // config.warp_lanes + 70
+    return width * TILE // min(config.warp_lanes, config.cores_x, WORDS) + BETWEEN_STRIPS
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
