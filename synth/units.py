@@ -119,7 +119,8 @@ UNITS: dict[str, Unit] = {
     "splat_fetch": Unit(SplatFetch),
     "pixel_writer": Unit(PixelWriter),
     "warp_divider": Unit(disparity_divider),
-    "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True))),
+    "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)), variants={
+        f"warp_lanes={lanes}": PAPER.with_(warp_lanes=lanes) for lanes in (2, 1)}),
     "axi_master": Unit(lambda config: AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS))),
     "register_file": Unit(RegisterFile),
     "frame_controller": Unit(FrameController),

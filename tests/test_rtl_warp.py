@@ -12,12 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from amaranth.hdl import Module
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected, exchange
 
 from golden.msv2_ref.warp_unit import warp_pixels
 from rtl.emit import to_rtlil
-from rtl.warp_unit.disparity import Disparity, disparity_latency
+from rtl.warp_unit.delay import Delay
+from rtl.warp_unit.disparity import Disparity, carried_cycles, carried_layout, disparity_latency
 from rtl.warp_unit.divider import Divider
 from rtl.warp_unit.fill import FILL_LATENCY, Fill
 from rtl.warp_unit.warp_unit import WarpUnit, emit_warp_unit
@@ -140,7 +142,10 @@ def test_divider_is_exact(numerator, divisor, quotient):
 @pytest.mark.parametrize("right", [False, True], ids=["left", "right"])
 def test_disparities_are_the_golden_ones(right):
     """A row of pixels, one a cycle, and each exactly `disparity_latency` cycles later."""
-    rng, dut = np.random.default_rng(right), Disparity(STEREO)
+    rng, dut, m = np.random.default_rng(right), Disparity(STEREO), Module()
+    m.submodules.dut, m.submodules.delay = dut, Delay(carried_layout(STEREO), carried_cycles(STEREO))
+    delay = m.submodules.delay
+    m.d.comb += [delay.load.eq(dut.carries), delay.early.eq(dut.early), dut.late.eq(delay.late)]
     source = anything(STEREO, rng, 250, 1, right)
     source = replace(source, scale=9000)
     pixels, moved = source.pixels[0], warp_pixels(STEREO, source.pixels, source.scale, right)[0]
@@ -156,7 +161,7 @@ def test_disparities_are_the_golden_ones(right):
         keep, out = ctx.get(dut.moved.keep), ctx.get(dut.moved)
         return (1, out.place.x, out.key, [out.colour[c] for c in range(3)]) if keep else (0, 0, 0, [0, 0, 0])
 
-    got = in_step(dut, feed, result, len(pixels), disparity_latency(STEREO))
+    got = in_step(m, feed, result, len(pixels), disparity_latency(STEREO))
     assert got == [(row["keep"], row["x"], row["key"], row["colour"].tolist()) for row in moved]
     assert 30 < sum(row[0] for row in got) < 220
 
@@ -186,8 +191,8 @@ def test_storage_is_what_is_stated():
     """Strips, queues, beats, mask: bits of PAPER's memories."""
     text = to_rtlil(WarpUnit(PAPER.with_(stereo=True)), "warp_unit")
     once = sum(int(width) * int(words) for width, words in re.findall(r"memory width (\d+) size (\d+)", text))
-    strips, queues, beats, mask = 16 * 1920 * (2 * 26 + 19), 4 * 4 * 1265, 16 * 2 * 8 * 25, 120 * 120
-    assert once == (strips + queues) // 4 + beats + mask  # every lane's bank and queue are one module
+    strips, queues, beats, division, mask = 16 * 1920 * (2 * 26 + 19), 4 * 4 * 1265, 16 * 2 * 8 * 25, 4 * 38 * 20, 120 * 120
+    assert once == (strips + queues) // 4 + beats + division + mask  # every lane's bank and queue are one module
     assert "2,181,120 for PAPER" in WarpUnit.__doc__ and strips == 2_181_120
 
 
@@ -199,6 +204,8 @@ def test_verilog():
 def test_bad_parameters_are_rejected():
     assert_rejected(lambda: WarpUnit("tiny"), TypeError, "tiny")
     assert_rejected(lambda: WarpUnit(TINY), ValueError, TINY)
+    assert_rejected(lambda: Delay(8, 2.0), TypeError, 2.0)
+    assert_rejected(lambda: Delay(8, 1), ValueError, 1)
     assert_rejected(lambda: Divider(numerator_bits=8, divisor_bits=4, quotient_bits=True), TypeError, True)
     assert_rejected(lambda: Divider(numerator_bits=8, divisor_bits=0, quotient_bits=4), ValueError, 0)
     assert_rejected(lambda: Divider(numerator_bits=4, divisor_bits=4, quotient_bits=4), ValueError, 4)

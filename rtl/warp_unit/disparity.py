@@ -37,6 +37,16 @@ def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
         "place": place_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
 
 
+def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What a pixel is while its disparity is computed."""
+    return data.StructLayout({"place": place_layout(config), "colour": data.ArrayLayout(8, 3), "background": 1})
+
+
+def carried_cycles(config: AcceleratorConfig) -> int:
+    """How long that takes."""
+    return disparity(config).width + 1
+
+
 def disparity_latency(config: AcceleratorConfig) -> int:
     """Cycles through the unit."""
     return disparity(config).width + 5
@@ -59,6 +69,8 @@ class Disparity(wiring.Component):
         load: a pixel is at the input; without it the stages keep what they hold.
         place, pixel: the pixel, which lies in the frame.
         width, disparity_scale, source_right: settings of the frame.
+        carries, early, late: what is carried past the division: `late` is what `early` was, with `carries` high,
+            `carried_cycles` before (`rtl.warp_unit.delay`: one memory serves all lanes).
         moved: the pixel, `disparity_latency` cycles later; `keep` is low for those that are dropped, and where none is.
 
     Throughput: one a cycle; it never waits. Latency: 24 cycles for PAPER.
@@ -70,6 +82,7 @@ class Disparity(wiring.Component):
             "load": In(1), "place": In(place_layout(config)), "pixel": In(source_layout(config)),
             "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
             "disparity_scale": In(DISPARITY_SCALE_BITS), "source_right": In(1), "moved": Out(moved_layout(config)),
+            "carries": Out(1), "early": Out(carried_layout(config)), "late": In(carried_layout(config)),
         })
 
     def elaborate(self, platform) -> Module:
@@ -84,13 +97,22 @@ class Disparity(wiring.Component):
                                                for i in range(3)), p.data("sums", self.pixel.colour.as_value()).to(1))
         raw, over = self._quotient(m, p, loads, t, depth)
         may = p.reg("fits", lambda may, over, background: may & (~over | background), may, over, background)
-        key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, background)
-        x = p.reg("x", self._column, raw, background, p.data("column", self.place.x))
+        m.d.comb += [
+            self.carries.eq(loads.at(colour.stage)), self.early.place.eq(p.data("place", self.place).at(colour.stage)),
+            self.early.colour.as_value().eq(colour.value), self.early.background.eq(background.value)]
+        if raw.stage != colour.stage + carried_cycles(self.config):
+            raise AssertionError(f"{raw.stage - colour.stage} cycles, not {carried_cycles(self.config)}")
+
+        late = {name: Staged(p, name, value, raw.stage, False) for name, value in (
+            ("late_x", self.late.place.x), ("late_sub", self.late.place.sub), ("late_background", self.late.background),
+            ("late_colour", self.late.colour.as_value()))}
+        key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, late["late_background"])
+        x = p.reg("x", self._column, raw, late["late_background"], late["late_x"])
         keep = p.reg("keep", lambda may, x: may & (x >= 0) & (x < self.width), may, x)
         end, moved = keep.stage, self.moved
         m.d.comb += [
             moved.keep.eq(keep.value), moved.place.x.eq(x.at(end)), moved.key.eq(key.at(end)),
-            moved.place.sub.eq(p.data("sub", self.place.sub).at(end)), moved.colour.as_value().eq(colour.at(end))]
+            moved.place.sub.eq(late["late_sub"].at(end)), moved.colour.as_value().eq(late["late_colour"].at(end))]
         if end != disparity_latency(self.config):
             raise AssertionError(f"{end} stages, not {disparity_latency(self.config)}")
         return m

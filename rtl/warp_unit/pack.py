@@ -51,7 +51,7 @@ class Pack(wiring.Component):
     Ports:
         start: strobe before a strip; nothing is inside.
         base: address of the strip's first pixel in words, stable until `done`.
-        width, rows: columns of the frame, rows of the strip that lie in it.
+        width, last, rows: columns of the frame, the last one, rows of the strip that lie in it.
         filled: the strip's groups, down every column, left to right; a group comes once for every hole that is filled.
         writes: the memory's; words whose strobe is low are 0. In the order in which beats are complete, higher rows first.
         commits, column_ends, strip_ends: strobes, a group's last slot is taken; it is the last of its column, and of the strip.
@@ -67,6 +67,7 @@ class Pack(wiring.Component):
         super().__init__({
             "start": In(1), "base": In(ADDRESS_BITS), "rows": In(range(TILE + 1)),
             "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
+            "last": In(column_bits(config)),
             "filled": In(stream.Signature(filled_layout(config))),
             "writes": Out(stream.Signature(layout(write_request(config)))),
             "commits": Out(1), "column_ends": Out(1), "strip_ends": Out(1), "column": Out(column_bits(config)), "busy": Out(1),
@@ -95,16 +96,13 @@ class Pack(wiring.Component):
         x, column_word = self.column, Signal(ADDRESS_BITS, reset_less=True)
         m.d.comb += [
             self.column_ends.eq(commits & (sub == sub_rows(self.config) - 1)),
-            self.strip_ends.eq(self.column_ends & self._ends_row(x))]
+            self.strip_ends.eq(self.column_ends & (x == self.last))]
         with m.If(self.start):
             m.d.sync += [x.eq(0), sub.eq(0), column_word.eq(self.base), word.eq(self.base)]
         with m.Elif(commits):
             m.d.sync += [sub.eq(sub + 1), word.eq(word + self.width * self.config.warp_lanes)]
             with m.If(self.column_ends):
                 m.d.sync += [x.eq(x + 1), column_word.eq(column_word + 1), word.eq(column_word + 1)]
-
-    def _ends_row(self, x: Value) -> Value:
-        return x == (self.width - 1)[: column_bits(self.config)]
 
     def _store(self, m: Module, lane: int, sub: Signal, word: Signal, complete: Value) -> memory.ReadPort:
         """A lane's beats; whether the group's pixel completes one."""
@@ -122,7 +120,7 @@ class Pack(wiring.Component):
             write.addr.eq(Cat(place[_WORD_BITS], sub)),
             write.en.eq(Mux(self.filled.valid & (patch | whole), 1 << place[:_WORD_BITS], 0)),
             *(write.data[i].eq(pixel) for i in range(WORDS)),
-            complete.eq((place[:_WORD_BITS].all() | self._ends_row(self.column)) & (self._row(lane, sub) < self.rows)),
+            complete.eq((place[:_WORD_BITS].all() | (self.column == self.last)) & (self._row(lane, sub) < self.rows)),
         ]
         return store.read_port()
 

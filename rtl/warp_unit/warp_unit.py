@@ -16,16 +16,17 @@ When both are done they swap; rows that come early wait. docs/stereo.md defines 
 from __future__ import annotations
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import memory, stream, wiring
+from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.emit import add_shared, to_verilog
 from rtl.shapes import layout, shape
 from rtl.warp_unit.bank import StripBank
-from rtl.warp_unit.disparity import Disparity, disparity_latency
+from rtl.warp_unit.delay import Delay
+from rtl.warp_unit.disparity import Disparity, carried_cycles, carried_layout, disparity_latency
 from rtl.warp_unit.fill import Fill
 from rtl.warp_unit.pack import ADDRESS_BITS, Pack
-from rtl.warp_unit.queue import RowQueue, place_layout, sub_rows
+from rtl.warp_unit.queue import RowQueue, column_bits, place_layout, sub_rows
 from rtl.warp_unit.window import Window
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -62,7 +63,8 @@ class WarpUnit(wiring.Component):
         warped, filled, invalid_tiles: events since `begin`; 0 for ever without `config.counters`.
 
     Storage in bits, of W = row_width and keys of k = 8 + bits of W: strips 16 W (2 * 26 + k), 2,181,120 for PAPER; queues of a
-    tile, or two rows a lane, of 78 a pixel, 20,240; beats 6,400; mask 1 a tile, 14,400.
+    tile, or two rows a lane, of 78 a pixel, 20,240; beats 6,400; pixels in division 3,040; mask 1 a
+    tile, 14,400.
     Throughput: warp_lanes pixels a cycle into the open strip; as many out of the closed one, but 8 at most, a beat a cycle, and
     a cycle more for every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w + 29
     cycles in, and from the swap to the last write 4 w + 26. Latency for PAPER: 29 cycles from a row's arrival to the strip, 42
@@ -88,17 +90,24 @@ class WarpUnit(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
+        carries: list[Value] = []
+        self._last = Signal(column_bits(self.config), name="last")
+        m.d.sync += self._last.eq(self.width - 1)
         self._wiping, self._accepts = Signal(init=1, name="wiping"), Signal(name="accepts")
-        queues, banks = [], []
+        queues, banks, carried = [], [], data.ArrayLayout(carried_layout(self.config), self.config.warp_lanes)
+        m.submodules.delay = delay = Delay(carried, carried_cycles(self.config))
         for lane in range(self.config.warp_lanes):
             queues.append(add_shared(m, platform, f"queue_{lane}", "warp_queue", RowQueue, self.config))
             disparity = add_shared(m, platform, f"disparity_{lane}", "warp_disparity", Disparity, self.config)
             banks.append(add_shared(m, platform, f"bank_{lane}", "warp_bank", StripBank, self.config))
             m.d.comb += [
+                delay.early[lane].eq(disparity.early), disparity.late.eq(delay.late[lane]),
                 disparity.load.eq(queues[lane].valid), disparity.place.eq(queues[lane].place),
                 disparity.pixel.eq(queues[lane].pixel), disparity.width.eq(self.width),
                 disparity.disparity_scale.eq(self.disparity_scale), disparity.source_right.eq(self.source_right),
                 banks[lane].moved.eq(disparity.moved)]
+            carries.append(disparity.carries)
+        m.d.comb += delay.load.eq(Cat(carries).any())
         m.submodules.window = window = Window(self.config)
         m.submodules.fill = fill = Fill(self.config)
         m.submodules.pack = pack = Pack(self.config)
@@ -119,11 +128,11 @@ class WarpUnit(wiring.Component):
         """Rows to their lanes, those outside the frame to nowhere; whether a tile row's last row is taken."""
         row, lane_bits = self.rows.payload, (self.config.warp_lanes - 1).bit_length()
         x, y, lane = Cat(row.column, row.tile_x), Cat(row.row, row.tile_y), row.row[:lane_bits]
-        taken, behind = Signal(), Signal((self.width - x).shape())
-        m.d.comb += [taken.eq(self.rows.valid & self.rows.ready), behind.eq(self.width - 1 - x)]
+        taken, behind, inside = Signal(), Signal.like(self.width), Signal()  # pixels of the frame behind the row's first
+        m.d.comb += [taken.eq(self.rows.valid & self.rows.ready), Cat(behind, inside).eq(self.width + ~x[: len(behind)])]
         for number, queue in enumerate(queues):
             m.d.comb += [
-                queue.push.eq(taken & (lane == number) & (behind >= 0) & (y < self.height)),
+                queue.push.eq(taken & (lane == number) & inside & (y < self.height)),
                 queue.row.place.x.eq(x), queue.row.place.sub.eq(row.row[lane_bits:]),
                 queue.row.last.eq(Mux(behind < self.config.cores_x, behind, self.config.cores_x - 1))]
             for i in range(self.config.cores_x):
@@ -135,7 +144,7 @@ class WarpUnit(wiring.Component):
 
         count, column = Signal(range(TILE * TILE // self.config.cores_x)), Signal(range(-(-self.config.row_width // TILE)))
         whole = Signal()
-        m.d.comb += whole.eq(taken & count.all() & (column == (self.width - 1)[_TILE_BITS:]))
+        m.d.comb += whole.eq(taken & count.all() & (column == self._last[_TILE_BITS:]))
         with m.If(self.begin | whole):
             m.d.sync += [count.eq(0), column.eq(0)]
         with m.Elif(taken):
@@ -180,8 +189,9 @@ class WarpUnit(wiring.Component):
                 bank.wipe.eq(self._wiping), bank.clear.eq(window.clear | self._wiping),
                 bank.clear_place.eq(Mux(self._wiping, place, window.clear_place))]
         m.d.comb += [
-            window.start.eq(swap), window.run.eq(scans), window.width.eq(self.width), window.rows.eq(rows),
-            pack.start.eq(swap), pack.base.eq(base), pack.width.eq(self.width), pack.rows.eq(rows)]
+            window.start.eq(swap), window.run.eq(scans), window.last.eq(self._last), window.rows.eq(rows),
+            pack.start.eq(swap), pack.base.eq(base), pack.width.eq(self.width), pack.last.eq(self._last),
+            pack.rows.eq(rows)]
         with m.If(self.begin):
             m.d.sync += [left.eq(self.height), base.eq(self.target_frame_base << ADDRESS_BITS - BEAT_BITS)]
         with m.If(swap):

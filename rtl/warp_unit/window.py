@@ -26,7 +26,6 @@ from rtl.warp_unit.bank import kept_layout
 from rtl.warp_unit.queue import column_bits, place_layout, sub_rows
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.memory import frame_settings
 from spec.stereo import FILL_NEIGHBOURS
 
 NEIGHBOURS = tuple(TILE * dx + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1) if (dx, dy) != (0, 0))
@@ -77,7 +76,7 @@ class Window(wiring.Component):
     Ports:
         start: strobe before a strip, after which `run` rises.
         run: high until all slots have left, and what follows them is empty.
-        width, rows: columns of the frame, rows of the strip that lie in it.
+        last, rows: the frame's last column, rows of the strip that lie in it.
         read, place, kept: the closed strip of every lane's bank. clear, clear_place: what was read.
         slots: the groups, down every column, left to right.
 
@@ -89,7 +88,7 @@ class Window(wiring.Component):
         self.config = config
         super().__init__({
             "start": In(1), "run": In(1), "rows": In(range(TILE + 1)),
-            "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
+            "last": In(column_bits(config)),
             "read": Out(1), "place": Out(place_layout(config)), "kept": In(kept_layout(config)).array(config.warp_lanes),
             "clear": Out(1), "clear_place": Out(place_layout(config)),
             "slots": Out(stream.Signature(slot_layout(config))),
@@ -124,7 +123,7 @@ class Window(wiring.Component):
             m.d.sync += [fetched.eq(more), sub.eq(sub + 1)]
             with m.If(sub_ends):
                 m.d.sync += x.eq(x + 1)
-                with m.If(x == (self.width - 1)[: column_bits(self.config)]):
+                with m.If(x == self.last):
                     m.d.sync += more.eq(0)
         return fetched
 
