@@ -7,6 +7,9 @@ option = $(if $($(1)),--$(2) "$($(1))")
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
 	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 
+eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
+	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
+
 .DEFAULT_GOAL := help
 .PHONY: help setup base tested demo render frame sim synth train tables-training bench results docs test test-long lint
 
@@ -25,11 +28,11 @@ tested:
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures
 	@$(RUN) -m tb.demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=
-	@$(RUN) golden/render.py $(request) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=; two eyes as in frame
+	@$(RUN) golden/render.py $(request) $(eyes) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
-frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH=
-	@$(RUN) -m tb.frame $(request) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
+frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
+	@$(RUN) -m tb.frame $(request) $(eyes) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B

@@ -51,8 +51,10 @@ def take_stereo_arguments(args: argparse.Namespace) -> None:
         args.gaze, args.gaze_target = args.gaze_right, left
 
 
-def render_request(args: argparse.Namespace, request: Request, config: AcceleratorConfig) -> StereoFrame:
-    """The frame behind a request; warnings go to stderr.
+def render_request(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, beta: int | None = None,
+) -> StereoFrame:
+    """The frame behind a request; warnings go to stderr. `beta` as in `pipeline.render`.
 
     Raises:
         InputError: see `golden.scenes.stereo`.
@@ -62,7 +64,7 @@ def render_request(args: argparse.Namespace, request: Request, config: Accelerat
     target = tuple(parse_numbers("gaze", args.gaze_target, 2)) if args.gaze_target else None
     frame = render_stereo(
         request.model, pair, config=config.with_(stereo=True), foveation=request.foveation, threshold_deg=args.ecc_thresh,
-        gaze_target=target, background=request.background)
+        gaze_target=target, background=request.background, beta=beta)
     for warning in stereo_warnings(frame, assumed):
         print(f"warning: {warning}", file=sys.stderr)
     return frame

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 from golden.msv2_ref import pipeline
+from golden.msv2_ref.stereo import KINDS
+from golden.render_stereo import add_stereo_arguments, render_request, stereo_statistics, take_stereo_arguments
 from golden.scenes.pictures import save_png
-from golden.scenes.request import add_request_arguments, make_folder, resolve, write_json
-from spec.config import CONFIGS
+from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from spec.config import CONFIGS, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.records import COUNT_BITS
 from tb.common.runner import ROOT, SimulationError, Waves
+from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_machine
 from tb.sim import parse_window
@@ -25,7 +29,8 @@ PIXELS = ("wide", "display")
 """Formats of the frame in memory: `spec.memory` FramePixel, DisplayPixel."""
 
 EPILOG = """\
-Writes OUT/frame.png and OUT/frame.json; exit status 1 where a bit or a counter differs. Of frame.json:
+Writes OUT/frame.png (of two eyes left.png, right.png, right_source.png) and OUT/frame.json; exit status 1 where a bit or a
+counter differs. Of frame.json:
 
   bit_exact, mismatches, first_mismatches   every pixel against the golden renderer
   counter_errors        counters of the machine that differ from what the golden frame says
@@ -36,11 +41,19 @@ Writes OUT/frame.png and OUT/frame.json; exit status 1 where a bit or a counter 
   stage_cycles          by stage: busy, starved (nothing to take), blocked (could not take it); stalls are the blocked ones
   dram_bytes            read and write in all, reads and writes by client
 
+and with --stereo, where all of these are of both eyes together:
+
+  stereo_overhead       cycles / (geometry_cycles + bound_cycles): what warping costs beyond the work on what is rendered
+  shares                of the target eye's pixels: rendered, rerendered, warped, background, filled; of its tiles: foveal,
+                        rerendered
+  source_cycles, target_cycles, source_entries, target_entries   by eye
+
 examples:
   python -m tb.frame                                        the embedded scene
   python -m tb.frame truck.splat --size 256x144 --gaze 128,72 --levels 4
   python -m tb.frame --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
   python -m tb.frame --pixels display                       4 bytes a pixel instead of 16
+  python -m tb.frame --stereo --ecc-thresh 27               two eyes, the second warped beyond 27 degrees
   python -m tb.frame --part array                           the golden renderer's entries through the array alone
 """
 
@@ -49,10 +62,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m tb.frame", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser, size="256x144")
+    add_stereo_arguments(parser)
     parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
     parser.add_argument("--part", default="machine", help=f"{' or '.join(PARTS)} (default: machine)")
-    parser.add_argument("--pixels", default="wide", help=f"{' or '.join(PIXELS)}: of the frame in memory (default: wide)")
+    parser.add_argument("--pixels", help=f"{' or '.join(PIXELS)}: of the frame in memory (default: wide; of two eyes display)")
     parser.add_argument("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
     parser.add_argument("--pipeline", default="1", metavar="0|1",
                         help="stages hand over incrementally (default: 1); 0 is another machine, with double buffers")
@@ -65,6 +79,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
     args = parser.parse_args(argv)
     args.scene = args.scene_option or args.scene
+    args.pixels = args.pixels or ("display" if args.stereo else "wide")
     return args
 
 
@@ -100,39 +115,64 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value, accepted in choices:
         if value not in accepted:
             raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    if args.stereo and (args.part, args.pixels) != ("machine", "display"):
+        raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     if args.part == "array" and args.pixels != "wide":
         raise InputError(f"pixels {args.pixels!r} is not accepted with part 'array', which writes no memory: 'wide' is")
     merge, incremental = parse_switch("merge", args.merge), parse_switch("pipeline", args.pipeline)
     beta, speed = parse_beta(args.beta, merge), parse_speed(args.bandwidth, args.latency)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
     config = CONFIGS[args.config].with_(incremental=incremental)
+    take_stereo_arguments(args)
     request, out = resolve(args), make_folder(args.out or ROOT / "build" / "frame")
-    golden = pipeline.render(
-        request.model, request.camera, config=config, foveation=request.foveation, background=request.background, beta=beta)
-    (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
     try:
-        if args.part == "array":
-            numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
-            image = rtl.image
-        else:
-            numbers, pixels = simulate_machine(
-                golden, device.machine(config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display",
-                waves=waves)
-            image = picture(golden, pixels)
+        numbers = (_two_eyes if args.stereo else _one_eye)(args, request, config, out, beta, speed, waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
-    save_png(out / "frame.png", image)
     settings = {"config": config.name, "part": args.part, "pixels": args.pixels, "merge": merge, "pipeline": incremental,
                 "beta": beta}
     write_json(out / "frame.json", {**request.record, **settings, **numbers})
     return _verdict(numbers, str(out))
 
 
+def _one_eye(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path, beta: int | None, speed: MemorySpeed,
+    waves: Waves | None,
+) -> dict[str, object]:
+    """The frame's numbers; its picture is saved."""
+    golden = pipeline.render(
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background, beta=beta)
+    (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
+    if args.part == "array":
+        numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
+        image = rtl.image
+    else:
+        numbers, pixels = simulate_machine(
+            golden, device.machine(config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display", waves=waves)
+        image = picture(golden, pixels)
+    save_png(out / "frame.png", image)
+    return numbers
+
+
+def _two_eyes(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path, beta: int | None, speed: MemorySpeed,
+    waves: Waves | None,
+) -> dict[str, object]:
+    """Both eyes' numbers; their pictures are saved."""
+    golden = render_request(args, request, config, beta=beta)
+    (out / "frame.json").unlink(missing_ok=True)
+    numbers, result = simulate_eyes(
+        golden, device.machine(golden.source.config), out / "sim", beta=beta, speed=speed, waves=waves)
+    save_eyes(golden, result, out)
+    return {**numbers, "stereo": stereo_statistics(args, request, golden)}
+
+
 def _verdict(numbers: dict, out: str) -> int:
     """Prints what came of the frame; 1 when a bit or a counter differs."""
     for mismatch in numbers["first_mismatches"]:
         place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
+        place += f" of the {mismatch['eye']} eye" if "eye" in mismatch else ""
         print("pixel ({x}, {y}){place}: {field} is {rtl}, golden {golden}".format(**mismatch, place=place))
     wrong_counters = numbers.get("counter_errors", [])
     for problem in (*numbers["stream_errors"], *wrong_counters):
@@ -144,6 +184,9 @@ def _verdict(numbers: dict, out: str) -> int:
         print(f"{out}: table {numbers['table_cycles']:,}, geometry {numbers['geometry_cycles']:,}, rendering "
               f"{numbers['render_cycles']:,} cycles; {100 * numbers['utilisation']:.1f} % of the bound, "
               f"{max(numbers['bounds'], key=numbers['bounds'].get)}")
+    if "stereo_overhead" in numbers:
+        print(f"{out}: both eyes in {numbers['stereo_overhead']:.4f} of the cycles without warping; of the target's pixels "
+              + ", ".join(f"{name} {numbers['shares'][name]:.1%}" for name in KINDS))
     return 0 if numbers["bit_exact"] and not wrong_counters else 1
 
 

@@ -10,13 +10,14 @@ from spec.memory import BEAT_BYTES
 
 
 def array_ops(frame: Frame) -> int:
-    """Most ops of the array: one a level that uses an entry, one a level for the background; each for every block of a tile."""
-    blend = frame.registers.header[:, 1]
+    """Most ops of the array: one a level that uses an entry, one a level for a rendered tile's background; each for every block
+    of a tile."""
+    blend = frame.headers["blend"].astype(int)
     return frame.config.blocks * int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
 
 
 def bound_cycles(
-    frame: Frame, ops: int, read_beats: int, write_beats: int, bytes_per_cycle: float | None,
+    frame: Frame, ops: int, read_beats: int, write_beats: int, bytes_per_cycle: float | None, *, second: Frame | None = None,
 ) -> dict[str, int]:
     """Least cycles of the rendering phase, by what sets them.
 
@@ -27,9 +28,12 @@ def bound_cycles(
         ops: what the array issued; less than `array_ops` where entries were skipped or dropped.
         read_beats, write_beats: of the rendering phase.
         bytes_per_cycle: memory's; None: a beat read and a beat written in every cycle.
+        second: the target eye's frame, of frames of two; ops and beats are those of both.
     """
-    rows = len(frame.registers.header) * TILE * (TILE // frame.config.cores_x)
+    eyes = [frame, *([second] if second else [])]
+    rows = sum(len(eye.headers) for eye in eyes) * TILE * (TILE // frame.config.cores_x)
     memory = max(read_beats, write_beats) if bytes_per_cycle is None else (
         (read_beats + write_beats) * BEAT_BYTES / bytes_per_cycle)
-    array = max(array_ops(frame) // frame.config.blocks, ops)
-    return {"sort": len(frame.entries.splat), "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}
+    array = max(sum(map(array_ops, eyes)) // frame.config.blocks, ops)
+    entries = sum(len(eye.entries.splat) for eye in eyes)
+    return {"sort": entries, "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}

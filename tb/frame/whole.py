@@ -14,7 +14,7 @@ from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.vrc_array import Pixels
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
-from spec.registers import READ_CLIENTS, STAGES, WRITE_CLIENTS
+from spec.registers import READ_CLIENTS, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
@@ -66,12 +66,14 @@ def simulate_machine(
     return numbers, result.pixels
 
 
-def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
-    """Cycles, beats and utilisation of a frame."""
-    r = result.registers
-    stages = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in STAGES}
-    bounds = bound_cycles(
-        frame, r["ops"], _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES), speed.bytes_per_cycle)
+def performance(
+    frame: Frame, result: FrameResult, speed: MemorySpeed, *, second: Frame | None = None,
+) -> dict[str, object]:
+    """Cycles, beats and utilisation of a frame; with the target eye's frame `second`, of both eyes together."""
+    r, config = result.registers, frame.config
+    watched = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in stages(config)}
+    bounds = bound_cycles(frame, r["ops"], _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES),
+                          speed.bytes_per_cycle, second=second)
     render = r["cycles_render"]
     return {
         "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
@@ -79,13 +81,13 @@ def performance(frame: Frame, result: FrameResult, speed: MemorySpeed) -> dict[s
         "overlapped_cycles": max(r["cycles_geometry"], render),
         "bound_cycles": max(bounds.values()), "bounds": bounds,
         "utilisation": round(max(bounds.values()) / render, 4) if render else None,
-        "stage_cycles": stages, "stalls": {stage: cycles["blocked"] for stage, cycles in stages.items()},
+        "stage_cycles": watched, "stalls": {stage: cycles["blocked"] for stage, cycles in watched.items()},
         "events": {name: r[name] for name in (*expected_events(frame), "culled_outside", "spilled_entries", "fetch_hits",
                                               "fetch_misses", "ops", "skipped")},
         "dram_bytes": {
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in READ_CLIENTS},
-            "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in WRITE_CLIENTS}},
+            "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in write_clients(config)}},
         "memory_busy_cycles": result.busy, "latency": speed.latency, "bytes_per_cycle": speed.bytes_per_cycle,
         "wall_s": round(result.seconds, 3), "cycles_per_s": round(result.cycles / result.seconds)}
 

@@ -98,6 +98,7 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
     for number, first, beats, poison in frame["loads"]:
         dut.poison.value = poison
         await _transfer(dut, dut.load, number, first, beats)
+    await ClockCycles(dut.clk, frame["settle"] + 1)
     await FallingEdge(dut.clk)
     before = _numbers(dut)
     begin, clock = get_sim_time("ns"), time.perf_counter()

@@ -29,6 +29,7 @@ class FrameRun:
         changes: settings written instead of the image's, by register name.
         abort: cycles after the start at which `control.abort` is written; None: never.
         cut: cycles after the start at which the frame is left, for a following one with `reset`; None: played to the end.
+        settle: cycles from the reset to the start; what is cleared once after a reset is then clear.
         late: `abort` and `cut` count from the target eye's pass on instead, give or take some; with counters alone.
     """
 
@@ -40,6 +41,7 @@ class FrameRun:
     changes: dict[str, int] = field(default_factory=dict)
     abort: int | None = None
     cut: int | None = None
+    settle: int = 0
     late: bool = False
 
 
@@ -184,7 +186,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
     enables = {"enable_done": 1, "enable_error": 1}
     return {
         "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut,
-        "late": registers["cycles_target_low"] if run.late else None,
+        "settle": run.settle, "late": registers["cycles_target_low"] if run.late else None,
         "pixels": image.width * image.height * (2 if "target_frame" in image.regions else 1),
         "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {

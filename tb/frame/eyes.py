@@ -1,0 +1,75 @@
+"""A golden frame of two eyes through the whole machine, and what warping costs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from golden.msv2_ref.culling import VISIBLE
+from golden.msv2_ref.stereo import StereoFrame
+from golden.scenes.pictures import kinds_picture, save_png
+from spec.constants import TILE
+from spec.records import frame_tiles
+from tb.common.runner import SimulationError, Waves, build
+from tb.frame.whole import performance
+from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
+from tb.top.device import Machine
+from tb.top.memory import MemorySpeed, beats_log2
+from tb.top.player import FrameResult, play_frames
+
+_SHOWN = 10
+
+
+def simulate_eyes(
+    frame: StereoFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, waves: Waves | None = None,
+) -> tuple[dict[str, object], FrameResult]:
+    """The numbers of frame.json, and what the machine gave.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish its frame.
+    """
+    source, target, config = frame.source, frame.target, frame.source.config
+    cleared = frame_tiles(config) + TILE * config.row_width // config.warp_lanes  # once after a reset, not of the frame
+    run = stereo_run(frame, beta, speed, settle=cleared)
+    begin = time.perf_counter()
+    build(machine.design(beats_log2(run.image.beats)), waves)
+    build_s = time.perf_counter() - begin
+    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
+    if not result.done:
+        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
+    wrong, r = stereo_mismatches(frame, result), result.registers
+    numbers = {
+        "bit_exact": not wrong and not result.errors,
+        "pixels_checked": 2 * source.registers.width * source.registers.height,
+        "tiles": len(source.registers.header),
+        "visible": int((source.projected.reason == VISIBLE).sum()),
+        "entries": len(source.entries.splat) + len(target.entries.splat),
+        "source_entries": len(source.entries.splat), "target_entries": len(target.entries.splat),
+        "groups": int(source.groups[-1]) + int(target.groups[-1]) + 2,
+        "ops": r["ops"], "skipped": r["skipped"],
+        "mismatches": len(wrong), "first_mismatches": wrong[:_SHOWN],
+        "stream_errors": result.errors, "counter_errors": stereo_counter_errors(frame, result),
+        **performance(source, result, speed, second=target),
+        "target_cycles": r["cycles_target"], "source_cycles": r["cycles_total"] - r["cycles_target"],
+        **{f"stereo_{name}": r[name] for name in frame.events},
+        "shares": frame.shares,
+        "build_s": round(build_s, 3),
+    }
+    numbers["stereo_overhead"] = overhead(numbers)
+    return numbers, result
+
+
+def overhead(numbers: dict) -> float:
+    """Cycles of both eyes over those that they would take if warping were free: geometry, and the busiest stage's work on the
+    entries that are rendered."""
+    return round(numbers["cycles"] / (numbers["geometry_cycles"] + numbers["bound_cycles"]), 4)
+
+
+def save_eyes(frame: StereoFrame, result: FrameResult, out: Path) -> None:
+    """left.png and right.png, as the machine wrote them; where the target's pixels come from, right_source.png or
+    left_source.png."""
+    source, target = (pixels.colour.astype("uint8") for pixels in (result.pixels, result.target))
+    left, right = frame.pair.left_right(source, target)
+    for name, picture in (("left", left), ("right", right),
+                          (f"{frame.pair.target_eye}_source", kinds_picture(target, frame.origin))):
+        save_png(out / f"{name}.png", picture)
