@@ -50,7 +50,7 @@ class Pack(wiring.Component):
 
     Ports:
         start: strobe before a strip; nothing is inside.
-        base: address of the strip's first pixel in words, stable until `done`.
+        base: address of the strip's first pixel in words, taken with `start`.
         width, last, rows: columns of the frame, the last one, rows of the strip that lie in it.
         filled: the strip's groups, down every column, left to right; a group comes once for every hole that is filled.
         writes: the memory's; words whose strobe is low are 0. In the order in which beats are complete, higher rows first.

@@ -130,8 +130,9 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
     """The frames of scenes."""
     plan = Plan(config, 0)
+    plan.add("clear, then scenes", anything(config, np.random.default_rng(0), 16, 16))
     for n, (name, frame) in enumerate(traced_frames(config, size).items()):
-        for right in (False, True)[n % 2 :][:1] if n > 1 else (False, True):
+        for right in (False, True) if n < 2 else (n % 2 == 1,):  # the embedded scene both ways
             plan.add(f"traced {name}, {'right' if right else 'left'}", traced(config, frame_pixels(frame), right))
     return plan.runs
 
