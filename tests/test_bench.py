@@ -11,6 +11,7 @@ from golden.metrics.image import psnr_vs
 from golden.msv2_ref import parallel
 from golden.oracle.render import render as render_oracle
 from golden.scenes.load import load_scene
+from golden.scenes.save import save_model
 from spec.errors import InputError
 
 HONEST_DB = 50.0
@@ -52,7 +53,9 @@ def test_torch_renderer_draws_the_oracles_picture(scene):
 
 def test_report_is_complete_and_repeatable_numbers_agree(tmp_path, capsys):
     pytest.importorskip("torch")
-    bench.main(["--size", "64x48", "--training-size", "48x32", "--repeat", "2", "--out", str(tmp_path)])
+    few = tmp_path / "few.ply"
+    save_model(load_scene("embedded").model.select(np.arange(0, 19000, 10)), few)
+    bench.main([str(few), "--size", "64x48", "--training-size", "48x32", "--repeat", "2", "--out", str(tmp_path)])
     result = json.loads((tmp_path / "bench.json").read_text())["scenes"][0]
     assert result["size"] == [64, 48] and result["entries"] > 0
     assert set(result["renderers"]) == {bench.INTEGER, bench.FLOAT, bench.TORCH}
