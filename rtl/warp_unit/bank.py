@@ -1,13 +1,13 @@
 """A lane's rows of two strips: one is open, pixels are scattered into it; the other is closed, it is read and cleared.
 
-Of pixels that meet at a place the one with the largest key stays. Its place is read, compared and written in three cycles, in
-which up to two others may follow it to the same place: what they write is compared with instead of what memory gave::
+Of pixels that meet at a place the one with the largest key stays. A pixel's place is read, and written in the next cycle if
+the pixel wins. One that follows to the same place just then reads too early: it is compared with what was written instead::
 
     cycle            0         1            2
     moved        <   A    ><  B        ><  C        >
     read         <   A    ><  B        ><  C        >
     compared                <  A, old  ><  B, A     >     where B's place is A's
-    written                             <  A        >
+    written                 <  A       ><  B        >
 
 Keys are kept of the open strip alone: a place that is not valid has none, and the closed strip needs no more than to know which
 pixels are background's.
@@ -37,7 +37,7 @@ class StripBank(wiring.Component):
         config: the machine; `row_width` and `warp_lanes` matter here.
 
     Ports:
-        open: which strip is; it changes only where no pixel came for three cycles and nothing is read or cleared.
+        open: which strip is; it changes only where no pixel came in the cycle before and nothing is read or cleared.
         moved: a pixel for it, where `keep` is high.
         read, place: strobe, the closed strip's place is read; `kept` is what was there, from the next cycle to the next read.
         clear, clear_place: strobe, the closed strip's place becomes empty.
@@ -66,23 +66,20 @@ class StripBank(wiring.Component):
             writes.append(kept.write_port())
             reads.append(kept.read_port())
 
-        moved = self.moved
-        compared, written = (Signal(moved_layout(self.config), name=name, reset_less=True) for name in ("compared", "written"))
-        comes, replaces = Signal(), Signal()
-        old_valid, old_key = Signal(), Signal(key_bits)
-        self._old(m, compared, written, replaces, key_read.data, Mux(self.open, reads[1].data.valid, reads[0].data.valid),
-                  old_valid, old_key)
-        wins = Signal()
-        m.d.comb += wins.eq(comes & (~old_valid | (compared.key > old_key)))
-        m.d.sync += [comes.eq(moved.keep), replaces.eq(wins)]
+        moved, compared = self.moved, Signal(moved_layout(self.config), reset_less=True)
+        comes, wins, wrote, near = Signal(), Signal(), Signal(), Signal()
+        old_valid, old_key, key = Signal(), Signal(key_bits), Signal(key_bits, reset_less=True)
+        m.d.sync += [comes.eq(moved.keep), wrote.eq(wins)]
         with m.If(moved.keep):
-            m.d.sync += compared.eq(moved)
-        with m.If(comes):
-            m.d.sync += written.eq(compared)
-
+            m.d.sync += [compared.eq(moved), near.eq(moved.place.as_value() == compared.place.as_value())]
+        with m.If(wins):
+            m.d.sync += key.eq(compared.key)
         m.d.comb += [
+            old_valid.eq(near & wrote | Mux(self.open, reads[1].data.valid, reads[0].data.valid)),
+            old_key.eq(Mux(near & wrote, key, key_read.data)),
+            wins.eq(comes & (~old_valid | (compared.key > old_key))),
             key_read.en.eq(moved.keep), key_read.addr.eq(moved.place),
-            key_write.en.eq(replaces), key_write.addr.eq(written.place), key_write.data.eq(written.key),
+            key_write.en.eq(wins), key_write.addr.eq(compared.place), key_write.data.eq(compared.key),
             self.kept.eq(Mux(self.open, reads[0].data, reads[1].data)),
         ]
         for strip, (read, write) in enumerate(zip(reads, writes, strict=True)):
@@ -91,27 +88,10 @@ class StripBank(wiring.Component):
                 scatters.eq((self.open == strip) & ~self.wipe),
                 read.en.eq(Mux(scatters, moved.keep, self.read)),
                 read.addr.eq(Mux(scatters, moved.place, self.place)),
-                write.en.eq(Mux(scatters, replaces, self.clear)),
-                write.addr.eq(Mux(scatters, written.place, self.clear_place)),
-                write.data.colour.eq(written.colour),
+                write.en.eq(Mux(scatters, wins, self.clear)),
+                write.addr.eq(Mux(scatters, compared.place, self.clear_place)),
+                write.data.colour.eq(compared.colour),
                 write.data.valid.eq(scatters),
-                write.data.solid.eq(written.key.any()),
+                write.data.solid.eq(compared.key.any()),
             ]
         return m
-
-    def _old(
-        self, m: Module, compared: data.View, written: data.View, replaces: Signal, key: Signal, valid: Signal,
-        old_valid: Signal, old_key: Signal,
-    ) -> None:
-        """What lies at the place of `compared`: what is being written, what was the cycle before, or what memory gave."""
-        near, far, just_wrote, just_key = Signal(), Signal(), Signal(), Signal.like(old_key, reset_less=True)
-        place = self.moved.place.as_value()
-        m.d.sync += just_wrote.eq(replaces)
-        with m.If(replaces):
-            m.d.sync += just_key.eq(written.key)
-        with m.If(self.moved.keep):
-            m.d.sync += [near.eq(place == compared.place.as_value()), far.eq(place == written.place.as_value())]
-        by_near, by_far = near & replaces, far & just_wrote
-        m.d.comb += [
-            old_valid.eq(by_near | by_far | valid),
-            old_key.eq(Mux(by_near, written.key, Mux(by_far, just_key, key)))]

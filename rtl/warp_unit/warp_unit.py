@@ -38,7 +38,7 @@ _SETTINGS = ("width", "height", "source_right", "disparity_scale", "target_frame
 
 _TILE_BITS = (TILE - 1).bit_length()
 
-_IN_BANK = 3
+_IN_BANK = 2
 """Cycles from a pixel's arrival at a bank until it is written."""
 
 EVENTS = ("warped", "filled", "invalid_tiles")
@@ -66,8 +66,8 @@ class WarpUnit(wiring.Component):
     tile, or two rows a lane, of 78 a pixel, 20,240; beats 6,400; pixels in division 3,040; mask 1 a
     tile, 14,400.
     Throughput: warp_lanes pixels a cycle into the open strip; as many out of the closed one, but 8 at most, a beat a cycle, and
-    a cycle more for every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w + 29
-    cycles in, and from the swap to the last write 4 w + 26. Latency for PAPER: 29 cycles from a row's arrival to the strip, 42
+    a cycle more for every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w + 27
+    cycles in, and from the swap to the last write 4 w + 26. Latency for PAPER: 27 cycles from a row's arrival to the strip, 42
     from the swap to the first write. After a reset the strips are cleared first: 16 W / warp_lanes cycles.
     """
 
