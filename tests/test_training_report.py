@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 torch = pytest.importorskip("torch")
+pytest.importorskip("matplotlib")
 
 from golden.metrics.image import psnr_vs  # noqa: E402
 from golden.oracle.render import render as render_oracle  # noqa: E402

@@ -367,6 +367,7 @@ def prepared(scene):
 
 
 def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
+    pytest.importorskip("matplotlib")
     record, shown = tables.measure_scene(
         prepared(scene), trained(dense), labels.TABLES, edge=32, rtl=lambda model, camera: RtlCycles(7 * len(model), 31, 5))
     tables.write(tmp_path, "training", [record, record | {"scene": "other"}], [shown, replace(shown, name="other")])
@@ -406,6 +407,8 @@ def readme_has_the_tables(folder, page):
     ("representations", {"comparison", "fewer_percent", "level_curves"}, True), ("ablation", {"ablation"}, False),
     ("pruning", {"pruning"}, False), ("latency", {"latency"}, True)])
 def test_each_table_alone(tmp_path, scene, dense, name, keys, plotted):
+    if plotted:
+        pytest.importorskip("matplotlib")
     record, shown = tables.measure_scene(prepared(scene), trained(dense), [name], edge=32, rtl=None)
     common = {"scene", "size", "references", "options", "views", "seconds"}
     assert set(record) == common | keys
@@ -456,6 +459,7 @@ def test_bad_options_are_told(tmp_path, option, told):
 
 @pytest.mark.long
 def test_the_whole_command_and_again_without_training(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
     command = ["--size", "48x48", "--iterations", "60", "--max-points", "1000", "--edge", "48",
                "--runs", str(tmp_path / "none"), "--work", str(tmp_path / "work"), "--out", str(tmp_path / "out")]
     assert tables_training.main([*command, "--tables", "latency,pruning", "--no-rtl"]) == 0
