@@ -95,8 +95,8 @@ class Disparity(wiring.Component):
                     loads, t)
         colour = p.reg("colour", lambda c: Cat(display_byte(c.word_select(i, n.accumulator.width), n.accumulator)
                                                for i in range(3)), p.data("sums", self.pixel.colour.as_value()).to(1))
-        raw, over = self._quotient(m, p, loads, t, depth)
-        may = p.reg("fits", lambda may, over, background: may & (~over | background), may, over, background)
+        raw, over = self._quotient(m, p, loads, t, depth, background)
+        may = p.reg("fits", lambda may, over: may & ~over, may, over)
         m.d.comb += [
             self.carries.eq(loads.at(colour.stage)), self.early.place.eq(p.data("place", self.place).at(colour.stage)),
             self.early.colour.as_value().eq(colour.value), self.early.background.eq(background.value)]
@@ -107,8 +107,8 @@ class Disparity(wiring.Component):
             ("late_x", self.late.place.x), ("late_sub", self.late.place.sub), ("late_background", self.late.background),
             ("late_colour", self.late.colour.as_value()))}
         key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, late["late_background"])
-        x = p.reg("x", self._column, raw, late["late_background"], late["late_x"])
-        keep = p.reg("keep", self._inside, may, raw, late["late_background"], late["late_x"])
+        x = p.reg("x", self._column, raw, late["late_x"])
+        keep = p.reg("keep", self._inside, may, raw, late["late_x"])
         end, moved = keep.stage, self.moved
         m.d.comb += [
             moved.keep.eq(keep.value), moved.place.x.eq(x.at(end)), moved.key.eq(key.at(end)),
@@ -117,32 +117,39 @@ class Disparity(wiring.Component):
             raise AssertionError(f"{end} stages, not {disparity_latency(self.config)}")
         return m
 
-    def _quotient(self, m: Module, p: Pipeline, loads: Staged, t: Staged, depth: Staged) -> tuple[Staged, Staged]:
-        """The raw disparity, and whether it is too wide, which is known long before."""
+    def _quotient(
+        self, m: Module, p: Pipeline, loads: Staged, t: Staged, depth: Staged, background: Staged,
+    ) -> tuple[Staged, Staged]:
+        """The raw disparity, the background's 0 by an odd number; whether it is too wide, which is known long before."""
         n = self.config.formats
         weight = t.map(lambda t: (~t)[weight_shift(n) :])  # the first T, all ones, less the last
         half = n.weight.width // 2
         low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
-        product = p.reg("product", lambda low, w: Cat(low[:half], low[half:] + self.disparity_scale * w[half:]), low, weight)
+
+        def whole(low: Value, weight: Value, background: Value) -> Value:
+            low, high = (Mux(background, 0, part) for part in (low, weight[half:]))
+            return Cat(low[:half], low[half:] + self.disparity_scale * high)
+
+        product = p.reg("product", whole, low, weight, background)
         m.submodules.divider = divider = disparity_divider(self.config)
         start = product.stage
         m.d.comb += [
             divider.load.eq(loads.at(start)), divider.numerator.eq(product.value),
-            divider.divisor.eq(depth.at(start))]
+            divider.divisor.eq(depth.at(start) | background.at(start))]
         return (Staged(p, "quotient", divider.quotient, start + divider.latency, False),
                 Staged(p, "over", divider.over, start + 1, False))
 
-    def _column(self, raw: Value, background: Value, x: Value) -> Value:
+    def _column(self, raw: Value, x: Value) -> Value:
         """x plus or minus the disparity rounded: -(whole + past) = ~whole + 1 - past."""
-        left, (whole, past) = ~self.source_right, self._rounded(raw, background)
+        left, (whole, past) = ~self.source_right, self._rounded(raw)
         return x + (Cat(whole, Const(0, 1)) ^ left.replicate(len(whole) + 1)).as_signed() + (past ^ left)
 
-    def _inside(self, may: Value, raw: Value, background: Value, x: Value) -> Value:
+    def _inside(self, may: Value, raw: Value, x: Value) -> Value:
         """Whether it may be warped to its column: from the right eye's column to one below the width, else to 0 or more."""
-        whole, past = self._rounded(raw, background)
-        return may & Mux(self.source_right, (x + whole + past - self.width)[-1], ~self._column(raw, background, x)[-1])
+        whole, past = self._rounded(raw)
+        return may & Mux(self.source_right, (x + whole + past - self.width)[-1], ~self._column(raw, x)[-1])
 
-    def _rounded(self, raw: Value, background: Value) -> tuple[Value, Value]:
+    def _rounded(self, raw: Value) -> tuple[Value, Value]:
         """Whole pixels of the disparity, and whether one more is nearer: halves go to the right."""
         half, below = raw[DISPARITY_FRAC - 1], raw[: DISPARITY_FRAC - 1].any()
-        return Mux(background, 0, raw[DISPARITY_FRAC:]), half & (self.source_right | below) & ~background
+        return raw[DISPARITY_FRAC:], half & (self.source_right | below)

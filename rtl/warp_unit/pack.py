@@ -32,8 +32,12 @@ _WORD_BITS = (WORDS - 1).bit_length()
 ADDRESS_BITS = BEAT_BITS + _WORD_BITS
 """Bits of a pixel's address: words."""
 
-_QUEUE = 4
-"""Groups with complete beats that may wait, where a column has as many: a column's of 4 lanes, all complete at once."""
+
+def queue_groups(config: AcceleratorConfig) -> int:
+    """Groups with complete beats that may wait: of a column where all rows are complete, those left at its end."""
+    groups = sub_rows(config)
+    waiting = max(2, groups - groups // config.warp_lanes + 1)
+    return min(groups, 1 << (waiting - 1).bit_length())
 
 
 def _complete_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -129,7 +133,7 @@ class Pack(wiring.Component):
 
     def _queue(self, m: Module, commits: Signal, sub: Signal, word: Signal, complete: Signal) -> tuple:
         """Groups with complete beats: the first of them, whether there is one, room for more, and what takes it out."""
-        depth, shape = min(_QUEUE, sub_rows(self.config)), _complete_layout(self.config)
+        depth, shape = queue_groups(self.config), _complete_layout(self.config)
         words = Array(Signal(shape, name=f"complete_{i}", reset_less=True) for i in range(depth))
         count, first, free = Signal(range(depth + 1)), Signal(range(depth)), Signal(range(depth))
         pushes, pops, new = Signal(), Signal(), Signal(shape)
