@@ -22,7 +22,7 @@ class Compared:
         points: of each level.
         storage_mb: 10^6 bytes, of all levels.
         over_l1_percent: what the levels add to L1's storage.
-        hvsq: of each level at its own pooling, means over test views.
+        hvsq, hvsq_validation: of each level at its own pooling, means over test views and over validation views.
         frame: mean foveated frame of the test views, gaze in the centre.
         seconds: what training it took beyond its L1.
     """
@@ -32,6 +32,7 @@ class Compared:
     storage_mb: float
     over_l1_percent: float
     hvsq: tuple[float, ...]
+    hvsq_validation: tuple[float, ...]
     frame: FrameWork
     seconds: float
 
@@ -50,7 +51,7 @@ def compare(scene: TrainingScene, methods: Mapping[str, Levels], seconds: Mappin
     """The rows, in the methods' order.
 
     Args:
-        scene: its test views judge.
+        scene: its test views judge; its validation views are measured too.
         methods: models by name.
         seconds: of training, by name.
     """
@@ -58,9 +59,10 @@ def compare(scene: TrainingScene, methods: Mapping[str, Levels], seconds: Mappin
     for name, levels in methods.items():
         storage = levels.storage
         frames = [foveated_frame_work(levels, scene.cameras[view]) for view in scene.test]
+        hvsq = [level_hvsq(levels, scene, views) for views in (scene.test, scene.validation)]
         rows.append(Compared(
-            name, tuple(levels.counts), storage.total / 1e6, storage.overhead_percent, level_hvsq(levels, scene, scene.test),
-            FrameWork.mean(frames), seconds.get(name, 0.0)))
+            name, tuple(levels.counts), storage.total / 1e6, storage.overhead_percent, *hvsq, FrameWork.mean(frames),
+            seconds.get(name, 0.0)))
     return rows
 
 
