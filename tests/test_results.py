@@ -9,6 +9,7 @@ from test_import_law import ROOT, reached
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # `tests` has a folder of the same name
 
+from tools import results
 from tools.results import frame_sources
 
 COMMAND, MACHINE = Path("tb/frame/__main__.py"), Path("tb/frame/whole.py")
@@ -31,3 +32,19 @@ def test_a_frame_stays_when_what_it_does_not_import_changes() -> None:
     golden = {name for name in names() if name.startswith("golden/")}
     assert golden - {path.as_posix() for path in reached(COMMAND)} == {"golden/scenes/save.py"}
     assert {name.partition("/")[0] for name in names()} == {"golden", "rtl", "spec", "tb"}
+
+
+def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monkeypatch) -> None:
+    commands, fern = [], tmp_path / "posed" / "fern"
+    monkeypatch.setattr(results, "run", lambda *command: commands.append(command))
+    monkeypatch.setattr(results, "REPORTS", tmp_path / "reports")
+    monkeypatch.setattr(results, "fill_readme", lambda *arguments, check: 0)
+    monkeypatch.setenv("MSV2_DATA", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["results.py", "--only", "training"])
+    assert results.main() == 0
+    fern.mkdir(parents=True)
+    assert results.main() == 0
+    written = ("--out", str(tmp_path / "reports"), "--name", "training")
+    assert commands == [("golden/tables_training.py", "embedded", *written),
+                        ("golden/tables_training.py", "embedded", str(fern), *written)]
+    assert "training" not in results.PARTS
