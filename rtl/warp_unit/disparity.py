@@ -125,12 +125,13 @@ class Disparity(wiring.Component):
         weight = t.map(lambda t: (~t)[weight_shift(n) :])  # the first T, all ones, less the last
         half = n.weight.width // 2
         low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
+        high = p.reg("high", lambda w, t: Mux(t >= background_transmittance(n), 0, w[half:]), weight, t)
 
-        def whole(low: Value, weight: Value, background: Value) -> Value:
-            low, high = (Mux(background, 0, part) for part in (low, weight[half:]))
+        def whole(low: Value, high: Value, background: Value) -> Value:
+            low = Mux(background, 0, low)
             return Cat(low[:half], low[half:] + self.disparity_scale * high)
 
-        product = p.reg("product", whole, low, weight, background)
+        product = p.reg("product", whole, low, high, background)
         m.submodules.divider = divider = disparity_divider(self.config)
         start = product.stage
         m.d.comb += [
