@@ -66,7 +66,7 @@ FRAME_KEYS = (
 
 SYNTHESISED = (
     "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
-    "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "axi_master",
+    "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "warp_unit", "axi_master",
     "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed")
 """Units of the area table."""
