@@ -163,7 +163,8 @@ def measure_scene(
     """Everything that the tables asked for say of a scene, ready for JSON, and what the plots show of it."""
     scene = prepared.scene
     record = {
-        "scene": scene.name, "size": list(scene.size), "references": prepared.references, "options": {**prepared.options, "scene": Path(prepared.options["scene"]).name},
+        "scene": scene.name, "size": list(scene.size), "references": prepared.references,
+        "options": {**prepared.options, "scene": Path(prepared.options["scene"]).name},
         "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
         "seconds": trained.seconds}
     shown = Shown(scene.name, (), (), ())

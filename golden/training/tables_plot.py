@@ -36,7 +36,9 @@ def save_plots(scenes: Sequence[Shown], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(len(scenes), 3, figsize=(14, 3.8 * len(scenes)), squeeze=False, constrained_layout=True)
+    columns = 3 if any(shown.curves or shown.plain_curves for shown in scenes) else 2
+    figure, axes = pyplot.subplots(
+        len(scenes), columns, figsize=(4.7 * columns, 3.8 * len(scenes)), squeeze=False, constrained_layout=True)
     for row, shown in zip(axes, scenes, strict=True):
         if shown.versions:
             _latency(row[0], shown, "points", "points")
@@ -54,11 +56,11 @@ def save_plots(scenes: Sequence[Shown], path: Path) -> None:
 def _latency(axis: Any, shown: Shown, quantity: str, label: str) -> None:
     for colour, criterion in zip(("C0", "C1"), CRITERIA, strict=True):
         own = [v for v in shown.versions if v.criterion == criterion]
-        label = CRITERION_LABELS[criterion]
+        name = CRITERION_LABELS[criterion]
         x = [v.points if quantity == "points" else v.work.entries_per_tile for v in own]
-        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{label}, golden")
+        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{name}, golden")
         if all(v.rtl is not None for v in own):
-            axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{label}, RTL")
+            axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{name}, RTL")
     told = ", ".join(
         f"{CYCLES[kind]} r = {of[quantity]['pearson']:.3f}" for kind, of in proportionality(shown.versions).items())
     axis.set(xlabel=label, ylabel="cycles per frame", xlim=(0, None), ylim=(0, None))
