@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +68,17 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
     return "\n".join([*lines, "", note, ""])
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a view misses the budget."""
-    parser = argparse.ArgumentParser(prog="golden/accuracy.py", description=__doc__,
-                                     epilog="example: MSV2_DATA=data python golden/accuracy.py --size 640x360")
+def over_scenes(
+    name: str, description: str, argv: Sequence[str] | None, rows_of: Callable[[Request, str], list[dict[str, object]]],
+) -> tuple[list[dict[str, object]], Path]:
+    """The command line of a measurement: its rows, of every scene and view asked for, and the folder of its report.
+
+    Args:
+        name: of the tool in golden/, without `.py`.
+        rows_of: given a request without a gaze and the scene's name.
+    """
+    parser = argparse.ArgumentParser(prog=f"golden/{name}.py", description=description,
+                                     epilog=f"example: MSV2_DATA=data python golden/{name}.py --size 640x360")
     add_request_arguments(parser, size="640x360")
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")
@@ -79,17 +86,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = [args.scene]
     if args.scene == EMBEDDED:
         folder = Path(os.environ.get("MSV2_DATA", "../shared/data")) / "trained"
-        scenes += [str(folder / name) for name in CAPTURES if (folder / name).exists()]
+        scenes += [str(folder / capture) for capture in CAPTURES if (folder / capture).exists()]
     rows = []
-    for scene in tqdm(scenes, desc="accuracy", unit="scene"):
+    for scene in tqdm(scenes, desc=name, unit="scene"):
         for view in args.views.split(","):
             request = resolve(argparse.Namespace(**{**vars(args), "scene": scene, "camera": view, "gaze": "none"}))
-            rows += [measure(request, Path(scene).stem, gazing) for gazing in (False, True)]
-    out = make_folder(args.out)
-    write_json(out / "accuracy.json", {"budget_db": BUDGET_DB, "rows": rows})
-    with atomic_output(out / "accuracy.md") as file:
-        file.write(as_markdown(rows).encode())
-    print(as_markdown(rows))
+            rows += rows_of(request, Path(scene).stem)
+    return rows, make_folder(args.out)
+
+
+def write_report(out: Path, name: str, record: dict[str, object], page: str) -> None:
+    """NAME.json and NAME.md in a folder; the page is printed too."""
+    write_json(out / f"{name}.json", record)
+    with atomic_output(out / f"{name}.md") as file:
+        file.write(page.encode())
+    print(page)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work; 1 when a view misses the budget."""
+    rows, out = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
+        measure(request, scene, gazing) for gazing in (False, True)])
+    write_report(out, "accuracy", {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))
     return int(min(r["psnr_vs_oracle_db"] for r in rows) < BUDGET_DB)
 
 

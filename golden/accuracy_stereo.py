@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from golden.accuracy import CAPTURES
+from golden.accuracy import over_scenes, write_report
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline, warp_unit
 from golden.msv2_ref.stereo import BACKGROUND, FILLED, WARPED, StereoFrame, render_stereo
 from golden.msv2_ref.views import display_pixels, frame_pixels
 from golden.oracle.render import render as render_oracle
-from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
-from golden.scenes.load import EMBEDDED
-from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from golden.scenes.request import Request
 from golden.scenes.stereo import scene_scale, stereo_pair
 from spec.config import PAPER
 from spec.constants import MAX_LEVELS, TILE
@@ -118,26 +112,10 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when a view misses the budget."""
-    parser = argparse.ArgumentParser(prog="golden/accuracy_stereo.py", description=__doc__,
-                                     epilog="example: MSV2_DATA=data python golden/accuracy_stereo.py --size 640x360")
-    add_request_arguments(parser, size="640x360")
-    parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
-    parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")
-    args = parser.parse_args(argv)
-    scenes = [args.scene]
-    if args.scene == EMBEDDED:
-        folder = Path(os.environ.get("MSV2_DATA", "../shared/data")) / "trained"
-        scenes += [str(folder / name) for name in CAPTURES if (folder / name).exists()]
-    rows = []
-    for scene in tqdm(scenes, desc="accuracy of stereo", unit="scene"):
-        for view in args.views.split(","):
-            request = resolve(argparse.Namespace(**{**vars(args), "scene": scene, "camera": view, "gaze": "none"}))
-            rows += [measure(with_gaze(request, levels), Path(scene).stem) for levels in (1, MAX_LEVELS)]
-    out = make_folder(args.out)
-    write_json(out / "accuracy_stereo.json", {"budget_px": BUDGET_PX, "budget_share": BUDGET_SHARE, "rows": rows})
-    with atomic_output(out / "accuracy_stereo.md") as file:
-        file.write(as_markdown(rows).encode())
-    print(as_markdown(rows))
+    rows, out = over_scenes("accuracy_stereo", __doc__, argv, lambda request, scene: [
+        measure(with_gaze(request, levels), scene) for levels in (1, MAX_LEVELS)])
+    record = {"budget_px": BUDGET_PX, "budget_share": BUDGET_SHARE, "rows": rows}
+    write_report(out, "accuracy_stereo", record, as_markdown(rows))
     return int(min(r["within_budget"] for r in rows) < BUDGET_SHARE)
 
 

@@ -7,6 +7,14 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 
+def _check_count(count: int) -> None:
+    """Raises TypeError or ValueError where a number of consumers is not accepted."""
+    if not isinstance(count, int) or isinstance(count, bool):
+        raise TypeError(f"count must be an integer, not {count!r}")
+    if count < 1:
+        raise ValueError(f"count must be 1 or more, not {count!r}")
+
+
 class Buffer(wiring.Component):
     """Two registers of storage that cut both directions of a stream.
 
@@ -54,10 +62,7 @@ class Fork(wiring.Component):
     """
 
     def __init__(self, shape: ShapeLike, count: int = 2):
-        if not isinstance(count, int) or isinstance(count, bool):
-            raise TypeError(f"count must be an integer, not {count!r}")
-        if count < 1:
-            raise ValueError(f"count must be 1 or more, not {count!r}")
+        _check_count(count)
         items = stream.Signature(shape)
         super().__init__({"sink": In(items), "sources": Out(items).array(count)})
 
@@ -88,10 +93,7 @@ class Broadcast(wiring.Component):
     """
 
     def __init__(self, shape: ShapeLike, count: int = 2):
-        if not isinstance(count, int) or isinstance(count, bool):
-            raise TypeError(f"count must be an integer, not {count!r}")
-        if count < 1:
-            raise ValueError(f"count must be 1 or more, not {count!r}")
+        _check_count(count)
         items = stream.Signature(shape)
         super().__init__({"sink": In(items), "sources": Out(items).array(count), "wanted": In(count)})
 

@@ -1,9 +1,8 @@
-"""Training tables: golden cycles against measured ones, models from finished runs, rows, plots and pages."""
+"""Training tables: rows, verdicts, the stages they need, plots and pages."""
 
 import json
 import sys
-from argparse import Namespace
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +13,15 @@ torch = pytest.importorskip("torch")
 from training_samples import small_dense, small_scene  # noqa: E402
 
 from golden import tables_training  # noqa: E402
-from golden.msv2_ref import pipeline  # noqa: E402
-from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # noqa: E402
-from golden.scenes.gaze import Display, foveation_map  # noqa: E402
-from golden.scenes.levels import smfr_levels  # noqa: E402
-from golden.training import ablation, comparison, labels, latency, pruning_table, rtl_cycles, table_runs, tables  # noqa: E402
-from golden.training.baselines import SeparateModels, smfr  # noqa: E402
+from golden.training import ablation, comparison, labels, latency, pruning_table, table_runs, tables  # noqa: E402
+from golden.training.baselines import smfr  # noqa: E402
 from golden.training.chain import Planned  # noqa: E402
-from golden.training.checkpoint import Checkpoint, Checkpoints  # noqa: E402
-from golden.training.finished_runs import find_run  # noqa: E402
-from golden.training.foveated import FoveatedModel  # noqa: E402
-from golden.training.frame_cycles import FrameWork, foveated_frame_work, frame_work, whole_frame_work  # noqa: E402
+from golden.training.frame_cycles import FrameWork  # noqa: E402
 from golden.training.level_curves import LevelCurve, level_curves  # noqa: E402
-from golden.training.level_quality import frame_cost  # noqa: E402
-from golden.training.recipe import RESULTS, ReadyStage, Recipe, plan  # noqa: E402
+from golden.training.recipe import ReadyStage, Recipe  # noqa: E402
 from golden.training.rtl_cycles import RtlCycles  # noqa: E402
 from golden.training.tables_text import markdown  # noqa: E402
 from golden.training.targets_text import targets_rows  # noqa: E402
-from spec.config import PAPER  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
@@ -50,63 +40,6 @@ def scene():
 @pytest.fixture(scope="module")
 def dense():
     return small_dense(600)
-
-
-def measured_frame(foveated):
-    """What the machine took for a frame of the embedded scene, from the committed report."""
-    rows = json.loads((ROOT / "reports" / "frames.json").read_text())["rows"]
-    return next(row for row in rows if row["scene"] == "embedded" and (row["gaze"] is not None) == foveated
-                and row["merge"] and row["pipeline"])
-
-
-def test_golden_cycles_are_within_three_percent_of_the_machines():
-    measured = measured_frame(foveated=False)
-    camera = embedded_cameras(*measured["size"])[0]
-    work = frame_work(pipeline.render(cached_embedded_model(), camera, config=PAPER))
-    assert work.entries == measured["entries"]
-    assert abs(work.geometry_cycles / measured["geometry_cycles"] - 1) < 0.01
-    assert 0.97 < work.render_cycles / measured["render_cycles"] <= 1.0
-
-
-def test_geometry_beats_are_those_of_the_machine():
-    """Points, colours, entries, directory slots and views of the frame in reports/, to the beat."""
-    measured = measured_frame(foveated=True)
-    camera = embedded_cameras(*measured["size"])[0]
-    foveation = foveation_map(Display(*measured["size"]), tuple(measured["gaze"]), 4)
-    work = frame_work(pipeline.render(smfr_levels(cached_embedded_model(), 4), camera, config=PAPER, foveation=foveation))
-    moved = measured["dram_bytes"]
-    bytes_moved = sum(moved["reads"][name] for name in ("geometry", "colour")) + sum(
-        moved["writes"][name] for name in ("entries", "views"))
-    assert work.entries == measured["entries"] and work.geometry_beats * 32 == bytes_moved
-
-
-def test_parts_of_a_frame_add_up(scene, dense):
-    frame = pipeline.render(tables.to_model(dense, up=scene.up, name="dense"), scene.cameras[0], config=PAPER)
-    left = np.arange(len(frame.registers.header)) % 3 == 0
-    parts = [frame_work(frame, left), frame_work(frame, ~left)]
-    whole, total = frame_work(frame), FrameWork.total(parts)
-    assert total.entries == whole.entries > 0 and total.array == whole.array and total.tiles == whole.tiles
-    assert total.points == 2 * whole.points  # each part is a model of its own, read whole
-    nothing = frame_work(frame, np.zeros_like(left))
-    assert nothing.entries == nothing.survivors == nothing.array == 0 and nothing.render_cycles == 0
-
-
-def test_foveated_frames_cost_what_level_quality_says(scene, dense):
-    camera, nested = scene.cameras[0], smfr(dense, (600, 300, 120, 60))
-    separate = SeparateModels(tuple(nested.level(level) for level in range(4)))
-    works = [foveated_frame_work(levels, camera) for levels in (nested, separate)]
-    for levels, work in zip((nested, separate), works, strict=True):
-        cost = frame_cost(levels, camera)
-        assert (work.entries, work.points) == (cost.entries, cost.projected)
-    assert works[1].entries > works[0].entries  # a tile that blends lists both models
-    assert works[0].entries < whole_frame_work(dense, camera).entries
-
-
-def test_a_lone_level_costs_a_whole_frame(scene, dense):
-    camera = scene.cameras[0]
-    whole = whole_frame_work(dense, camera)
-    assert foveated_frame_work(SeparateModels((dense,)), camera) == whole
-    assert foveated_frame_work(FoveatedModel(dense), camera) == whole
 
 
 def test_comparison_rows(scene, dense):
@@ -259,92 +192,6 @@ def test_looks_at_the_gate_come_from_the_log():
     better = [dense, pruning_table.Look(30.1, 700.0, True)]
     assert pruning_table.equal_quality(better, ours) == pruning_table.EqualQuality(30.1, 700.0, None)
     assert pruning_table.equal_quality([dense], ours) == pruning_table.EqualQuality(30.0, 900.0, 900.0)
-
-
-def finished(folder, name, **changes):
-    """A finished run's folder."""
-    run = folder / name
-    (run / "checkpoints").mkdir(parents=True)
-    options = {"scene": "embedded", "variant": "H", "baseline": None, "opacity-enhancement": True, "size": "64x64",
-               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu"} | changes
-    (run / "report.json").write_text(json.dumps({"options": options}))
-    (run / "model.ply").write_bytes(name.encode())
-    (run / "log.jsonl").write_text('{"stage": "dense"}\n')
-    return run, options
-
-
-def test_finished_runs_are_found_by_their_options(tmp_path):
-    finished(tmp_path, "a")
-    finished(tmp_path, "m", variant="M")
-    finished(tmp_path, "smfr", baseline="smfr", seed=1)
-    finished(tmp_path, "v1", **{"opacity-enhancement": False, "seed": 2})
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "report.json").write_text("{")
-    wanted = {"scene": "embedded", "variant": "H", "size": None}
-    assert find_run(tmp_path, wanted).folder.name == "a"
-    assert find_run(tmp_path, wanted | {"variant": "M"}).folder.name == "m"
-    for other in ({"scene": "elsewhere"}, {"iterations": 61}, {"seed": 1}, {"seed": 2}):
-        assert find_run(tmp_path, wanted | other) is None
-    assert find_run(tmp_path / "nowhere", wanted) is None
-
-
-def test_a_finished_run_is_reused_and_another_recipe_is_not(tmp_path, dense, scene):
-    run, options = finished(tmp_path, "a")
-    totals = tuple((stage.name, stage.total) for stage in plan(RECIPE, scene, "cpu"))
-    results = {"dense": dense, "prune": dense}
-    last = Checkpoint(options, totals, results, len(totals), None, 60, {"dense": {"iterations": 30, "seconds": 2.0}}, 1)
-    Checkpoints(run / "checkpoints", RESULTS).save(last)
-    asked = Namespace(scenes=[], variant=None, size=None, iterations=None, max_points=None, seed=None)
-    prepared = tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu")
-    assert prepared.recipe == RECIPE and set(prepared.ready) == set(results) and prepared.scene.size == (64, 64)
-    assert prepared.options["reused"] and prepared.records == [{"stage": "dense"}] and prepared.spent["dense"]["seconds"] == 2.0
-    other = tables.prepare(tables.wanted_scenes(replace_namespace(asked, iterations=80, size="48x48"))[0], tmp_path, "cpu")
-    assert other.ready == {} and other.options["reused"] is None and other.recipe.iterations == 80
-    Checkpoints(run / "checkpoints").clear()
-    Checkpoints(run / "checkpoints", RESULTS).save(replace(last, plan=totals[:-1], stage=len(totals) - 1))
-    assert tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu").ready == {}
-
-
-def replace_namespace(args, **changes):
-    return Namespace(**vars(args) | changes)
-
-
-def test_scenes_have_sizes_of_their_own():
-    asked = {"variant": "M", "size": "64x48", "iterations": None, "max_points": None, "seed": 3}
-    args = Namespace(scenes=["embedded", "a@b/fern@504x378"], **asked)
-    embedded, fern = tables.wanted_scenes(args)
-    assert embedded.keys == {
-        "scene": "embedded", "variant": "M", "size": "64x48", "iterations": None, "max-points": None, "seed": 3}
-    assert fern.path == "a@b/fern" and fern.keys["size"] == "504x378" and fern.keys["scene"].endswith("/a@b/fern")
-    with pytest.raises(InputError, match="12xx"):
-        tables.wanted_scenes(replace_namespace(args, scenes=["fern@12xx"]))
-
-
-def test_rtl_frames_are_simulated_once_and_must_be_exact(tmp_path, monkeypatch, scene, dense):
-    runs, exact = [], {"bit_exact": True, "counter_errors": []}
-
-    def simulate(folder, camera, out):
-        runs.append(out)
-        numbers = {**exact, "table_cycles": 1, "geometry_cycles": 20, "render_cycles": 300, "entries": 4}
-        (out / "frame.json").write_text(json.dumps(numbers))
-
-    monkeypatch.setattr(rtl_cycles, "_simulate", simulate)
-    cycles = tables.simulate(scene, tmp_path)
-    for _ in range(2):
-        assert asdict(cycles(dense, scene.cameras[0])) == {"geometry": 21, "render": 300, "entries": 4}
-    assert len(runs) == 1
-    cycles(dense, scene.cameras[1])
-    cycles(dense.select(torch.arange(10)), scene.cameras[0])
-    assert len(set(runs)) == 3
-    exact["bit_exact"] = False
-    with pytest.raises(InputError, match="differs from the golden renderer"):
-        cycles(dense, scene.cameras[2])
-
-
-def test_a_failing_simulation_is_told(tmp_path, monkeypatch, scene, dense):
-    monkeypatch.setattr(rtl_cycles, "OPTIONS", ("--config", "absent"))
-    with pytest.raises(InputError, match="CONFIG 'absent' is not accepted"):
-        tables.simulate(scene, tmp_path)(dense, scene.cameras[0])
 
 
 def trained(dense):

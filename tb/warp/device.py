@@ -17,10 +17,8 @@ from spec.memory import BEAT_BITS, write_request
 from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row
 from spec.stereo import DISPARITY_SCALE_BITS, warped_tile
+from tb.common.framed import frame_by_frame
 from tb.common.playback import Playback, Stream
-
-IDLE_AFTER = 9
-"""Cycles after a write until the memory says that it is idle."""
 
 _SETTINGS = (("width", 14), ("height", 14), ("source_right", 1), ("disparity_scale", DISPARITY_SCALE_BITS),
              ("target_frame_base", BEAT_BITS))
@@ -29,10 +27,9 @@ _OBSERVED = (*((name, COUNTER_BITS) for name in EVENTS), ("finished", 1), ("busy
 
 
 class WarpBench(wiring.Component):
-    """The unit; `begin` is high for a cycle where the setting `frame` changes.
+    """The unit, given frames and a memory by `frame_by_frame`.
 
-    `tiles` are the first `tile_count` bits of the mask, once the frame is finished. `early` stays high once `finished` was high
-    within IDLE_AFTER cycles after a write: it then came too soon.
+    `tiles` are the first `tile_count` bits of the mask, once the frame is finished.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -49,22 +46,11 @@ class WarpBench(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.unit = unit = WarpUnit(self.config)
-        wiring.connect(m, wiring.flipped(self.rows), unit.rows)
-        wiring.connect(m, unit.writes, wiring.flipped(self.writes))
-        before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
-        written = self.writes.valid & self.writes.ready
+        frame_by_frame(m, self, unit)
         m.d.comb += [
             *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _SETTINGS),
             *(getattr(self, name).eq(getattr(unit, name)) for name in (*EVENTS, "finished", "busy")),
-            unit.begin.eq(before != self.frame),
-            unit.writes_idle.eq(wait == 0),
         ]
-        m.d.sync += [before.eq(self.frame), finished.eq((finished | unit.finished) & ~unit.begin)]
-        with m.If(written):
-            m.d.sync += wait.eq(IDLE_AFTER)
-        with m.Elif(wait.any()):
-            m.d.sync += wait.eq(wait - 1)
-        m.d.sync += self.early.eq((self.early | finished & (written | wait.any())) & ~unit.begin)
         self._tiles(m, unit)
         return m
 

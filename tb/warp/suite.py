@@ -10,8 +10,9 @@ from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.framed import IDLE_AFTER
 from tb.common.scenes import traced_frames, traced_size
-from tb.warp.device import IDLE_AFTER, playback
+from tb.warp.device import playback
 from tb.warp.stimuli import (
     Source,
     anything,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,10 +15,8 @@ from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, write_request
 from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row
+from tb.common.framed import frame_by_frame
 from tb.common.playback import Playback, Stream
-
-IDLE_AFTER = 9
-"""Cycles after a write until the memory says that it is idle."""
 
 _OBSERVED = (("pixels", COUNTER_BITS), ("finished", 1), ("busy", 1), ("early", 1))
 
@@ -29,11 +27,7 @@ def _settings(config: AcceleratorConfig) -> tuple[tuple[str, int], ...]:
 
 
 class WriterBench(wiring.Component):
-    """The unit; `begin` is high for a cycle where the setting `frame` changes.
-
-    `early` stays high once `finished` was high within IDLE_AFTER cycles after a write: it then came too soon, as the memory was
-    not idle, or a row too soon.
-    """
+    """The unit, given frames and a memory by `frame_by_frame`."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
@@ -48,22 +42,11 @@ class WriterBench(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.unit = unit = PixelWriter(self.config)
-        wiring.connect(m, wiring.flipped(self.rows), unit.rows)
-        wiring.connect(m, unit.writes, wiring.flipped(self.writes))
-        before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
-        written = self.writes.valid & self.writes.ready
+        frame_by_frame(m, self, unit)
         m.d.comb += [
             *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _settings(self.config)),
             *(getattr(self, name).eq(getattr(unit, name)) for name in ("pixels", "finished", "busy")),
-            unit.begin.eq(before != self.frame),
-            unit.writes_idle.eq(wait == 0),
         ]
-        m.d.sync += [before.eq(self.frame), finished.eq((finished | unit.finished) & ~unit.begin)]
-        with m.If(written):
-            m.d.sync += wait.eq(IDLE_AFTER)
-        with m.Elif(wait.any()):
-            m.d.sync += wait.eq(wait - 1)
-        m.d.sync += self.early.eq((self.early | finished & (written | wait.any())) & ~unit.begin)
         return m
 
 
