@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-from spec import registers
+from spec import host_settings, registers
 from spec.config import PAPER
 from spec.document import attribute_docs, doc_of, one_line, table
 from spec.registers import Code, ErrorCode, Phase, Register
@@ -100,8 +100,8 @@ def header() -> str:
     """The C header: byte offsets, masks, enumerations; what a number means stands beside its register."""
     constants = {
         "MAGIC": f"0x{registers.MAGIC:08X}u", "VERSION_MAJOR_EXPECTED": registers.VERSION_MAJOR,
-        "SETTINGS_BASE": f"0x{registers.SETTINGS_BASE:03X}u", "SETTINGS_COUNT": len(registers.settings(PAPER)),
-        "STEREO_SETTINGS_COUNT": len(registers.settings(_MACHINE)),
+        "SETTINGS_BASE": f"0x{registers.SETTINGS_BASE:03X}u", "SETTINGS_COUNT": len(host_settings.settings(PAPER)),
+        "STEREO_SETTINGS_COUNT": len(host_settings.settings(_MACHINE)),
         "COUNTERS_BASE": f"0x{registers.COUNTERS_BASE:03X}u", "READ_CLIENTS": len(registers.READ_CLIENTS),
         "WRITE_CLIENTS": len(registers.WRITE_CLIENTS),
         "STEREO_WRITE_CLIENTS": len(registers.write_clients(_MACHINE))}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spec import document, document_registers, registers
+from spec import document, document_registers, host_settings, registers
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY
 from spec.errors import InputError
 from spec.formats import SQ
@@ -59,7 +59,7 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 def test_a_setting_that_does_not_fit_is_refused():
     wide = PAPER.with_(formats=replace(PAPER.formats, mean2d=SQ(22, 10)))
     with pytest.raises(ValueError, match="centre_0 must fit a register of 32 bits, not 33"):
-        registers.settings(wide)
+        host_settings.settings(wide)
 
 
 def test_counters():
@@ -73,27 +73,27 @@ def test_counters():
 
 def legal(config) -> dict[str, int]:
     """Patterns that are all allowed."""
-    patterns = {s.name: 0 for s in registers.settings(config)}
-    return patterns | {limit.setting: limit.low for limit in registers.limits(config)}
+    patterns = {s.name: 0 for s in host_settings.settings(config)}
+    return patterns | {limit.setting: limit.low for limit in host_settings.limits(config)}
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda c: c.name)
 def test_the_first_illegal_setting_is_named(config):
-    numbers = {s.name: s.number for s in registers.settings(config)}
-    assert registers.first_illegal(config, legal(config)) is None
-    limits = registers.limits(config)
+    numbers = {s.name: s.number for s in host_settings.settings(config)}
+    assert host_settings.first_illegal(config, legal(config)) is None
+    limits = host_settings.limits(config)
     assert [numbers[limit.setting] for limit in limits] == sorted(numbers[limit.setting] for limit in limits)
     for limit in limits:
         for pattern, allowed in ((limit.low, True), (limit.high, True), (limit.low - 1, False), (limit.high + 1, False)):
             if pattern >= 0:
-                found = registers.first_illegal(config, legal(config) | {limit.setting: pattern})
+                found = host_settings.first_illegal(config, legal(config) | {limit.setting: pattern})
                 assert found == (None if allowed else numbers[limit.setting]), limit
     worst = legal(config) | {limit.setting: limit.high + 1 for limit in limits}
-    assert registers.first_illegal(config, worst) == numbers["near"]
+    assert host_settings.first_illegal(config, worst) == numbers["near"]
 
 
 def test_limits_of_floats_are_those_of_their_numbers():
-    limits, view = {limit.setting: limit for limit in registers.limits(PAPER)}, PAPER.formats.view
+    limits, view = {limit.setting: limit for limit in host_settings.limits(PAPER)}, PAPER.formats.view
     for x in (-1e9, -1e-30, 0.0, 1e-30, 0.01, 1.0, 1e9):
         pattern = int(view.quantise(x))
         assert limits["near"].allows(pattern) == (x > 0)

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 
-from spec import registers, stereo
+from spec import host_settings, registers, stereo
 from spec.config import CONFIGS, PAPER, NumberFormats
 from spec.memory import MEMORY_RECORDS
 from spec.records import RECORDS
@@ -46,12 +46,12 @@ def test_identity():
 
 def test_frames_of_two_eyes_are_display_frames():
     config = PAPER.with_(stereo=True)
-    patterns = {s.name: 0 for s in registers.settings(config)} | {
-        limit.setting: limit.low for limit in registers.limits(config) if not limit.where}
-    display = next(s.number for s in registers.settings(config) if s.name == "display")
+    patterns = {s.name: 0 for s in host_settings.settings(config)} | {
+        limit.setting: limit.low for limit in host_settings.limits(config) if not limit.where}
+    display = next(s.number for s in host_settings.settings(config) if s.name == "display")
     for two_eyes, shown, found in ((0, 0, None), (0, 1, None), (1, 1, None), (1, 0, display)):
-        assert registers.first_illegal(config, patterns | {"stereo": two_eyes, "display": shown}) == found
-    assert not any(limit.where for limit in registers.limits(PAPER))
+        assert host_settings.first_illegal(config, patterns | {"stereo": two_eyes, "display": shown}) == found
+    assert not any(limit.where for limit in host_settings.limits(PAPER))
 
 
 def test_tests_of_coverage_are_exact():

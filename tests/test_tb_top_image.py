@@ -9,6 +9,7 @@ from golden_samples import map_for, random_model, view
 from golden.msv2_ref import pipeline
 from spec.config import CONFIGS, PAPER, TINY
 from spec.formats import Fixed
+from spec.host_settings import first_illegal
 from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
@@ -24,7 +25,6 @@ from spec.memory import (
     tile_setting,
 )
 from spec.records import RECORDS, gaussian_colour, gaussian_geometry
-from spec.registers import first_illegal
 from tb.top.check_stereo import stereo_run
 from tb.top.image import REGIONS, gaussian_bytes, memory_image, page_beats, read_frame
 from tb.top.packing import pack, unpack

@@ -7,7 +7,8 @@ import pytest
 
 from golden.msv2_ref import culling
 from spec.config import TINY
-from spec.registers import ErrorCode, first_illegal
+from spec.host_settings import first_illegal
+from spec.registers import ErrorCode
 from tb.top.check import expected_events
 from tb.top.check_stereo import stereo_events
 from tb.top.image import DisplayPixels, FramePixels

@@ -35,8 +35,9 @@ from spec import records
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.errors import run_command_line
+from spec.host_settings import limits
 from spec.memory import WORDS
-from spec.registers import limits, register_map
+from spec.registers import register_map
 from synth.report import write_json
 
 ROOT = Path(__file__).resolve().parent.parent

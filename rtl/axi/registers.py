@@ -11,6 +11,7 @@ from rtl.axi.lite import LiteSlave
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
+from spec.host_settings import limits, settings
 from spec.memory import frame_settings
 from spec.registers import (
     COUNTERS_BASE,
@@ -22,9 +23,7 @@ from spec.registers import (
     counters,
     identity,
     is_signed,
-    limits,
     register_map,
-    settings,
     write_clients,
 )
 

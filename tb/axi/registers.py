@@ -17,7 +17,7 @@ from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
 
 from rtl.axi.registers import counters_layout
-from spec import registers
+from spec import host_settings, registers
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.memory import frame_settings
 from spec.registers import Access, ErrorCode, Phase, Register
@@ -108,9 +108,9 @@ class Host:
 
 def legal(host: Host) -> dict[str, int]:
     """Random patterns within their limits."""
-    limits = {limit.setting: limit for limit in registers.limits(host.config)}
+    limits = {limit.setting: limit for limit in host_settings.limits(host.config)}
     patterns = {}
-    for s in registers.settings(host.config):
+    for s in host_settings.settings(host.config):
         limit = limits.get(s.name)
         patterns[s.name] = (
             host.rng.choice((limit.low, limit.high, host.rng.randint(limit.low, limit.high))) if limit
@@ -158,7 +158,7 @@ async def unmapped(host: Host) -> None:
 
 async def settings(host: Host) -> None:
     """Settings read back as they were written, whole and in bytes."""
-    patterns = {s.name: host.rng.getrandbits(s.field.format.width) for s in registers.settings(host.config)}
+    patterns = {s.name: host.rng.getrandbits(s.field.format.width) for s in host_settings.settings(host.config)}
     await host.write_settings(patterns)
     for name, pattern in patterns.items():
         assert await host.read(name) == read_back(host.map[name], pattern), name
@@ -175,7 +175,7 @@ async def settings(host: Host) -> None:
 
 async def crowd(host: Host) -> None:
     """Many accesses asked for at once, reads and writes, answers taken late: each gets its own, in order."""
-    numbers = {s.name: host.rng.getrandbits(s.field.format.width) for s in registers.settings(host.config)}
+    numbers = {s.name: host.rng.getrandbits(s.field.format.width) for s in host_settings.settings(host.config)}
     readable = {**registers.identity(host.config), "status": 0}
     wrong = 1 << registers.REGISTER_ADDRESS_BITS
     writing = [(host.map[name].offset, AxiResp.OKAY, name) for name in numbers]
@@ -227,8 +227,8 @@ async def frames(host: Host) -> None:
 
 async def bad_settings(host: Host) -> None:
     """Each limit on both sides, and several at once: the first is named, nothing begins."""
-    names = [s.name for s in registers.settings(host.config)]
-    limits = registers.limits(host.config)
+    names = [s.name for s in host_settings.settings(host.config)]
+    limits = host_settings.limits(host.config)
     good = legal(host)
     await host.write_settings(good)
     trials = [(limit.setting, value) for limit in limits for value in (limit.low - 1, limit.high + 1)
@@ -246,7 +246,7 @@ async def bad_settings(host: Host) -> None:
             await host.write("control", START)
             await host.wait()
             assert await host.read("status") == ERROR and await host.read("error") == ErrorCode.BAD_SETTING
-            assert names[await host.read("bad_setting")] == names[registers.first_illegal(host.config, wrong)], name
+            assert names[await host.read("bad_setting")] == names[host_settings.first_illegal(host.config, wrong)], name
             assert await host.read("interrupt") == 2 and not host.starts
             await host.write("interrupt", 2)
             for changed in different:

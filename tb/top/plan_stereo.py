@@ -6,9 +6,10 @@ import numpy as np
 
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
+from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
-from spec.registers import READ_CLIENTS, ErrorCode, settings, write_clients
+from spec.registers import READ_CLIENTS, ErrorCode, write_clients
 from tb.frame.bound import array_ops
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
 from tb.top.stimuli import case, cloud, crowd

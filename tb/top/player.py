@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from spec.config import AcceleratorConfig
+from spec.host_settings import settings
 from spec.memory import BEAT_BYTES
-from spec.registers import ErrorCode, register_map, settings
+from spec.registers import ErrorCode, register_map
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
 from tb.top.image import DisplayPixels, FramePixels, MemoryImage

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode, settings
+from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size

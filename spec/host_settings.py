@@ -1,0 +1,80 @@
+"""The numbers of a frame's settings as the host writes them, and what a machine checks of them before it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.memory import frame_settings
+from spec.records import Field
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One number of the frame's settings: `field[index]`, or the field itself where it has but one."""
+
+    field: Field
+    index: int
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Of its register: the field's, with the index where there are several."""
+        return f"{self.field.name}_{self.index}" if self.field.count > 1 else self.field.name
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a setting's pattern, read as an unsigned number, must be: low..high; the same in words.
+
+    Attributes:
+        setting: its name.
+        low, high: of the pattern.
+        words: the same for readers.
+        where: another setting, of one bit: the limit holds where that is 1; empty: it always holds.
+    """
+
+    setting: str
+    low: int
+    high: int
+    words: str
+    where: str = ""
+
+    def allows(self, pattern: int) -> bool:
+        """Whether a bit pattern is legal."""
+        return self.low <= pattern <= self.high
+
+
+def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
+    """Every number of the frame's settings; `number` is the place of its register behind SETTINGS_BASE."""
+    numbers = [(f, i) for f in frame_settings(config).fields for i in range(f.count)]
+    found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers))
+    for setting in found:
+        if setting.field.format.width > 32:
+            raise ValueError(f"{setting.name} must fit a register of 32 bits, not {setting.field.format.width!r}")
+    return found
+
+
+def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
+    """What the machine checks before a frame, in the order of the settings; all other settings may be anything.
+
+    Whether regions of memory overlap, or end beyond the address space, is the host's business.
+    """
+    view, top = config.formats.view, 1 << (config.formats.view.width - 1)
+    least, shift = 1 << (view.sig_bits - 1), (MAX_LEVELS - 1).bit_length()
+    return (
+        Limit("near", least, top - 1, "positive"),
+        Limit("depth_scale", 0, top - 1, "not negative"),
+        Limit("width", 1, config.row_width, "1..row_width"),
+        Limit("height", 1, config.row_width, "1..row_width"),
+        Limit("view_shift", 0, shift, f"0..{shift}"),
+        *([Limit("display", 1, 1, "1 where `stereo` is", where="stereo")] if config.stereo else []),
+    )
+
+
+def first_illegal(config: AcceleratorConfig, patterns: dict[str, int]) -> int | None:
+    """Number of the first setting that is out of its limits, given bit patterns by register name; None if all are legal."""
+    numbers = {setting.name: setting.number for setting in settings(config)}
+    holding = [limit for limit in limits(config) if not limit.where or patterns[limit.where]]
+    return min((numbers[limit.setting] for limit in holding if not limit.allows(patterns[limit.setting])), default=None)
