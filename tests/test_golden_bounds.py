@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-FILES = ["test_golden_array.py", "test_golden_tiling.py", "test_golden_hard_cases.py", "test_golden_pipeline.py"]
+FILES = ["test_golden_array.py", "test_golden_tiling.py", "test_golden_hard_cases.py", "test_golden_hard_frames.py",
+         "test_golden_pipeline.py"]
 
 
 @pytest.mark.long
