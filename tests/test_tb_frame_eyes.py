@@ -11,7 +11,7 @@ from spec.config import TINY
 from spec.registers import STEREO_EVENTS, ErrorCode, counters
 from tb.common.runner import SimulationError
 from tb.frame import __main__ as command
-from tb.frame import eyes
+from tb.frame import whole
 from tb.frame.bound import array_ops, bound_cycles
 from tb.top.check_stereo import rendered_pixels, stereo_events
 from tb.top.image import DisplayPixels
@@ -46,8 +46,8 @@ def played(monkeypatch):
 
     monkeypatch.setattr(command, "render_request", golden)
     monkeypatch.setattr(command.device, "machine", lambda config: type("Stub", (), {"design": lambda self, beats: config})())
-    monkeypatch.setattr(eyes, "build", lambda design, waves: found.update(config=design))
-    monkeypatch.setattr(eyes, "play_frames", play)
+    monkeypatch.setattr(whole, "build", lambda design, waves: found.update(config=design))
+    monkeypatch.setattr(whole, "play_frames", play)
     return found
 
 

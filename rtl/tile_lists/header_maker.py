@@ -45,8 +45,8 @@ class HeaderMaker(wiring.Component):
         done: all tiles of a frame have gone since `clear`.
 
     Storage: `waiting_tiles` counts, a beat, 16 headers. Throughput: one tile a cycle, for any latency of memory of up to
-    about `waiting_tiles` cycles. Latency: about 8 cycles and memory's. Order: a frame's first tile is taken when all beats of
-    the frame before have been asked for.
+    about `waiting_tiles` cycles. Latency: a cycle from a tile to its beat's request, 3 from the beat's data to the header, and
+    memory's. Order: a frame's first tile is taken when all beats of the frame before have been asked for.
     """
 
     def __init__(self, config: AcceleratorConfig):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from golden.msv2_ref.culling import VISIBLE
@@ -10,12 +9,12 @@ from golden.msv2_ref.stereo import StereoFrame
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.constants import TILE
 from spec.records import frame_tiles
-from tb.common.runner import SimulationError, Waves, build
-from tb.frame.whole import performance
+from tb.common.runner import Waves
+from tb.frame.whole import performance, played
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.device import Machine
-from tb.top.memory import MemorySpeed, beats_log2
-from tb.top.player import FrameResult, play_frames
+from tb.top.memory import MemorySpeed
+from tb.top.player import FrameResult
 
 _SHOWN = 10
 
@@ -31,12 +30,7 @@ def simulate_eyes(
     source, target, config = frame.source, frame.target, frame.source.config
     cleared = frame_tiles(config) + TILE * config.row_width // config.warp_lanes  # once after a reset, not of the frame
     run = stereo_run(frame, beta, speed, settle=cleared)
-    begin = time.perf_counter()
-    build(machine.design(beats_log2(run.image.beats)), waves)
-    build_s = time.perf_counter() - begin
-    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
-    if not result.done:
-        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
+    result, build_s = played(machine, run, folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers
     numbers = {
         "bit_exact": not wrong and not result.errors,
@@ -53,7 +47,7 @@ def simulate_eyes(
         "target_cycles": r["cycles_target"], "source_cycles": r["cycles_total"] - r["cycles_target"],
         **{f"stereo_{name}": r[name] for name in frame.events},
         "shares": frame.shares,
-        "build_s": round(build_s, 3),
+        "build_s": build_s,
     }
     numbers["stereo_overhead"] = overhead(numbers)
     return numbers, result

@@ -21,7 +21,7 @@ from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
 from tb.top.image import DisplayPixels, FramePixels
 from tb.top.memory import MemorySpeed, beats_log2
-from tb.top.player import FrameResult, play_frames
+from tb.top.player import FrameResult, FrameRun, play_frames
 
 RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
 """Clients of the memory that work in the rendering phase."""
@@ -39,12 +39,7 @@ def simulate_machine(
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     run = frame_run(frame, beta, speed, display=display)
-    begin = time.perf_counter()
-    build(machine.design(beats_log2(run.image.beats)), waves)
-    build_s = time.perf_counter() - begin
-    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
-    if not result.done:
-        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
+    result, build_s = played(machine, run, folder, waves)
     wrong = mismatches(frame, result.pixels)
     counters = counter_errors(frame, result)
     numbers = {
@@ -61,9 +56,24 @@ def simulate_machine(
         "stream_errors": result.errors,
         "counter_errors": counters,
         **performance(frame, result, speed),
-        "build_s": round(build_s, 3),
+        "build_s": build_s,
     }
     return numbers, result.pixels
+
+
+def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -> tuple[FrameResult, float]:
+    """What the machine gave for one frame, and the seconds of building it.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish its frame.
+    """
+    begin = time.perf_counter()
+    build(machine.design(beats_log2(run.image.beats)), waves)
+    build_s = time.perf_counter() - begin
+    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
+    if not result.done:
+        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
+    return result, round(build_s, 3)
 
 
 def performance(

@@ -13,7 +13,6 @@ from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 from tb.top.stimuli import Case
-from tb.top.stimuli_stereo import StereoCase
 
 SPEEDS = {
     "usual": MemorySpeed(), "instant": MemorySpeed(1, None), "far": MemorySpeed(400, None), "slow": MemorySpeed(30, 6.4),
@@ -47,16 +46,16 @@ class PlannedFrame:
         return self.run.name
 
 
-def planned(case: Case | StereoCase, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
+def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
     """A case on one of SPEEDS; `options` are those of `frame_run` or `stereo_run`."""
-    stereo = case.frame if isinstance(case, StereoCase) else None
+    stereo = case.frame if isinstance(case.frame, StereoFrame) else None
     play = frame_run if stereo is None else stereo_run
     run = play(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
     return PlannedFrame(run, case.frame if stereo is None else stereo.source, error, registers or {}, stereo)
 
 
-def failing(case: Case | StereoCase, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
+def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
     """A case whose memory fails in a region."""
     item = planned(case, f"{region} fails", error=error, registers=registers)
     base, beats = item.run.image.regions[region]

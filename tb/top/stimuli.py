@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.msv2_ref import pipeline
+from golden.msv2_ref.stereo import StereoFrame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
@@ -16,7 +17,7 @@ from spec.records import ENTRY_BYTES
 
 @dataclass(frozen=True)
 class Case:
-    """A golden frame, and how it was asked for.
+    """A golden frame, of one eye or of two, and how it was asked for.
 
     Attributes:
         name: for messages.
@@ -26,7 +27,7 @@ class Case:
     """
 
     name: str
-    frame: pipeline.Frame
+    frame: pipeline.Frame | StereoFrame
     beta: int | None
     obb: bool
 

@@ -2,35 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from golden.msv2_ref.stereo import StereoFrame, render_stereo
+from golden.msv2_ref.stereo import render_stereo
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import GaussianModel
 from golden.scenes.stereo import stereo_pair
 from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.records import ENTRY_BYTES
-from tb.top.stimuli import camera_of, cloud, crowd
-
-
-@dataclass(frozen=True)
-class StereoCase:
-    """A golden frame of two eyes, and how it was asked for.
-
-    Attributes:
-        name: for messages.
-        frame: the golden frame.
-        beta: merge threshold, None for automatic.
-        obb: bounding boxes instead of the exact tile test.
-    """
-
-    name: str
-    frame: StereoFrame
-    beta: int | None
-    obb: bool
+from tb.top.stimuli import Case, camera_of, cloud, crowd
 
 
 def stereo_case(
@@ -38,14 +21,14 @@ def stereo_case(
     source_eye: str = "left", threshold_deg: float = ECC_THRESHOLD_DEG, gaze: tuple[float, float] | None = None,
     gaze_target: tuple[float, float] | None = None, beta: int | None = None, obb: bool = False,
     background: tuple[float, float, float] = (0.2, 0.5, 1.0),
-) -> StereoCase:
+) -> Case:
     """The golden frame of a model; `gaze` in pixels turns its levels on, in both eyes; `baseline` is in world units."""
     foveation = None if gaze is None else foveation_map(Display(*size), gaze, model.levels)
     pair = stereo_pair(camera_of(*size), ipd_metres=baseline, source_eye=source_eye)
     frame = render_stereo(
         model, pair, config=config, foveation=foveation, threshold_deg=threshold_deg, gaze_target=gaze_target,
         background=background, beta=beta, obb=obb)
-    return StereoCase(name, frame, beta, obb)
+    return Case(name, frame, beta, obb)
 
 
 def wall(rng: np.random.Generator, count: int, levels: int) -> GaussianModel:
@@ -73,13 +56,13 @@ def aside(model: GaussianModel, baseline: float) -> GaussianModel:
     return replace(model, means=model.means + baseline * rotation[0])
 
 
-def stereo_cases(config: AcceleratorConfig, seed: int) -> list[StereoCase]:
+def stereo_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     """Every kind of frame of two eyes, small."""
     rng, levels = np.random.default_rng(seed), config.levels
     chunk, widest = config.sort_buffer_bytes // 2 // ENTRY_BYTES, config.row_width
     scene, plain, solid = cloud(rng, 250, levels=levels, sh=1), cloud(rng, 120, sh=1), wall(rng, 4, levels)
 
-    def make(name: str, model: GaussianModel = scene, size: tuple[int, int] = (90, 60), **options: object) -> StereoCase:
+    def make(name: str, model: GaussianModel = scene, size: tuple[int, int] = (90, 60), **options: object) -> Case:
         return stereo_case(config, name, model, size, **options)
 
     return [
