@@ -2,13 +2,16 @@
 
 Importing it gives numba's compiled kernels a cache folder of their own for every state of the sources: numba notices an edit
 in a kernel's own file only, not in the functions and constants it takes from others, and would go on running stale code.
+It also makes that folder safe for processes that run side by side.
 """
 
+import fcntl
 import hashlib
 import os
 import shutil
-import sys
 from pathlib import Path
+
+from numba.core import caching, config
 
 _ROOT = Path(__file__).resolve().parent.parent
 _KEPT = 6  # states whose compiled kernels are kept
@@ -31,10 +34,22 @@ def _use_cache_folder() -> None:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:  # a read-only checkout: numba's own choice of a folder is better than none
         return
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    os.environ["NUMBA_CACHE_DIR"] = config.CACHE_DIR = str(folder)
+
+
+def _save_alone() -> None:
+    """One process at a time adds to the cache. numba names a kernel's files by the numbers that its index leaves free: two
+    processes that compile it for different types would take the same number, and later run one's code on the other's data."""
+    save = caching.IndexDataCacheFile.save
+
+    def save_alone(self: caching.IndexDataCacheFile, key: tuple, data: object) -> None:
+        with open(Path(self._cache_path) / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            save(self, key, data)
+
+    caching.IndexDataCacheFile.save = save_alone
 
 
 if "NUMBA_CACHE_DIR" not in os.environ:
     _use_cache_folder()
+_save_alone()
