@@ -92,6 +92,10 @@ class NumberFormats:
         return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
 
 
+WARP_FILLS = ("majority", "interior")
+"""Rules of filling holes; docs/stereo.md compares them."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
     """One machine. Rejects bad parameters in the constructor.
@@ -114,6 +118,9 @@ class AcceleratorConfig:
         counters: performance counters present.
         stereo: the warp unit and the passes of a second eye present; needs depth.
         warp_lanes: rows that the warp unit works on side by side, a pixel each a cycle.
+        warp_fill: which holes the warp unit fills: "majority", more than half of the neighbours that exist in strip and frame
+            are warped; "interior", five are, so that only holes with rows of the strip on both sides are.
+        warp_veiled: pixels of a coverage from 1/255 to 1/2, which have no depth, are warped too, by what their splats say.
         formats: number formats.
     """
 
@@ -134,6 +141,8 @@ class AcceleratorConfig:
     counters: bool = True
     stereo: bool = False
     warp_lanes: int = 4
+    warp_fill: str = "majority"
+    warp_veiled: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -158,9 +167,11 @@ class AcceleratorConfig:
         for name in ("merge_ways", "splat_cache_lines", "warp_lanes"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("depth", "incremental", "counters", "stereo"):
+        for name in ("depth", "incremental", "counters", "stereo", "warp_veiled"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
+        if self.warp_fill not in WARP_FILLS:
+            raise ValueError(f"warp_fill must be one of {', '.join(WARP_FILLS)}, not {self.warp_fill!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma

@@ -21,7 +21,8 @@ DISPARITY_SCALE_BITS = 24
 """Bits of the setting S. Above its largest value even the far end of the depth scale moves by more than 1,023 pixels."""
 
 FILL_NEIGHBOURS = 5
-"""Warped pixels among the eight around it that a hole needs to be filled."""
+"""Warped pixels among the eight around it that a hole inside needs to be filled. Where fewer than eight exist in strip and
+frame, `warp_fill` "interior" still asks for as many, and "majority" for more than half of those that exist."""
 
 
 def disparity_scale_frac(formats: NumberFormats) -> int:
@@ -49,6 +50,12 @@ def solid_transmittance(formats: NumberFormats) -> int:
     """Largest raw transmittance of a pixel with a depth: coverage 1 - T / one at least COVERAGE_VALID."""
     one = 1 << formats.transmittance.frac_bits
     return one - math.ceil(one * COVERAGE_VALID)
+
+
+def warped_transmittance(config: AcceleratorConfig) -> int:
+    """Largest raw transmittance of a pixel that is warped by its depth; above, and below the background's, none is warped."""
+    n = config.formats
+    return background_transmittance(n) - 1 if config.warp_veiled else solid_transmittance(n)
 
 
 def _pixel(config: AcceleratorConfig) -> tuple[Field, ...]:

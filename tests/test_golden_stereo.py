@@ -42,6 +42,7 @@ from spec.memory import frame_pixel
 from spec.stereo import background_transmittance, solid_transmittance
 
 CONFIG = TINY.with_(name="stereo", stereo=True)
+INTERIOR, VEILS = CONFIG.with_(warp_fill="interior"), CONFIG.with_(warp_veiled=True)
 N = CONFIG.formats
 SOLID, VEILED, EMPTY = 0, 20000, N.transmittance.raw_max
 """Raw transmittances of a pixel with a depth, of one without, of background."""
@@ -62,11 +63,11 @@ def pixels(disparity: np.ndarray, transmittance: np.ndarray | int = SOLID, seed:
     return out
 
 
-def warped(frame: np.ndarray, scale: int = SCALE, *, right: bool = False) -> warp_unit.WarpedFrame:
-    return warp_unit.warp(CONFIG, frame, scale, right)
+def warped(frame: np.ndarray, scale: int = SCALE, *, right: bool = False, config=CONFIG) -> warp_unit.WarpedFrame:
+    return warp_unit.warp(config, frame, scale, right)
 
 
-def by_hand(frame: np.ndarray, scale: int, right: bool) -> tuple[np.ndarray, np.ndarray]:
+def by_hand(frame: np.ndarray, scale: int, right: bool, veiled: bool) -> tuple[np.ndarray, np.ndarray]:
     """Column and key of every pixel in Python's integers, -1 where it is not warped; the text of docs/stereo.md."""
     columns, keys = np.full(frame.shape, -1), np.zeros(frame.shape, int)
     most = (1 << CONFIG.row_width.bit_length() + 8) - 1
@@ -74,7 +75,7 @@ def by_hand(frame: np.ndarray, scale: int, right: bool) -> tuple[np.ndarray, np.
         t, d = int(pixel["transmittance"]), int(pixel["depth"])
         if 255 * (32768 - t) < 32768:
             columns[y, x] = x
-        elif 2 * (32768 - t) >= 32768:
+        elif veiled or 2 * (32768 - t) >= 32768:
             raw = most if d == 0 else min(most, scale * (4095 - t // 8) // d)
             to = x + ((raw if right else -raw) + 128) // 256
             if 0 <= to < frame.shape[1]:
@@ -83,23 +84,25 @@ def by_hand(frame: np.ndarray, scale: int, right: bool) -> tuple[np.ndarray, np.
 
 
 @pytest.mark.parametrize("right", [False, True])
+@pytest.mark.parametrize("config", [CONFIG, VEILS], ids=["solid", "veiled"])
 @pytest.mark.parametrize("size", [(1, 1), (5, 37), (18, 61), (16, 512)])
-def test_columns_and_keys_are_those_of_the_text(size, right):
+def test_columns_and_keys_are_those_of_the_text(size, config, right):
     for seed in range(3):
         rng = np.random.default_rng(seed)
         frame = np.zeros(size, frame_pixel(CONFIG).dtype)
         frame["transmittance"] = rng.choice([0, 4000, 16383, 16384, 16385, 20000, 32639, 32640, 32767], size)
         frame["depth"] = np.where(rng.random(size) < 0.1, rng.integers(0, 3, size), (1 << 18) * rng.random(size) ** 3)
         for scale in (0, 1, 700, 1 << 16, (1 << 24) - 1):
-            moved = warp_unit.warp_pixels(CONFIG, frame, scale, right)
-            columns, keys = by_hand(frame, scale, right)
+            moved = warp_unit.warp_pixels(config, frame, scale, right)
+            columns, keys = by_hand(frame, scale, right, config.warp_veiled)
             assert np.array_equal(np.where(moved["keep"] == 1, moved["x"], -1), columns)
             assert np.array_equal(moved["key"], keys)
             assert np.array_equal(moved["row"], np.indices(size)[0] % 16)
 
 
 @pytest.mark.parametrize("right", [False, True])
-def test_scatter_and_fill_are_the_oracles(right):
+@pytest.mark.parametrize("config", [CONFIG, INTERIOR, VEILS], ids=["majority", "interior", "veiled"])
+def test_scatter_and_fill_are_the_oracles(config, right):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         disparity = rng.choice([0.25, 1.5, 2.0, 3.75, 8.0], (35, 13)).repeat(4, 1)[:, :49]
@@ -107,9 +110,10 @@ def test_scatter_and_fill_are_the_oracles(right):
         frame = pixels(disparity, t, seed)
         raw = warp_unit.raw_disparity(CONFIG, frame["transmittance"], frame["depth"], SCALE)
         shown = display_colours(frame)
-        found = warped(frame, right=right)
+        found = warped(frame, right=right, config=config)
         depth, coverage = 256.0 / np.maximum(raw, 1), 1 - frame["transmittance"] / 32768
-        wanted = oracle.warp(shown / 255.0, depth, coverage, 1.0, 1 if right else -1)
+        wanted = oracle.warp(shown / 255.0, depth, coverage, 1.0, 1 if right else -1, veiled=config.warp_veiled,
+                             majority=config.warp_fill == "majority")
         assert np.array_equal(found.origin, wanted.origin)
         assert np.array_equal(found.pixels["colour"], np.round(wanted.image * 255))
         assert np.array_equal(found.invalid, wanted.tiles.reshape(-1))
@@ -184,11 +188,42 @@ def test_49_the_nearest_of_many_wins_whatever_the_order():
     ([(16, 4)], [(16, 4)]), ([(15, 4), (16, 4)], [(15, 4), (16, 4)]), ([(15, 4), (15, 5)], []),
 ])
 def test_50_five_neighbours_of_the_strip_fill_a_hole(holes, filled):
-    t = np.full((32, 9), SOLID)
+    holes_and_fills(INTERIOR, (32, 9), holes, filled)
+
+
+@pytest.mark.parametrize(("size", "holes", "filled"), [
+    ((32, 9), [(1, 1), (0, 0), (0, 2), (1, 0)], [(0, 2), (1, 0), (1, 1)]),
+    ((32, 9), [(1, 1), (0, 0), (0, 1), (0, 2), (1, 0)], [(0, 2)]), ((32, 9), [(1, 0), (2, 0)], [(1, 0), (2, 0)]),
+    ((32, 9), [(1, 0), (2, 0), (1, 1), (2, 1)], [(1, 1), (2, 1)]),
+    ((32, 9), [(15, 4), (15, 5)], [(15, 4), (15, 5)]),
+    ((32, 9), [(16, 4), (16, 5), (16, 3)], [(16, 3), (16, 4), (16, 5)]),
+    ((32, 9), [(15, 4), (14, 4), (14, 5)], [(14, 4), (14, 5), (15, 4)]),
+    ((32, 9), [(0, 4), (1, 3), (1, 4), (1, 5)], [(1, 3), (1, 4), (1, 5)]),
+    ((32, 9), [(0, 0)], [(0, 0)]), ((32, 9), [(31, 8), (31, 7)], [(31, 7), (31, 8)]),
+    ((32, 9), [(16, 0), (16, 1), (17, 0)], [(16, 1), (17, 0)]),
+    ((17, 9), [(16, 0)], [(16, 0)]), ((17, 9), [(16, 4)], [(16, 4)]), ((17, 9), [(16, 4), (16, 5)], []),
+    ((32, 1), [(7, 0), (15, 0), (16, 0)], [(7, 0), (15, 0), (16, 0)]), ((32, 1), [(7, 0), (8, 0)], []),
+    ((17, 1), [(16, 0)], []), ((1, 2), [(0, 1)], [(0, 1)]), ((32, 2), [(3, 0), (3, 1)], [(3, 0), (3, 1)]),
+], ids=str)
+def test_50_more_than_half_of_the_neighbours_that_exist_fill_a_hole(size, holes, filled):
+    holes_and_fills(CONFIG, size, holes, filled)
+
+
+def holes_and_fills(config, size, holes, filled):
+    t = np.full(size, SOLID)
     t[tuple(np.transpose(holes))] = VEILED
-    found = warped(pixels(np.full((32, 9), 0.25), t))
+    found = warped(pixels(np.full(size, 0.25), t), config=config)
     assert sorted(map(tuple, np.argwhere(found.origin == warp_unit.FILLED).tolist())) == sorted(filled)
-    assert found.invalid.tolist() == [any(y // 16 == tile for y, _ in set(holes) - set(filled)) for tile in range(2)]
+    tiles = -(-size[0] // 16)
+    assert found.invalid.tolist() == [any(y // 16 == tile for y, _ in set(holes) - set(filled)) for tile in range(tiles)]
+
+
+def test_45_veiled_pixels_are_warped_where_the_machine_does():
+    veil = pixels(np.full((20, 20), 4.0), VEILED)
+    assert warped(veil).invalid.all()
+    found = warped(veil, config=VEILS)
+    assert (found.origin[:, :16] == warp_unit.WARPED).all() and (found.origin[:, 16:] == warp_unit.HOLE).sum() > 40
+    assert np.array_equal(found.pixels["colour"][:, :16], display_colours(veil)[:, 4:])
 
 
 def test_50_the_median_of_an_even_number_is_the_lower_middle():
@@ -257,6 +292,9 @@ def test_51_without_any_depth_everything_is_rendered():
     veil = splats(*((x, y, 4.0) for x in range(-6, 7) for y in range(-5, 6)), scale=0.9, opacity=0.02)
     frame = two_eyes(veil, view(), threshold_deg=0.0)
     assert frame.rendered.all() and any("no pixel of the source eye has a depth" in w for w in frame.warnings)
+    pair = stereo_pair(view(), ipd_metres=0.2)
+    veiled = render_stereo(veil, pair, config=VEILS, threshold_deg=0.0)
+    assert veiled.shares["warped"] > 0.5 and veiled.warnings == ()
 
 
 def test_48_a_frame_narrower_than_its_disparities_is_said():

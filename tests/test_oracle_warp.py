@@ -21,7 +21,7 @@ def seen_at(x: int, row: np.ndarray, coverage: np.ndarray) -> int | None:
     return min(landing, default=None)
 
 
-def by_definition(image, depth, coverage, baseline_px, sign):
+def by_definition(image, depth, coverage, baseline_px, sign, majority):
     """Image, origin and unfilled tiles."""
     height, width = coverage.shape
     moved = signed_disparity(depth, coverage, baseline_px, sign)
@@ -34,8 +34,9 @@ def by_definition(image, depth, coverage, baseline_px, sign):
     result = out.copy()
     for y, x in zip(*np.nonzero(~valid), strict=True):
         around = [(y + dy, x + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-        around = [(r, c) for r, c in around if 0 <= r < height and 0 <= c < width and r // 16 == y // 16 and valid[r, c]]
-        if len(around) >= 5:
+        exist = [(r, c) for r, c in around if 0 <= r < height and 0 <= c < width and r // 16 == y // 16]
+        around = [at for at in exist if valid[at]]
+        if len(around) >= ({8: 5, 5: 3, 3: 2, 2: 2, 1: 1, 0: 1}[len(exist)] if majority else 5):
             colours = np.array([out[at] for at in around])
             result[y, x] = [sorted(channel)[(len(around) - 1) // 2] for channel in colours.T]
             origin[y, x] = FILLED
@@ -51,13 +52,14 @@ def random_frame(rng, height, width, coverages=(SOLID, VEILED, EMPTY)):
     return rng.random((height, width, 3)), np.where(coverage >= 0.5, depth, np.nan), coverage
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 5), (33, 37), (16, 16)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (17, 5), (33, 37), (16, 16)])
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_the_definition_from_the_targets_side(size, sign):
+@pytest.mark.parametrize("majority", [True, False], ids=["majority", "interior"])
+def test_the_definition_from_the_targets_side(size, sign, majority):
     for seed in range(4):
         image, depth, coverage = random_frame(np.random.default_rng(seed), *size)
-        found = warp(image, depth, coverage, 3.3, sign)
-        wanted, origin, tiles = by_definition(image, depth, coverage, 3.3, sign)
+        found = warp(image, depth, coverage, 3.3, sign, majority=majority)
+        wanted, origin, tiles = by_definition(image, depth, coverage, 3.3, sign, majority)
         assert np.array_equal(found.origin, origin) and np.array_equal(found.image, wanted)
         assert np.array_equal(found.tiles, tiles)
 
@@ -73,8 +75,15 @@ def test_the_source_pixel_is_named_and_out_of_range_is_dropped():
 def test_zero_depth_and_no_depth_and_infinity():
     image = np.ones((1, 5, 3))
     depth, coverage = np.array([[0.0, 1.0, np.inf, np.nan, np.nan]]), np.array([[1.0, 1.0, 1.0, 0.3, 0.0]])
-    found = warp(image, depth, coverage, 0.4, 1)
+    found = warp(image, depth, coverage, 0.4, 1, majority=False)
     assert found.origin.tolist() == [[HOLE, WARPED, WARPED, HOLE, BACKGROUND]]  # infinite disparity leaves the frame
+
+
+def test_veiled_pixels_are_warped_where_that_is_wanted():
+    depth, coverage = np.full((1, 6), 2.0), np.array([[VEILED, SOLID, SOLID, VEILED, 0.01, 0.0]])
+    assert signed_disparity(depth, coverage, 4.0, 1, True).tolist() == [[2.0, 2.0, 2.0, 2.0, 2.0, 0.0]]
+    found = warp(np.ones((1, 6, 3)), depth, coverage, 4.0, -1, veiled=True)
+    assert found.source_x.tolist() == [[2, 3, 4, -1, -1, 5]]  # the background stays
 
 
 def test_fills_feed_no_fills():

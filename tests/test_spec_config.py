@@ -14,7 +14,7 @@ RANGES = {
     "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24), "merge_ways": (2, 32),
     "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
 }
-FLAGS = ("depth", "incremental", "counters", "stereo")
+FLAGS = ("depth", "incremental", "counters", "stereo", "warp_veiled")
 POWERS_OF_TWO = ("merge_ways", "splat_cache_lines", "warp_lanes")
 
 
@@ -59,6 +59,7 @@ def test_flags_are_bools(name):
     ("support_sigma", 0, ValueError), ("support_sigma", 8.1, ValueError), ("support_sigma", float("nan"), ValueError),
     ("support_sigma", float("inf"), ValueError), ("support_sigma", "3", TypeError), ("support_sigma", True, TypeError),
     ("name", "", ValueError), ("name", "a/b", ValueError), ("name", None, TypeError), ("name", 3, TypeError),
+    ("warp_fill", "all", ValueError), ("warp_fill", None, ValueError), ("warp_fill", [], ValueError),
 ])
 def test_other_parameters_are_checked(name, bad, error):
     with pytest.raises(error) as caught:
@@ -73,7 +74,7 @@ def test_stereo_needs_depth():
 
 
 def test_every_parameter_is_covered_here():
-    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, *FLAGS, "name", "support_sigma", "formats"}
+    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill"}
 
 
 def test_frozen_keyword_only_and_hashable():

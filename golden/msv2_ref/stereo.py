@@ -169,7 +169,7 @@ def _warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> lis
     n, t = frame.config.formats, frame_pixels(frame)["transmittance"]
     solid, background = t <= solid_transmittance(n), t >= background_transmittance(n)
     found = []
-    if not solid.any() and not background.all():
+    if not solid.any() and not background.all() and not frame.config.warp_veiled:
         found.append("no pixel of the source eye has a depth: every tile with holes is rendered")
     far = solid & (moved["keep"] == 0) & (pair.disparity(np.where(solid, frame.depth, np.inf)) >= pair.source.width)
     if far.any():

@@ -19,9 +19,9 @@ from spec.stereo import (
     FILL_NEIGHBOURS,
     background_transmittance,
     disparity,
-    solid_transmittance,
     strip_pixel,
     warp_pixel,
+    warped_transmittance,
     weight_shift,
 )
 
@@ -72,7 +72,7 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
         source_right: the setting of that name.
     """
     width, t = pixels.shape[1], pixels["transmittance"]
-    background, solid = t >= background_transmittance(config.formats), t <= solid_transmittance(config.formats)
+    background, solid = t >= background_transmittance(config.formats), t <= warped_transmittance(config)
     raw = raw_disparity(config, t, pixels["depth"], scale)
     shift = (raw if source_right else -raw) + (1 << DISPARITY_FRAC - 1) >> DISPARITY_FRAC
     x = np.arange(width) + np.where(background, 0, shift)
@@ -111,7 +111,7 @@ def scatter(config: AcceleratorConfig, moved: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True)
-def _fill(colour, valid, filled):
+def _fill(colour, valid, filled, majority):
     """Fills holes in `colour`, whose neighbours are looked at only where `valid`; marks them in `filled`."""
     height, width = valid.shape
     around = np.empty((3, 8), np.int64)
@@ -120,21 +120,22 @@ def _fill(colour, valid, filled):
         for x in range(width):
             if valid[y, x]:
                 continue
-            count = 0
+            count, exist = 0, -1  # the hole itself is no neighbour
             for row in range(max(y - 1, strip), min(y + 2, strip + TILE, height)):
                 for column in range(max(x - 1, 0), min(x + 2, width)):
+                    exist += 1
                     if valid[row, column]:
                         for channel in range(3):
                             around[channel, count] = colour[row, column, channel]
                         count += 1
-            if count >= FILL_NEIGHBOURS:
+            if (2 * count > exist) if majority else (count >= FILL_NEIGHBOURS):
                 for channel in range(3):
                     colour[y, x, channel] = np.sort(around[channel, :count])[(count - 1) // 2]
                 filled[y, x] = True
 
 
 def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Holes filled where enough neighbours in their strip are warped: by the lower-middle median of each channel.
+    """Holes filled where enough neighbours in their strip are warped, as `warp_fill` says: the lower-middle median by channel.
 
     Args:
         config: the machine.
@@ -146,7 +147,7 @@ def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.
     valid, colour = strips["valid"] == 1, np.ascontiguousarray(strips["colour"], np.int64)
     colour[~valid] = 0
     filled = np.zeros(valid.shape, bool)
-    _fill(colour, valid, filled)
+    _fill(colour, valid, filled, config.warp_fill == "majority")
     background = valid & (strips["key"] == 0)
     out = np.zeros(strips.shape, display_pixel(config).dtype)
     out["colour"] = colour

@@ -37,7 +37,9 @@ class OracleWarp:
     tiles: np.ndarray
 
 
-def signed_disparity(depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int) -> np.ndarray:
+def signed_disparity(
+    depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int, veiled: bool = False,
+) -> np.ndarray:
     """(H, W) float64: how far each pixel moves to the right.
 
     Args:
@@ -45,21 +47,26 @@ def signed_disparity(depth: np.ndarray, coverage: np.ndarray, baseline_px: float
         coverage: (H, W) accumulated alpha. Below 1/255 a pixel is background and stays; below 1/2 it has no depth: NaN.
         baseline_px: distance between the eyes, world units, times the focal length in pixels.
         sign: -1 where the source is the left eye, +1 where it is the right.
+        veiled: pixels of a coverage below 1/2 have a depth too.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = sign * baseline_px / depth
-    return np.where(coverage < COVERAGE_VISIBLE, 0.0, np.where(coverage >= COVERAGE_VALID, moved, np.nan))
+    return np.where(coverage < COVERAGE_VISIBLE, 0.0, np.where(veiled | (coverage >= COVERAGE_VALID), moved, np.nan))
 
 
-def warp(image: np.ndarray, depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int) -> OracleWarp:
+def warp(
+    image: np.ndarray, depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int, *, veiled: bool = False,
+    majority: bool = True,
+) -> OracleWarp:
     """The target eye's frame, its holes filled as far as they may be, and the tiles in which some are left.
 
     Args:
         image: (H, W, 3) float64 of the source eye.
-        depth, coverage, baseline_px, sign: see `signed_disparity`.
+        depth, coverage, baseline_px, sign, veiled: see `signed_disparity`.
+        majority: a hole is filled where more than half of its neighbours in strip and frame are warped; else where five are.
     """
     height, width = coverage.shape
-    disparity = signed_disparity(depth, coverage, baseline_px, sign)
+    disparity = signed_disparity(depth, coverage, baseline_px, sign, veiled)
     warped = np.zeros((height, width, 3))
     origin = np.full((height, width), HOLE, np.uint8)
     source_x = np.full((height, width), -1)
@@ -77,25 +84,24 @@ def warp(image: np.ndarray, depth: np.ndarray, coverage: np.ndarray, baseline_px
                 nearest[to] = closeness
                 warped[y, to], source_x[y, to] = image[y, x], x
                 origin[y, to] = BACKGROUND if background else WARPED
-    filled = _fill(warped, origin)
+    filled = _fill(warped, origin, majority)
     tiles = np.zeros((-(-height // TILE), -(-width // TILE)), bool)
     for y, x in np.argwhere(origin == HOLE):
         tiles[y // TILE, x // TILE] = True
     return OracleWarp(filled, origin, source_x, disparity, tiles)
 
 
-def _fill(warped: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _fill(warped: np.ndarray, origin: np.ndarray, majority: bool) -> np.ndarray:
     """The image with each hole that has enough warped neighbours in its strip filled by their median; marks `origin`."""
     height, width = origin.shape
     filled, holes = warped.copy(), origin == HOLE
     for y, x in np.argwhere(holes):
         strip = y // TILE * TILE
-        around = [
-            warped[row, column]
-            for row in range(max(y - 1, strip), min(y + 2, strip + TILE, height))
-            for column in range(max(x - 1, 0), min(x + 2, width))
-            if not holes[row, column]]
-        if len(around) >= FILL_NEIGHBOURS:
+        near = [(row, column) for row in range(max(y - 1, strip), min(y + 2, strip + TILE, height))
+                for column in range(max(x - 1, 0), min(x + 2, width)) if (row, column) != (y, x)]
+        around = [warped[at] for at in near if not holes[at]]
+        needed = len(near) // 2 + 1 if majority else FILL_NEIGHBOURS
+        if len(around) >= needed:
             filled[y, x] = np.sort(around, axis=0)[(len(around) - 1) // 2]  # the lower middle of an even number
             origin[y, x] = FILLED
     return filled

@@ -1,8 +1,9 @@
 """Where a pixel of the source eye goes: its disparity, its column in the target eye, and how near it is.
 
 The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the quotient it is wider than any frame, and the
-pixel is dropped; so are pixels whose coverage lies between the background's and that of a solid one, and those that leave
-the frame. Rounded to whole pixels, half up, it is added where the source is the right eye, else subtracted::
+pixel is dropped; so are those that leave the frame and, without `warp_veiled`, those whose coverage lies between the
+background's and that of a solid one. Rounded to whole pixels, half up, it is added where the source is the right eye, else
+subtracted::
 
     stage   1      2            3      4 .. Q + 3       Q + 4
             -      class,       S w    long division,   column, inside the frame?
@@ -26,7 +27,7 @@ from spec.stereo import (
     DISPARITY_SCALE_BITS,
     background_transmittance,
     disparity,
-    solid_transmittance,
+    warped_transmittance,
     weight_shift,
 )
 
@@ -63,7 +64,7 @@ class Disparity(wiring.Component):
     """A pixel of the source eye to where it goes.
 
     Parameters:
-        config: the machine; `row_width` matters here, and `warp_lanes` for the places.
+        config: the machine; `row_width` and `warp_veiled` matter here, and `warp_lanes` for the places.
 
     Ports:
         load: a pixel is at the input; without it the stages keep what they hold.
@@ -91,8 +92,8 @@ class Disparity(wiring.Component):
         loads = p.control("load", self.load)
         t, depth = (p.data(name, self.pixel[name]).to(1) for name in ("transmittance", "depth"))  # chosen late
         background = p.reg("background", lambda t: t >= background_transmittance(n), t)
-        may = p.reg("may", lambda load, t: load & ((t >= background_transmittance(n)) | (t <= solid_transmittance(n))),
-                    loads, t)
+        most = warped_transmittance(self.config)
+        may = p.reg("may", lambda load, t: load & ((t >= background_transmittance(n)) | (t <= most)), loads, t)
         colour = p.reg("colour", lambda c: Cat(display_byte(c.word_select(i, n.accumulator.width), n.accumulator)
                                                for i in range(3)), p.data("sums", self.pixel.colour.as_value()).to(1))
         raw, over = self._quotient(m, p, loads, t, depth, background)

@@ -49,7 +49,7 @@ class WarpUnit(wiring.Component):
     """The source eye's rows to the target eye's frame.
 
     Parameters:
-        config: the machine, with stereo; `cores_x`, `row_width`, `warp_lanes` and `counters` matter here.
+        config: the machine, with stereo; `cores_x`, `row_width`, `counters` and those of warping matter here.
 
     Ports:
         rows: PixelRow items; those of a tile row in any order, tile rows from the top. Nothing is taken before `begin`.

@@ -2,7 +2,9 @@
 
 Pixels follow each other down a column and then to the next, `warp_lanes` a step, through a chain of registers in which a
 pixel's neighbours are always the same distance away: 1, 15, 16 and 17 pixels before it and behind. What lies above a strip's
-first row or below its last is no neighbour; beyond its first and last column come groups of pixels without any.
+first row or below its last is no neighbour; beyond its first and last column come groups of pixels without any. Where more than
+half of the neighbours that exist must be warped, rows and columns say how many these are: of 8 it takes 5, of 5 it takes 3, of
+3 and of the two in a frame of one row or column 2, of one 1.
 
 A group at the chain's middle leaves in a slot; where it has holes to fill, in a slot for each, and the chain waits::
 
@@ -32,7 +34,7 @@ NEIGHBOURS = tuple(TILE * dx + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1) if (
 """How many pixels later in the scan a pixel's neighbours come."""
 
 RANK_BITS = 2
-"""Bits of the median's place among 5 to 8 neighbours in order: 2 or 3."""
+"""Bits of the median's place among 8 neighbours in order at most: 0 to 3."""
 
 
 def painted_layout() -> data.StructLayout:
@@ -71,7 +73,7 @@ class Window(wiring.Component):
     """A strip's pixels with their neighbours.
 
     Parameters:
-        config: the machine; `row_width` and `warp_lanes` matter here.
+        config: the machine; `row_width`, `warp_lanes` and `warp_fill` matter here.
 
     Ports:
         start: strobe before a strip, after which `run` rises.
@@ -102,11 +104,15 @@ class Window(wiring.Component):
             m.d.sync += real.eq(Cat(fetched, real))
         pixels = self._chain(m, step, fetched)
         sub = Signal(range(sub_rows(self.config)))
+        first = Signal()
         with m.If(self.start):
-            m.d.sync += sub.eq(0)
+            m.d.sync += [sub.eq(0), first.eq(1)]
         with m.Elif(step & real[-1]):
             m.d.sync += sub.eq(sub + 1)
-        last = self._slots(m, pixels, sub, real[-1])
+            with m.If(sub == sub_rows(self.config) - 1):
+                m.d.sync += first.eq(0)
+        columns = (~first, real[1])  # a column behind the middle, the group of the same rows has been read already
+        last = self._slots(m, pixels, sub, real[-1], columns)
         m.d.comb += step.eq(self.run & (~real[-1] | self.slots.ready & last))
         return m
 
@@ -146,20 +152,25 @@ class Window(wiring.Component):
             before = now
         return pixels
 
-    def _slots(self, m: Module, pixels: dict[int, _Pixel], sub: Signal, real: Value) -> Value:
-        """The slots of the group in the middle; whether this is its last one."""
+    def _slots(
+        self, m: Module, pixels: dict[int, _Pixel], sub: Signal, real: Value, columns: tuple[Value, Value],
+    ) -> Value:
+        """The slots of the group in the middle; whether this is its last one. `columns`: those before and behind exist."""
         lanes, slot = range(self.config.warp_lanes), self.slots.payload
         neighbours, counts = zip(*(self._around(m, pixels, lane, sub) for lane in lanes), strict=True)
         valid = Cat(pixels[lane].valid for lane in lanes)
         fillable, done, todo, pick = (Signal(len(lanes), name=name) for name in ("fillable", "done", "todo", "pick"))
-        inside = Cat((Cat(Const(lane, len(lanes).bit_length() - 1), sub) < self.rows) for lane in lanes)
+        rows = [Cat(Const(lane, len(lanes).bit_length() - 1), sub) for lane in lanes]
+        inside = Cat(row < self.rows for row in rows)
+        enough = Cat(self._enough(count, (row.any(), row + 1 < self.rows), columns)
+                     for row, count in zip(rows, counts, strict=True))
         last = ~(todo & ~pick).any()
         m.d.comb += [
             todo.eq(fillable & ~done), pick.eq(todo & ~(todo - 1)),
-            fillable.eq(~valid & Cat(count >= FILL_NEIGHBOURS for count in counts)),
+            fillable.eq(~valid & inside & enough),
             self.slots.valid.eq(real & self.run),
             slot.holes.eq(fillable), slot.fills.eq(todo.any()), slot.last.eq(last),
-            slot.left.eq((~valid & ~fillable & inside).any()), slot.warped.eq(sum(valid)),
+            slot.left.eq((~valid & ~enough & inside).any()), slot.warped.eq(sum(valid)),
             slot.lane.eq(Cat(Cat(pick[lane] for lane in lanes if lane >> bit & 1).any()
                              for bit in range(len(lanes).bit_length() - 1))),
             slot.around.as_value().eq(picked(pick, [Cat(around) for around in neighbours])),
@@ -172,6 +183,16 @@ class Window(wiring.Component):
         with m.If(self.slots.valid & self.slots.ready):
             m.d.sync += done.eq(Mux(last, 0, done | pick))
         return last
+
+    def _enough(self, count: Value, rows: tuple[Value, Value], columns: tuple[Value, Value]) -> Value:
+        """Whether so many neighbours fill a hole, given which of the rows and columns around it exist."""
+        if self.config.warp_fill == "interior":
+            return count >= FILL_NEIGHBOURS
+        both, either = zip(*((a & b, a | b) for a, b in (rows, columns)), strict=True)
+        thin = ~either[0] | ~either[1]  # a frame of one row or column: up to two neighbours
+        three = (both[0] ^ both[1]) & ~thin
+        return Mux(both[0] & both[1], count >= FILL_NEIGHBOURS, Mux(
+            three, count >= 3, Mux(~thin | both[0] | both[1], count >= 2, count.any())))
 
     def _around(self, m: Module, pixels: dict[int, _Pixel], lane: int, sub: Signal) -> tuple[list[Value], Value]:
         """A lane's neighbours in the strip, and how many they are."""

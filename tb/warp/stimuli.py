@@ -79,12 +79,14 @@ def many_to_one(
 
 
 def with_holes(config: AcceleratorConfig, rng: np.random.Generator, valid: np.ndarray, background: float = 0.3) -> Source:
-    """Pixels that stay where they are, a share of them background, and holes elsewhere."""
+    """Pixels that stay where they are, a share of them background, and holes elsewhere: pixels that are not warped or, where
+    such are, that leave the frame."""
     n = config.formats
     source = placed(config, rng, np.zeros(valid.shape))
     t = source.pixels["transmittance"]
     t[rng.random(valid.shape) < background] = n.transmittance.raw_max
     t[~valid] = (solid_transmittance(n) + background_transmittance(n)) // 2
+    source.pixels["depth"][~valid] = 0
     return Source(source.pixels, 100)
 
 
@@ -105,6 +107,21 @@ def every_neighbourhood(config: AcceleratorConfig, rng: np.random.Generator) -> 
     half = np.arange(height) < height // 2
     source.pixels["colour"][half] = few[rng.integers(0, 4, (height // 2, 3 * columns))]
     return source
+
+
+def every_border(config: AcceleratorConfig, rng: np.random.Generator) -> Source:
+    """Holes in the first and last row of a strip with each of the 32 sets of neighbours, in cells of 3 x 2 pixels; the last
+    strip has one row."""
+    height, columns = 2 * TILE + 1, 3 * 32
+    valid = np.ones((height, columns), bool)
+    for row, inner in ((0, 1), (TILE - 1, TILE - 2), (TILE, TILE + 1), (2 * TILE - 1, 2 * TILE - 2), (2 * TILE, None)):
+        for pattern, cell in enumerate(rng.permutation(32)):
+            left, x, right = range(3 * cell, 3 * cell + 3)
+            around = [(row, left), (row, right), *((inner, column) for column in (left, x, right) if inner is not None)]
+            valid[row, x] = False
+            for bit, at in enumerate(around):
+                valid[at] = pattern >> bit & 1
+    return with_holes(config, rng, valid)
 
 
 def traced(config: AcceleratorConfig, pixels: np.ndarray, right: bool = False) -> Source:

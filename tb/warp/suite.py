@@ -16,6 +16,7 @@ from tb.warp.device import playback
 from tb.warp.stimuli import (
     Source,
     anything,
+    every_border,
     every_neighbourhood,
     many_to_one,
     placed,
@@ -27,13 +28,14 @@ from tb.warp.stimuli import (
 from tb.writer.stimuli import random_pixels, rows_of
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY.with_(stereo=True), "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2),
-    "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False),
+    "tiny": TINY.with_(stereo=True),
+    "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2, warp_fill="interior"),
+    "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False, warp_veiled=True),
     "default": DEFAULT.with_(stereo=True), "paper": PAPER.with_(stereo=True)}
 """Machines that can be tested."""
 
 DISTINCT = tuple(VARIANTS)
-"""Every number of lanes."""
+"""Every number of lanes, both rules of filling, veiled pixels warped and not."""
 
 PORTS = ("rows", "writes", "tiles")
 
@@ -86,6 +88,10 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.add("background", with_holes(config, rng, np.ones((40, 37), bool), 1.0))
     plan.add("all holes", with_holes(config, rng, np.zeros((40, 37), bool)))
     plan.add("every neighbourhood", every_neighbourhood(config, rng))
+    plan.add("every border", every_border(config, rng))
+    for width, height in ((1, 65), (2, 130), (3, 193), (40, 1), (33, 17)):  # corners, and frames without inside
+        for share in (0.5, 0.8):
+            plan.add(f"narrow, {width} x {height}, {share}", with_holes(config, rng, rng.random((height, width)) < share))
     for share in (0.2, 0.5, 0.7, 0.9, 0.99):
         plan.add(f"{share} of pixels warped", with_holes(config, rng, rng.random((35, 61)) < share))
     wide = np.random.default_rng(seed).random((18, config.row_width)) * rng.choice([1, 30, 300], (18, config.row_width))
