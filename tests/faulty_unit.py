@@ -1,6 +1,5 @@
 """A unit with two inputs, one output and selectable faults, for tests of the testbench itself."""
 
-from pathlib import Path
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -60,6 +59,3 @@ def faulty_playback() -> Playback:
     return Playback(
         "faulty", "faulty_unit", to_verilog(FaultyUnit(), "faulty_unit"), (Stream("left", RECORD), Stream("right", RECORD)),
         (Stream("out", RECORD),), settings=(("key", 8), ("fault", 3)), observed=(("count", 8),))
-
-
-FOLDER = Path(__file__).resolve().parents[1] / "build" / "test"

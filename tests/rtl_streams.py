@@ -67,8 +67,12 @@ def exchange(
 
 def assert_rejected(make: Callable[[], object], error: type[Exception], value: object) -> None:
     """`make()` raises `error` naming `value`; Amaranth's complaint about the half-made component is silenced."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedElaboratable)
-        with pytest.raises(error, match=re.escape(f"not {value!r}")):
-            make()
-        gc.collect()
+    gc.freeze()  # what is there already: to look through all that a long run holds takes a second
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnusedElaboratable)
+            with pytest.raises(error, match=re.escape(f"not {value!r}")):
+                make()
+            gc.collect()
+    finally:
+        gc.unfreeze()

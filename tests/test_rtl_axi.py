@@ -10,14 +10,13 @@ from rtl.axi.master import emit_axi_master
 from rtl.axi.registers import emit_register_file
 from spec.config import TINY
 from tb.axi.suite import REGISTER_SCENARIOS, VARIANTS, Registers, full_plan, run_plan
-from tb.common.runner import ROOT
 
 
 @pytest.mark.parametrize(("unit", "variant"), [("master", "tiny"), ("registers", "tiny"), ("registers", "stereo")])
-def test_every_scenario(unit, variant):
+def test_every_scenario(unit, variant, tmp_path):
     config = VARIANTS[variant]
     plan = [item for item in full_plan(config, 1, 120) if isinstance(item, Registers) == (unit == "registers")]
-    outcome = run_plan(config, plan, ROOT / "build" / "test" / f"axi-{variant}")
+    outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan)
 
 
@@ -30,9 +29,9 @@ def test_every_register_scenario_is_planned():
 @pytest.mark.long
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("seed", [2, 3])
-def test_whole_plan(variant, seed):
+def test_whole_plan(variant, seed, tmp_path):
     config = VARIANTS[variant]
-    outcome = run_plan(config, full_plan(config, seed, 1000), ROOT / "build" / "test" / f"axi-{variant}-{seed}")
+    outcome = run_plan(config, full_plan(config, seed, 1000), tmp_path)
     assert outcome.failures == {}
 
 

@@ -10,7 +10,6 @@ from float_units import BINARY, expected, value
 
 from spec.config import TINY
 from spec.formats import SmallFloat
-from tb.common.runner import ROOT
 from tb.float.device import operations
 from tb.float.stimuli import operands, results
 from tb.float.suite import full_plan, run_plan
@@ -57,6 +56,6 @@ def test_stimuli_reach_every_end():
 
 
 @pytest.mark.long
-def test_every_unit_through_verilator():
-    outcome = run_plan(TINY, full_plan(TINY, 1, 50_000), ROOT / "build" / "test" / "float")
+def test_every_unit_through_verilator(tmp_path):
+    outcome = run_plan(TINY, full_plan(TINY, 1, 50_000), tmp_path)
     assert outcome.failures == {} and outcome.runs == 5

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from faulty_unit import CHANGES, DOUBLES, FOLDER, RECORD, STOPS, SWALLOWS, WITHDRAWS, faulty_playback
+from faulty_unit import CHANGES, DOUBLES, RECORD, STOPS, SWALLOWS, WITHDRAWS, faulty_playback
 
 from tb.common import runner
 from tb.common.codec import decode, encode
@@ -45,8 +45,8 @@ RUNS = {
 
 
 @pytest.fixture(scope="module")
-def recordings():
-    played = play(faulty_playback(), list(RUNS.values()), FOLDER / "playback", watchdog=1000)
+def recordings(tmp_path_factory):
+    played = play(faulty_playback(), list(RUNS.values()), tmp_path_factory.mktemp("playback"), watchdog=1000)
     return dict(zip(RUNS, played, strict=True))
 
 
@@ -73,11 +73,11 @@ def test_faults_are_caught(recordings, name, bits):
 
 
 @pytest.mark.parametrize(("fault", "wrong"), [(0, None), (CHANGES, "changed an offer"), (SWALLOWS, "AssertionError")])
-def test_sources_and_sinks_in_python(fault, wrong):
+def test_sources_and_sinks_in_python(fault, wrong, tmp_path):
     playback = faulty_playback()
     wires = [f"{port}__{wire}" for port in ("left", "right", "out") for wire in ("payload", "valid", "ready")]
     design = Design("faulty-alone", "faulty_unit", (("dut.v", playback.verilog),), ("clk", "rst", "key", "fault", *wires))
-    arguments = (design, "streams_in_simulator", FOLDER / f"streams-{fault}")
+    arguments = (design, "streams_in_simulator", tmp_path)
     if wrong is None:
         simulate(*arguments, env={"UNIT_FAULT": str(fault)})
     else:
@@ -109,10 +109,9 @@ def test_windows_that_hold_nothing_are_refused(window):
 
 
 @pytest.mark.long
-def test_waves_hold_the_window_and_the_scopes_only():
-    folder = FOLDER / "waves"
+def test_waves_hold_the_window_and_the_scopes_only(tmp_path):
     sizes = []
     for waves in (Waves(), Waves(10, 20), Waves(10, 20, ("tb.dut*",))):
-        play(faulty_playback(), [RUNS["bursty"]], folder, waves=waves)
-        sizes.append((folder / "dump.fst").stat().st_size)
+        play(faulty_playback(), [RUNS["bursty"]], tmp_path, waves=waves)
+        sizes.append((tmp_path / "dump.fst").stat().st_size)
     assert sizes[0] > sizes[1] > sizes[2] > 200

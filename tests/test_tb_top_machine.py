@@ -5,7 +5,6 @@ import pytest
 
 from spec.config import TINY
 from spec.registers import ErrorCode
-from tb.common.runner import ROOT
 from tb.top.device import machine
 from tb.top.stimuli import case, cloud, crowd
 from tb.top.suite import (
@@ -23,13 +22,13 @@ IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails"
 """Of the plan's broken frames, one of each kind."""
 
 
-def test_frames_failures_and_resets_in_short():
+def test_frames_failures_and_resets_in_short(tmp_path):
     plan = good_plan(TINY, 0)[::8]
     plan += [item for item in broken_plan(TINY, 0) if any(words in item.name for words in IN_SHORT)]
     assert {item.error for item in plan} >= {
         ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR, ErrorCode.WRITE_ERROR, ErrorCode.BAD_SETTING,
         ErrorCode.ENTRIES_FULL, ErrorCode.SPILL_FULL}
-    outcome = run_plan(TINY, plan, ROOT / "build" / "test-top" / "short")
+    outcome = run_plan(TINY, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan)
 
 
@@ -42,13 +41,13 @@ STEREO_BROKEN = ("reset after 250", "abort after 250", "target_frame fails", "se
 """Of those that end early, some of each kind."""
 
 
-def test_frames_of_two_eyes_in_short():
+def test_frames_of_two_eyes_in_short(tmp_path):
     config = VARIANTS["tiny_stereo"]
     plan = [item for item in good_plan(config, 0) if item.name in STEREO_IN_SHORT]
     plan += [item for item in broken_plan(config, 0)
              if any(words in item.name for words in STEREO_BROKEN)]
     assert any(item.run.late for item in plan) and sum(item.stereo is None for item in plan) > 2
-    outcome = run_plan(config, plan, ROOT / "build" / "test-top" / "stereo")
+    outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan) > 10
     late = [outcome.recordings[item.name].registers for item in plan if item.run.late and item.run.abort]
     assert late and all(registers["cycles_target"] > 0 for registers in late)
@@ -56,15 +55,15 @@ def test_frames_of_two_eyes_in_short():
 
 @pytest.mark.long
 @pytest.mark.parametrize("variant", DISTINCT)
-def test_every_frame_of_the_plan_is_right(variant):
+def test_every_frame_of_the_plan_is_right(variant, tmp_path):
     config = VARIANTS[variant]
     plan = full_plan(config, 0)
-    outcome = run_plan(config, plan, ROOT / "build" / "top" / variant)
+    outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan) > 90
 
 
 @pytest.mark.long
-def test_small_frames_with_independent_models_of_axi():
+def test_small_frames_with_independent_models_of_axi(tmp_path):
     pytest.importorskip("cocotbext.axi")
     from tb.top.axi_small import play_small
 
@@ -76,7 +75,7 @@ def test_small_frames_with_independent_models_of_axi():
         planned(foveated, "pauses", "pauses", reset=False),
         planned(foveated, "cut", cut=700), planned(crowded, "after the cut"),
         planned(foveated, "abort", error=ErrorCode.ABORTED, abort=500), planned(crowded, "after the abort", reset=False)]
-    played = play_small(machine(TINY), [item.run for item in plan], ROOT / "build" / "test-top" / "machine")
+    played = play_small(machine(TINY), [item.run for item in plan], tmp_path)
     for item, result in zip(plan, played, strict=True):
         wrong = [text for text in problems(item, result) if not text.startswith(("counter read_beats", "counter write_beats"))]
         assert wrong == [], item.name  # the RAM counts no beats

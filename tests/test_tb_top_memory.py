@@ -4,13 +4,13 @@ import pytest
 
 pytest.importorskip("cocotbext.axi")
 
-from tb.common.runner import ROOT, simulate
+from tb.common.runner import simulate
 from tb.top.memory import ERRORS, MemorySpeed, beats_log2, broken_rules
 from tb.top.memory_check import memory_design
 
 
-def test_memory_keeps_its_word():
-    simulate(memory_design(), "tb.top.memory_check", ROOT / "build" / "test-top" / "memory")
+def test_memory_keeps_its_word(tmp_path):
+    simulate(memory_design(), "tb.top.memory_check", tmp_path)
 
 
 def test_bandwidth_becomes_credits():

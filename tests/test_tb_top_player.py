@@ -10,7 +10,6 @@ from stand_in_machine import MISALIGNS, OVERWRITES, STOPS, STRAYS, WITHDRAWS, WR
 from golden.msv2_ref import pipeline
 from spec.config import TINY
 from spec.registers import ErrorCode
-from tb.common.runner import ROOT
 from tb.top.image import memory_image, page_beats, read_frame
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameRun, play_frames
@@ -48,8 +47,8 @@ BEATS = WIDTH * HEIGHT // 2
 
 
 @pytest.fixture(scope="module")
-def results():
-    played = play_frames(stand_in(TINY), list(RUNS.values()), ROOT / "build" / "test-top" / "player", watchdog=2000)
+def results(tmp_path_factory):
+    played = play_frames(stand_in(TINY), list(RUNS.values()), tmp_path_factory.mktemp("player"), watchdog=2000)
     return dict(zip(RUNS, played, strict=True))
 
 
@@ -100,12 +99,12 @@ def test_one_wrong_bit_shows(results):
     assert np.argwhere(wrong).tolist() == [[0, 6, 0]] and results["wrong pixel"].errors == ()
 
 
-def test_small_frames_with_independent_models_of_axi():
+def test_small_frames_with_independent_models_of_axi(tmp_path):
     pytest.importorskip("cocotbext.axi")
     from tb.top.axi_small import play_small
 
     runs = [RUNS[name] for name in ("first", "second", "pauses", "aborted", "cut", "after the cut", "wrong pixel", "stops")]
-    played = play_small(stand_in(TINY), runs, ROOT / "build" / "test-top" / "small", watchdog=500)
+    played = play_small(stand_in(TINY), runs, tmp_path, watchdog=500)
     for run, result in zip(runs, played, strict=True):
         same = all((got == wanted).all() for got, wanted in zip(result.pixels, expected(run), strict=True))
         good = run.name in ("first", "second", "pauses", "after the cut")
@@ -113,7 +112,7 @@ def test_small_frames_with_independent_models_of_axi():
         assert bool(result.errors) == (run.name == "stops")
     assert played[3].error is ErrorCode.ABORTED
     with pytest.raises(ValueError, match="failing addresses"):
-        play_small(stand_in(TINY), [RUNS["read error"]], ROOT / "build" / "test-top" / "small")
+        play_small(stand_in(TINY), [RUNS["read error"]], tmp_path)
 
 
 def test_bad_orders_are_refused(tmp_path):
