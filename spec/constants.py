@@ -70,6 +70,10 @@ DEPTH_PERCENTILE = 99
 DEPTH_REACH = 4.0
 """Depth saturates at this multiple of that percentile, or at the largest z in view if that is nearer."""
 
+DEPTH_GAP = 16.0
+"""The percentile is at most this many times the largest z below it: among few points it lies between the last two, and an
+outlier behind fewer than a hundred would cost them all resolution."""
+
 DEPTH_NEAR_PERCENTILE = 1
 """Percentile of z in view that stands for what is near when a frame is to be warped."""
 

@@ -14,6 +14,7 @@ from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
 from spec.constants import (
     DEPTH_FRAME_MARGIN,
+    DEPTH_GAP,
     DEPTH_NEAR_PERCENTILE,
     DEPTH_PERCENTILE,
     DEPTH_REACH,
@@ -109,7 +110,8 @@ def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: fl
     if not len(z):
         return 2 * c.near
     near, far = np.percentile(z, (DEPTH_NEAR_PERCENTILE, DEPTH_PERCENTILE))
-    return min(float(z.max()), max(DEPTH_REACH * float(far), per_near * float(near) ** 2))
+    far = min(float(far), DEPTH_GAP * float(np.percentile(z, DEPTH_PERCENTILE, method="lower")))
+    return min(float(z.max()), max(DEPTH_REACH * far, per_near * float(near) ** 2))
 
 
 def frame_registers(

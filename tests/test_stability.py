@@ -1,0 +1,30 @@
+"""The hard cases on the oracle and the integer renderer; on the differentiable one: test_training_stability.py."""
+
+from __future__ import annotations
+
+import pytest
+
+from golden.stability.check import run, takes_part
+from golden.stability.registry import CASES, case_named
+
+NUMBERS = set(range(1, 59)) - {53, 54, 55, 58}
+"""Of the list in docs/stability.md, without those of the machine alone and of the seeded faults."""
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+@pytest.mark.parametrize("column", ["oracle", "golden"])
+def test_case(case, column):
+    if takes_part(case, column):
+        run(case, column)
+    else:
+        assert case.absent[column]
+
+
+def test_every_hard_case_is_there_once():
+    assert {case.number for case in CASES} == NUMBERS
+    assert len({case.id for case in CASES}) == len(CASES)
+    assert all(case.what and case.expected for case in CASES)
+    assert all(takes_part(case, "golden") or takes_part(case, "oracle") for case in CASES)
+    assert case_named("banding") is case_named("20-banding")
+    with pytest.raises(KeyError, match="'nothing' is not accepted"):
+        case_named("nothing")

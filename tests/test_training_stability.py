@@ -1,0 +1,26 @@
+"""The hard cases on the differentiable renderer: images, finite gradients, the oracle's derivatives."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch")
+
+from golden.stability.registry import CASES, case_named
+from golden.training.stability_gradients import run, takes_part
+
+QUICK = {1, 6, 9, 11, 14, 17, 18, 21, 23, 28, 32, 40}
+"""Numbers of the cases of the quick tests."""
+
+SHOWN = [case for case in CASES if takes_part(case)]
+
+
+@pytest.mark.parametrize("case", [
+    pytest.param(case, id=case.id, marks=() if case.number in QUICK else pytest.mark.long) for case in SHOWN])
+def test_case(case):
+    run(case)
+
+
+def test_cases_without_a_part_say_why():
+    assert all(case.absent["gradient"] for case in CASES if not takes_part(case))
+    assert takes_part(case_named("alpha-one-backward")) and len(SHOWN) > 40
