@@ -1,0 +1,49 @@
+"""The decorator of the model's kernels.
+
+Their compiled code is kept in a folder of its own for every state of the model's sources, as golden/__init__.py does for the
+golden renderer's: numba notices an edit in a kernel's own file only, not in what it takes from others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numba
+from numba.core import config
+
+import golden
+
+_ROOT = Path(golden.__file__).resolve().parent.parent
+_KEPT = 4  # states whose compiled kernels are kept
+
+
+@cache
+def _folder() -> Path | None:
+    state = hashlib.sha256()
+    for folder in (_ROOT / "perf", _ROOT / "spec"):
+        for source in sorted(folder.rglob("*.py")):
+            state.update(source.read_bytes())
+    folder = _ROOT / "build" / "numba-perf" / state.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        for old in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError:  # a read-only checkout: numba's own choice of a folder is better than none
+        return None
+    return folder
+
+
+def kernel(function: Callable) -> Callable:
+    """`numba.njit` with the model's own cache."""
+    before, folder = config.CACHE_DIR, _folder()
+    config.CACHE_DIR = str(folder) if folder else before
+    try:
+        return numba.njit(cache=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = before

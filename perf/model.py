@@ -1,0 +1,313 @@
+"""Cycles of a frame: a trace through both phases, on a machine with a memory."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from perf import blending, bus, constants, geometry, lists, render, sorter, warp, watch
+from perf.plan import (
+    Lists,
+    MemoryMap,
+    RenderPlan,
+    chunk_capacity,
+    eye_lists,
+    largest_group,
+    memory_map,
+    render_plan,
+    tile_rows,
+)
+from perf.trace import EyeTrace, FrameTrace
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, PIXEL_BYTES, colour_beats
+from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
+from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
+from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+
+LIMIT = 1 << 40
+"""Cycles after which a phase is given up."""
+
+GEOMETRY_STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
+RENDER_STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write", "warp")
+
+_TMU_LATENCY = 8  # cycles from the frame's last hit to the first group (rtl.sort_tmu.tile_merge)
+
+
+@dataclass(frozen=True)
+class MemoryModel:
+    """What answers the machine's reads and writes.
+
+    Attributes:
+        kind: "ideal": the RTL bench's memory, in order at a latency and a bandwidth; "lpddr3": four channels (`perf.dram`).
+        latency: of "ideal", cycles.
+        bytes_per_cycle: of "ideal", reads and writes together; None: a beat read and a beat written in every cycle.
+    """
+
+    kind: str = "ideal"
+    latency: int = 100
+    bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("ideal", "lpddr3"):
+            raise ValueError(f"kind must be 'ideal' or 'lpddr3', not {self.kind!r}")
+        if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
+            raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
+        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= 1000:
+            raise ValueError(f"bytes_per_cycle must be None or in 0.01..1000, not {self.bytes_per_cycle!r}")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Cycles of a stage's input in a frame: an item moved; one was offered and not taken; none was offered."""
+
+    busy: int
+    blocked: int
+    starved: int
+
+
+@dataclass(frozen=True)
+class FrameCycles:
+    """A frame's cycles.
+
+    Attributes:
+        total: from start to end, without what is cleared once after a reset.
+        phases: clear, table, geometry, render; of two eyes, the sums.
+        eyes: the same by eye.
+        stages: by the names of `spec.registers.stages`.
+        reads, writes: bytes by client.
+        entries, groups, ops, skipped, fetch_misses, spilled_entries: events of the frame.
+        utilisation: share of the rendering phase's cycles in which the array takes an entry or issues an op, whichever is more;
+            of memory's bandwidth that is used in each phase.
+        timeline: (stage, eye, group, first cycle, last cycle); group -1: a phase.
+        seconds: that the simulation took.
+    """
+
+    total: int
+    phases: dict[str, int]
+    eyes: tuple[dict[str, int], ...]
+    stages: dict[str, Stage]
+    reads: dict[str, int]
+    writes: dict[str, int]
+    entries: int
+    groups: int
+    ops: int
+    skipped: int
+    fetch_misses: int
+    spilled_entries: int
+    utilisation: dict[str, float]
+    timeline: list[tuple[str, int, int, int, int]] = field(repr=False)
+    seconds: float = 0.0
+
+    @property
+    def dram_bytes(self) -> dict[str, object]:
+        """As in tb.frame's frame.json."""
+        sums = {"read": sum(self.reads.values()), "write": sum(self.writes.values())}
+        return {**sums, "reads": self.reads, "writes": self.writes}
+
+    def as_json(self) -> dict[str, object]:
+        """JSON-ready values, without the timeline."""
+        out = asdict(self) | {"dram_bytes": self.dram_bytes}
+        return {name: value for name, value in out.items() if name not in ("timeline", "reads", "writes")}
+
+
+@dataclass
+class _Pass:
+    """What one eye's pass came to."""
+
+    cycles: dict[str, int]
+    stages: dict[str, np.ndarray]
+    reads: np.ndarray
+    writes: np.ndarray
+    events: dict[str, int]
+    timeline: list[tuple[str, int, int, int]]
+
+
+def simulate(
+    trace: FrameTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
+    pipeline: bool | None = None, beta: int | None = None, display: bool | None = None,
+) -> FrameCycles:
+    """Cycles of a frame.
+
+    Args:
+        trace: the golden frame's.
+        config: the machine.
+        memory: what answers; None: the bench's at its default speed.
+        merge: tiles are merged.
+        pipeline: stages hand over incrementally; None: as `config` says.
+        beta: merge threshold in entries; None: automatic. Without `merge` it means nothing.
+        display: 4 bytes a pixel instead of 16; None: of two eyes alone, which need it.
+
+    Raises:
+        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; what `render_plan` says.
+    """
+    memory = memory or MemoryModel()
+    if pipeline is not None:
+        config = config.with_(incremental=pipeline)
+    two = len(trace.eyes) > 1
+    if two and not config.stereo:
+        raise ValueError(f"config must be a machine with stereo, not {config.name!r}")
+    if two and display is False:
+        raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
+    display, beta, begin = bool(two or display), (beta if merge else 0), time.perf_counter()
+    written = [eye_lists(eye) for eye in trace.eyes]
+    largest = largest_group(trace, config, beta)
+    plans = [render_plan(trace, eye, config, beta, largest) for eye in trace.eyes]
+    where = memory_map(trace, config, display, max(w.beats for w in written), plans[0].spill_beats)
+    passes = []
+    for number, (eye, made, plan) in enumerate(zip(trace.eyes, written, plans, strict=True)):
+        passes.append(_eye(trace, eye, number, config, memory, beta, display, made, plan, where))
+    return _together(trace, config, passes, plans, time.perf_counter() - begin)
+
+
+def _memory(s: np.ndarray, memory: MemoryModel) -> None:
+    gain, cost = bus.rate(memory.bytes_per_cycle)
+    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
+
+
+def _eye(
+    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, beta: int | None,
+    display: bool, written: Lists, plan: RenderPlan, where: MemoryMap,
+) -> _Pass:
+    """A pass: its phases in turn."""
+    table = _table(eye, memory, where.target_tiles if number else where.tiles)
+    shapes, counted = _geometry(trace, eye, config, memory, written, where)
+    latency = _TMU_LATENCY + (COUNT_BITS + frame_tiles(config).bit_length() + 1 if beta is None else 0)
+    drawn = _render(trace, eye, number, config, memory, display, written, plan, where,
+                    max(0, counted - 1 + latency - shapes.cycles["geometry"]))
+    cycles = {"clear": trace.tiles_y + 1, "table": table, **shapes.cycles, **drawn.cycles}
+    reads = shapes.reads + drawn.reads
+    reads[bus.TILES] += (len(eye.counts) + 3) // 4
+    at = cycles["clear"] + table
+    ends = [("geometry", -1, at, at + cycles["geometry"])]
+    ends += [("render", -1, at + cycles["geometry"], at + cycles["geometry"] + cycles["render"])]
+    ends += [(stage, group, a + at + cycles["geometry"], b + at + cycles["geometry"]) for stage, group, a, b in drawn.timeline]
+    return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, drawn.events, ends)
+
+
+def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
+    s = np.zeros(bus.layout.size, np.int64)
+    _memory(s, memory)
+    return int(geometry.table_phase(s, len(eye.counts), base, LIMIT))
+
+
+def _counts(s: np.ndarray, first: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    return {name: s[first + 2 * i : first + 2 * i + 2].copy() for i, name in enumerate(names)}
+
+
+def _geometry(
+    trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: MemoryModel, written: Lists, where: MemoryMap,
+) -> tuple[_Pass, int]:
+    """The geometry phase, and when its last entry was in memory."""
+    s = np.zeros(geometry.layout.size, np.int64)
+    _memory(s, memory)
+    paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
+    for place, path in ((geometry.NEAR, paths.near), (geometry.PROJECTION, paths.projection),
+                        (geometry.ELLIPSE, paths.ellipse), (geometry.HARMONICS, paths.colour)):
+        geometry.set_path(s, place, path.length, path.interval, path.rows)
+    s[geometry.POINTS], s[geometry.KEPT_ROOM] = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
+    s[geometry.C_WAITING], s[geometry.C_BEATS] = paths.colour_waiting, beats
+    writes = np.where(written.writes < 0, where.directory - 1 - written.writes, where.entries + written.writes)
+    survivor = np.append(eye.survivor, 0).astype(np.int64)
+    cycles, counted = geometry.geometry_phase(
+        s, eye.point_class, eye.point_class[eye.point_class != geometry.NEAR_CULLED], eye.splat_steps, eye.step_runs,
+        eye.run_entries, eye.run_closes, np.append(eye.views, 0).astype(np.uint8), where.views + (survivor << trace.view_shift),
+        where.colour + survivor * beats, where.geometry, written.begins, writes,
+        constants.colour_steps(config, trace.sh_degree), LIMIT)
+    return _Pass(
+        {"geometry": int(cycles)}, _counts(s, geometry.WATCHED, GEOMETRY_STAGES), s[bus.READS : bus.READS + bus.READERS].copy(),
+        s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), {}, []), int(counted)
+
+
+def _set_array(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
+    """The array's sizes and latencies (rtl.vrc_array)."""
+    expand, blend = (config.cores_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
+    s[blending.BLOCKS], s[blending.CORES_X], s[blending.CORES_Y] = config.blocks, config.cores_x, config.cores_y
+    s[blending.ROW_LATENCY] = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
+    s[blending.LEAVE_LATENCY] = expand + config.cores_y + 4
+    s[blending.STOP_LATENCY] = constants.SETUP_LATENCY + expand + config.cores_y + 4
+    s[blending.ROWS_FREE], s[blending.HALVES] = OUTPUT_DRAINS * config.cores_y, 2
+    s[blending.DRAIN_ROWS] = config.cores_y if config.incremental else tile_rows(config)
+    s[blending.WIDTH], s[blending.HEIGHT], s[blending.TILES_X] = trace.width, trace.height, trace.tiles_x
+    s[blending.PIXEL_WORDS] = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
+
+
+def _render(
+    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, display: bool,
+    written: Lists, plan: RenderPlan, where: MemoryMap, sweep_from: int,
+) -> _Pass:
+    """The rendering phase."""
+    line = config.line_buffer_bytes // ENTRY_BYTES
+    ring = 1 << (line - 1).bit_length()
+    s = np.zeros(warp.layout.size + ring, np.int64)
+    _memory(s, memory)
+    s[sorter.LINE], s[sorter.H_MASK], s[sorter.H_TIMES] = line, ring - 1, warp.layout.size
+    s[lists.TILE_COUNT], s[lists.SWEEP_FROM] = len(eye.counts), sweep_from
+    s[lists.POINTER_ROOM], s[lists.WAIT_ROOM] = 64, 2 * -(-config.row_width // TILE) + 64
+    s[lists.ENTRIES_BASE], s[lists.DIRECTORY_BASE] = where.entries, where.directory
+    s[lists.TABLE_BASE] = where.target_tiles if number else where.tiles
+    capacity = chunk_capacity(config)
+    s[sorter.CAPACITY], s[sorter.STAGES] = capacity, capacity.bit_length() - 1
+    s[sorter.SORT_ROOM] = 2 * (capacity - 1) + 3 * (capacity.bit_length() - 1)
+    s[sorter.INCREMENTAL], s[sorter.RING_RUNS] = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
+    s[sorter.SPILL_BASE] = where.spill
+    s[sorter.WAY_ROOM : sorter.WAY_ROOM + config.merge_ways] = 32
+    s[blending.VIEWS_BASE], s[blending.FRAME_BASE] = where.views, where.target_frame if number else where.frame
+    s[blending.RENDERED_TILES] = len(plan.drawn)
+    _set_array(s, trace, config, display)
+    times = np.full((8, len(plan.filled) + 1), -1, np.int64)
+    tile_times = np.full((2, len(plan.drawn) + 1), -1, np.int64)
+    spilled = plan.chunk_spill != 0
+    cycles = render.render_phase(
+        s, config.merge_ways, eye.counts, plan.lasts, eye.rendered, written.page_beat, written.page_start,
+        eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn], plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill,
+        plan.chunk_last, np.zeros(len(plan.chunk_length), np.int64), plan.chunk_length[spilled], plan.chunk_last[spilled],
+        plan.way_of, trace.holes, times, tile_times, LIMIT)
+    events = {"ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
+              "spilled_entries": len(plan.way_of)}
+    return _Pass(
+        {"render": int(cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES), s[bus.READS : bus.READS + bus.READERS].copy(),
+        s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events, _timeline(plan, times, tile_times))
+
+
+def _timeline(plan: RenderPlan, times: np.ndarray, tile_times: np.ndarray) -> list[tuple[str, int, int, int]]:
+    """First and last cycle of every group in the stages of the rendering phase."""
+    out = []
+    for place, stage in enumerate(("sort", "handover", "fetch", "array")):
+        firsts, ends = times[2 * place : 2 * place + 2, : len(plan.filled)].tolist()
+        out += [(stage, *item) for item in zip(plan.filled.tolist(), firsts, ends, strict=True)]
+    group_of = plan.groups[plan.drawn]
+    firsts = np.flatnonzero(np.diff(group_of, prepend=-1))
+    ends = np.append(firsts[1:], len(group_of)) - 1 if len(firsts) else firsts
+    out += [("pixel_write", int(group_of[a]), int(tile_times[0, a]), int(tile_times[1, b]))
+            for a, b in zip(firsts, ends, strict=True)]
+    return out
+
+
+def _together(
+    trace: FrameTrace, config: AcceleratorConfig, passes: list[_Pass], plans: list[RenderPlan], seconds: float,
+) -> FrameCycles:
+    """Both eyes' numbers as the machine counts them."""
+    phases = {name: sum(p.cycles[name] for p in passes) for name in passes[0].cycles}
+    total = sum(phases.values())
+    stages = {}
+    for name in passes[0].stages:
+        if name == "warp" and not config.stereo:
+            continue
+        busy, blocked = (int(sum(p.stages[name][i] for p in passes)) for i in range(2))
+        stages[name] = Stage(busy, blocked, total - busy - blocked)
+    reads = {name: BEAT_BYTES * int(sum(p.reads[i] for p in passes)) for i, name in enumerate(READ_CLIENTS)}
+    clients = WRITE_CLIENTS + (STEREO_WRITE_CLIENTS if config.stereo else ())
+    writes = {name: BEAT_BYTES * int(sum(p.writes[i] for p in passes)) for i, name in enumerate(clients)}
+    events = {name: sum(p.events[name] for p in passes) for name in passes[0].events}
+    timeline, at = [], 0
+    for eye, p in enumerate(passes):
+        timeline += [(stage, eye, group, first + at, last + at) for stage, group, first, last in p.timeline]
+        at += sum(p.cycles.values())
+    utilisation = {"array": max(trace.entries, events["ops"]) / max(1, phases["render"]),
+                   "memory": (sum(reads.values()) + sum(writes.values())) / (DRAM_BYTES_PER_CYCLE * total)}
+    return FrameCycles(
+        total, phases, tuple(p.cycles for p in passes), stages, reads, writes, trace.entries,
+        sum(int(plan.groups[-1]) + 1 for plan in plans), utilisation=utilisation, timeline=timeline, seconds=seconds, **events)

@@ -1,0 +1,205 @@
+"""A trace on a machine: groups, chunks, cache misses, addresses: what the kernels of both phases walk through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.msv2_ref.sort_tmu import auto_beta, merge_tiles
+from golden.msv2_ref.tile_lists import rank_in_tile, tile_lists
+from perf.kernel import kernel
+from perf.trace import EyeTrace, FrameTrace
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import (
+    BEAT_BYTES,
+    BEAT_ENTRIES,
+    DIRECTORY_BEATS,
+    DISPLAY_PIXEL_BYTES,
+    FIRST_PAGE_ENTRIES,
+    PIXEL_BYTES,
+    TILE_SETTING_BYTES,
+    colour_beats,
+)
+from spec.queues import CACHE_WAYS
+from spec.records import ENTRY_BYTES
+
+
+def chunk_capacity(config: AcceleratorConfig) -> int:
+    """Entries of the longest chunk: half of the sort buffer, down to a power of two."""
+    return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
+
+
+@dataclass(frozen=True)
+class MemoryMap:
+    """First beats of the regions, one behind the other as `spec.memory` lists them."""
+
+    geometry: int
+    colour: int
+    tiles: int
+    target_tiles: int
+    views: int
+    directory: int
+    entries: int
+    spill: int
+    frame: int
+    target_frame: int
+
+
+def memory_map(trace: FrameTrace, config: AcceleratorConfig, display: bool, entries_beats: int, spill_beats: int) -> MemoryMap:
+    """Where a frame's regions lie, without gaps."""
+    tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    table, frame = -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), -(-trace.width * trace.height * pixel // BEAT_BYTES)
+    sizes = (trace.points, trace.points * colour_beats(config, trace.sh_degree), table, table,
+             trace.points << trace.view_shift, tiles * DIRECTORY_BEATS, entries_beats, spill_beats, frame, frame)
+    return MemoryMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
+
+
+@dataclass(frozen=True)
+class Lists:
+    """An eye's entries in memory.
+
+    Attributes:
+        beats: that the pages take.
+        begins: (entries + 1,) bool, in the order of arrival: the entry begins a page other than its tile's first.
+        writes: the entry writer's beats in turn: entries relative to the entries' base, directory words as -1 - beat.
+        page_beat, page_start: pages beyond the first ones by tile and slot, and where each tile's begin.
+    """
+
+    beats: int
+    begins: np.ndarray
+    writes: np.ndarray
+    page_beat: np.ndarray
+    page_start: np.ndarray
+
+
+def eye_lists(eye: EyeTrace) -> Lists:
+    """Where an eye's entries go."""
+    tiles, count = len(eye.counts), len(eye.tile)
+    found = tile_lists(eye.tile, tiles, 1 << 28)
+    begins = np.zeros(count + 1, np.bool_)
+    place = rank_in_tile(eye.tile) + FIRST_PAGE_ENTRIES
+    begins[:-1] = (place > FIRST_PAGE_ENTRIES) & (place & (place - 1) == 0)
+    opened = np.flatnonzero(begins)
+    beat = found.number // BEAT_ENTRIES
+    writes = np.insert(beat, opened, -1 - (DIRECTORY_BEATS * found.page_tile + found.page_slot // 8))
+    order = np.lexsort((found.page_slot, found.page_tile))
+    start = np.searchsorted(found.page_tile[order], np.arange(tiles + 1))
+    return Lists(found.beats, begins, np.append(writes, 0), np.append(found.page_beat[order], 0), start)
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """An eye's rendering on a machine; arrays as `perf.render.render_phase` takes them.
+
+    Attributes:
+        groups: (tiles,) of each tile. filled: (groups with entries,) their numbers.
+        lasts: (tiles,) the tile is its group's last.
+        drawn: (rendered tiles,) their numbers.
+        group_end: (entries,) the entry is its group's last.
+        missed: (entries,) its view is not in the cache. view: its view's beat.
+        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into.
+        way_of: of entries of spilled groups, the run that each lies in.
+        ring_runs: runs that the spill region's ring holds; spill_beats: its size.
+    """
+
+    groups: np.ndarray
+    filled: np.ndarray
+    lasts: np.ndarray
+    drawn: np.ndarray
+    group_end: np.ndarray
+    missed: np.ndarray
+    view: np.ndarray
+    chunk_length: np.ndarray
+    chunk_spill: np.ndarray
+    chunk_last: np.ndarray
+    way_of: np.ndarray
+    ring_runs: int
+    spill_beats: int
+
+
+def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None, largest: int) -> RenderPlan:
+    """What the render phase walks through.
+
+    Args:
+        trace, eye: the frame's.
+        config: the machine.
+        beta: merge threshold, None: automatic, 0: nothing is merged.
+        largest: entries of the frame's largest group, of both eyes: the host makes room for two of them
+            (tb.top.image.spill_beats).
+
+    Raises:
+        ValueError: a group has more runs than the machine merges at a time.
+    """
+    counts = eye.counts.astype(np.int64)
+    groups = eye_groups(trace, eye, config, beta)
+    lasts = np.append(np.diff(groups) > 0, True)
+    sizes = np.bincount(groups, counts).astype(np.int64)
+    filled = np.flatnonzero(sizes)
+    group_end = np.zeros(len(eye.splat) + 1, np.uint8)
+    group_end[np.cumsum(sizes)[filled] - 1] = 1
+
+    capacity = chunk_capacity(config)
+    chunks = -(-sizes[filled] // capacity)
+    length = np.full(int(chunks.sum()), capacity, np.int64)
+    last = np.zeros(len(length), np.uint8)
+    ends = np.cumsum(chunks) - 1
+    length[ends], last[ends] = sizes[filled] - (chunks - 1) * capacity, 1
+    spill = np.repeat(chunks > 1, chunks).astype(np.uint8)
+    if chunks.max(initial=0) > config.merge_ways:
+        raise ValueError(f"groups must have at most {config.merge_ways} runs, not {int(chunks.max())!r}: more are not modelled")
+    tile_of = np.repeat(np.arange(len(counts)), counts)
+    first = np.concatenate(([0], np.cumsum(sizes)))[groups[tile_of]]
+    place = np.concatenate(([0], np.cumsum(counts)))[tile_of] - first + eye.rank
+    large = sizes[groups[tile_of]] > capacity
+    runs = -(-largest // capacity) if largest > capacity else 1
+    level = eye.level[tile_of].astype(np.int64)
+    view = (eye.splat.astype(np.int64) << trace.view_shift) + level
+    return RenderPlan(
+        groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
+        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last,
+        (place[large] // capacity).astype(np.int64), 2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
+
+
+def eye_groups(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None) -> np.ndarray:
+    """(tiles,) group of each tile."""
+    counts = eye.counts.astype(np.int64)
+    return merge_tiles(counts, trace.tiles_x, auto_beta(counts, config) if beta is None else beta)
+
+
+def largest_group(trace: FrameTrace, config: AcceleratorConfig, beta: int | None) -> int:
+    """Entries of the largest group of both eyes."""
+    return max(int(np.bincount(eye_groups(trace, eye, config, beta), eye.counts).max(initial=0)) for eye in trace.eyes)
+
+
+def cache_misses(splat: np.ndarray, level: np.ndarray, lines: int) -> np.ndarray:
+    """(entries,) uint8: the entry's view is not in the splat cache (rtl/vrc_array/splat_tags.py).
+
+    Args:
+        splat: (entries,) Gaussian of each, in rendering order.
+        level: (entries,) int64 its tile's.
+        lines: of the cache.
+    """
+    return _misses(splat.astype(np.int64), level, lines // CACHE_WAYS)
+
+
+@kernel
+def _misses(splat, level, sets):
+    tags = np.full((sets, CACHE_WAYS), -1, np.int64)
+    oldest, missed = np.zeros(sets, np.int64), np.empty(len(splat), np.uint8)
+    for i in range(len(splat)):
+        place, tag = splat[i] & sets - 1, splat[i] << 2 | level[i]
+        missed[i] = 1
+        for way in range(CACHE_WAYS):
+            if tags[place, way] == tag:
+                missed[i] = 0
+        if missed[i]:
+            tags[place, oldest[place]] = tag
+            oldest[place] = (oldest[place] + 1) % CACHE_WAYS
+    return missed
+
+
+def tile_rows(config: AcceleratorConfig) -> int:
+    """Rows of pixels of a tile."""
+    return TILE * TILE // config.cores_x

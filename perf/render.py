@@ -1,0 +1,124 @@
+"""The phase RENDER, a cycle a step: rtl/top/render_phase.py and the units below it.
+
+Units are stepped from the last to the first, as `perf.geometry` says.
+"""
+
+from __future__ import annotations
+
+from perf import blending, bus, lists, sorter, warp
+from perf.bus import CREDITS, ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
+from perf.kernel import kernel
+from perf.watch import (
+    BLENDING,
+    BLOCKED_SORT,
+    BLOCKED_WARP,
+    BUSY_SORT,
+    BUSY_WARP,
+    FETCHING,
+    GROUP,
+    HANDING,
+    OPEN,
+    SORTING,
+)
+
+
+@kernel
+def _note(s, t, stage, ends, times):
+    """An entry has moved into a stage: its group's first and last such cycles."""
+    if s[OPEN + stage] == 0:
+        times[2 * stage, s[GROUP + stage]] = t
+        s[OPEN + stage] = 1
+    if ends:
+        times[2 * stage + 1, s[GROUP + stage]] = t
+        s[OPEN + stage] = 0
+        s[GROUP + stage] += 1
+
+
+@kernel
+def _asking(s, t):
+    """Who asks for a read, and who for a write."""
+    reads = (1 << TILES) * (s[lists.OWED] != 0 and s[CREDITS + TILES] != 0)
+    reads |= (1 << ENTRIES) * (s[lists.REQUESTS] != 0 and s[CREDITS + ENTRIES] != 0)
+    reads |= (1 << SPILL) * (s[sorter.READ_FULL] != 0 and s[CREDITS + SPILL] != 0)
+    reads |= (1 << VIEWS) * (s[blending.REQUESTS] != 0 and s[CREDITS + VIEWS] != 0)
+    writes = (1 << W_FRAME) * (s[blending.SENDS] != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
+    writes |= (1 << W_WARP) * (s[warp.WRITE] != 0)
+    return reads, writes
+
+
+@kernel
+def _rows(s, t, writer, tile_number, tile_times, fills):
+    """The array's rows to the pixel writer and, of the source eye, to the warp unit."""
+    offered = blending.rows_offered(s, t)
+    if s[warp.PRESENT] == 0:
+        taken = blending.step_pixels(s, t, writer == W_FRAME, offered, tile_number, tile_times)
+        blending.count_rows(s, offered, taken)
+        if taken:
+            blending.take_row(s)
+        return
+    to_pixels = offered and s[warp.DONE] & 1 == 0
+    to_warp = offered and s[warp.DONE] & 2 == 0
+    row = s[warp.ROW]
+    took_pixels = blending.step_pixels(s, t, writer == W_FRAME, to_pixels, tile_number, tile_times)
+    took_warp = warp.step_warp(s, t, writer == W_WARP, to_warp, row, fills)
+    blending.count_rows(s, to_pixels, took_pixels)
+    s[BUSY_WARP] += took_warp
+    s[BLOCKED_WARP] += to_warp and not took_warp
+    if offered:
+        done = s[warp.DONE] | took_pixels | took_warp << 1
+        s[warp.DONE] = done
+        if done == 3:
+            s[warp.DONE] = 0
+            s[warp.ROW] = row + 1
+            blending.take_row(s)
+
+
+@kernel
+def render_phase(
+    s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
+    use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of, fills, times,
+    tile_times, limit,
+):
+    """The phase RENDER; gives its cycles, -1 where they are not enough."""
+    tiles = len(tile_counts)
+    for t in range(limit):
+        bus.begin_cycle(s)
+        reads, writes = _asking(s, t)
+        reader, writer = bus.grant_read(s, reads), bus.grant_write(s, writes)
+        swept = s[lists.SWEPT]
+        list_before, head_before = swept - s[lists.LIST_TAKEN], swept - s[lists.HEAD_TAKEN]
+        levels, buffered = s[lists.LEVELS], s[blending.BUFFER] + s[blending.ISSUE]
+        if blending.pixels_finished(s) and s[lists.WAIT_OUT] == tiles and warp.finished(s):
+            return t + 1
+        blending.load_issue(s, t)
+        blending.step_issue(s, t)
+        _rows(s, t, writer, drawn_number, tile_times, fills)
+        at = s[blending.AT]
+        entry = blending.step_setup(s, t, buffered, use, stop, drawn_counts, drawn_blend)
+        if entry:
+            _note(s, t, BLENDING, group_end[at], times)
+        at = s[blending.PENDING_IN] + s[blending.OCCUPIED]
+        fetched = blending.step_fetch(s, t, reader == VIEWS, entry, levels, missed, view_beat, drawn_counts)
+        if fetched:
+            _note(s, t, FETCHING, group_end[at], times)
+        sorter.step_handover(s, fetched)
+        sorter.step_run_writer(s, t, writer == W_SPILL)
+        at = s[sorter.SORTED]
+        if sorter.step_sort_out(
+            s, t, ways, reader == SPILL, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last,
+            way_of,
+        ):
+            _note(s, t, HANDING, group_end[at], times)
+        room = sorter.sort_room(s)
+        shown = s[lists.SHOWN]
+        if lists.step_unpack(s, t, room):
+            s[BUSY_SORT] += 1
+            _note(s, t, SORTING, group_end[s[sorter.TAKEN]], times)
+            sorter.step_sort_in(s, t, chunk_length, chunk_release)
+        elif shown:
+            s[BLOCKED_SORT] += 1
+        lists.step_walk(s, t, reader == ENTRIES, list_before, tile_counts, tile_lasts, page_beat, page_start)
+        lists.step_headers(s, t, reader == TILES, head_before, levels, rendered)
+        lists.step_sweep(s, t, list_before, head_before)
+        bus.end_cycle(s, t)
+    return -1

@@ -1,0 +1,320 @@
+"""The hierarchical sorter and the hand-over behind it, a cycle a step (rtl/sort_tmu/).
+
+The chunk sorter's stages are not stepped: when a chunk has come, `_release` follows its runs through the stages, from when the
+first entry of each leaves to when the last does; from the time so found on the chunk may leave, an entry a cycle.
+"""
+
+from __future__ import annotations
+
+from perf import bus
+from perf.bus import SPILL, W_SPILL, WAITING
+from perf.kernel import kernel
+from perf.layout import Layout
+from perf.lists import layout as before
+from perf.watch import BLOCKED_HANDOVER, BUSY_HANDOVER
+from spec.memory import BEAT_ENTRIES
+from spec.queues import SORT_MERGES
+
+layout = Layout(before.size)
+(CAPACITY, STAGES, SORT_ROOM, TAKEN, CHUNK_IN, PLACE_IN, FIRST_AT, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED,
+ ACTIVE, SPILLED) = layout.words(
+    "capacity stages sort_room taken chunk_in place_in first_at chunk_out place_out sorted incremental ring_runs used "
+    "active spilled")
+(PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
+    "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
+(PARTS_THERE, PLAN_CHUNK, PLAN_RUNS, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, GIVEN, FREED, TURN, READ_FULL, FETCH_IN,
+ FETCH_OUT, MERGE_RUNS, MERGE_LEFT, MERGED, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT) = layout.words(
+    "parts_there plan_chunk plan_runs plan_way plan_at planned started finished given freed turn read_full fetch_in "
+    "fetch_out merge_runs merge_left merged tree_in tree_out spill_base read_beat")
+(H_IN, H_OUT, HALVES, FILLING, FILLED, SHOWING, NEXT, SOURCE, SOURCE_LAST, SOURCE_HALF) = layout.words(
+    "h_in h_out halves filling filled showing next source source_last source_half")
+H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the ring lies behind all others
+
+_WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE = 32, 32, 32, 8
+"""RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output."""
+Q_TIMES, Q_FENCE = layout.ring(_WRITER_QUEUE), layout.ring(_WRITER_QUEUE)
+WAY_LEFT, WAY_ROOM, WAY_IN, WAY_OUT, WAY_PLACE, WAY_ENTRIES, WAY_BASE = (layout.ring(_WAYS) for _ in range(7))
+WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
+FETCHED = layout.ring(_WAYS * _WAY_BEATS)
+TREE = layout.ring(_TREE)
+STAGE_FREE = layout.ring(32)
+
+_TREE_LATENCY = 3  # of eight ways, the paper's; two cycles from a beat to its way, one from the tree's last node
+
+
+@kernel
+def _release(s, first, last, count):
+    """When the first entry of a chunk may leave, whose entries came from cycle `first` to `last`."""
+    run, begins, ends = 1, last, last
+    whole = count == 1
+    spread = (last - first + 1) / count
+    for stage in range(s[STAGES]):
+        runs = -(-count // run)
+        size = count - (runs - 1) * run  # of the last run, whose first and last entries come at `begins` and `ends`
+        free = s[STAGE_FREE + stage]
+        if runs == 1:
+            out = max((begins if whole else ends) + 1, free)
+            ends, whole = max(out + size - 1, ends + 1), True
+        elif runs & 1:
+            out = max(ends + 1, free, begins + int((2 - min(spread, 2.0)) * run))
+            ends = out + size - 1
+        else:
+            out = max(begins + 1, free)
+            ends = max(out + run + size - 1, ends + 1)
+        begins = out
+        s[STAGE_FREE + stage] = ends + 1
+        run *= 2
+    return begins
+
+
+@kernel
+def sort_room(s):
+    """The chunk sorter takes an entry."""
+    return s[TAKEN] - s[SORTED] - s[SPILLED] < s[SORT_ROOM]
+
+
+@kernel
+def step_sort_in(s, t, chunk_length, chunk_release):
+    """An entry into the chunk sorter."""
+    chunk, place = s[CHUNK_IN], s[PLACE_IN]
+    if place == 0:
+        s[FIRST_AT] = t
+    s[TAKEN] += 1
+    if place + 1 == chunk_length[chunk]:
+        chunk_release[chunk] = _release(s, s[FIRST_AT], t, chunk_length[chunk])
+        s[CHUNK_IN], s[PLACE_IN] = chunk + 1, 0
+    else:
+        s[PLACE_IN] = place + 1
+
+
+@kernel
+def step_run_writer(s, t, granted):
+    """RunWriter: the oldest beat, and its fence."""
+    at = s[QUEUE_OUT]
+    if granted:
+        bus.write(s, W_SPILL, s[SPILL_BASE] + s[W_BEAT])
+        s[W_BEAT] += 1
+        if s[Q_FENCE + (at & _WRITER_QUEUE - 1)]:
+            s[FENCED] = 1
+        else:
+            s[QUEUE_OUT] = at + 1
+    elif s[FENCED] and s[WAITING + W_SPILL] == 0:
+        s[FENCED] = 0
+        s[QUEUE_OUT] = at + 1
+        s[PARTS_THERE] += 1
+    if s[PACK_FULL] and s[QUEUE_IN] - s[QUEUE_OUT] < _WRITER_QUEUE:
+        at = s[QUEUE_IN]
+        s[Q_TIMES + (at & _WRITER_QUEUE - 1)], s[Q_FENCE + (at & _WRITER_QUEUE - 1)] = t + 2, s[PACK_FENCE]
+        s[QUEUE_IN], s[PACK_FULL] = at + 1, 0
+
+
+@kernel
+def writer_asks(s, t):
+    """The run writer has a beat for memory."""
+    at = s[QUEUE_OUT]
+    return s[FENCED] == 0 and at != s[QUEUE_IN] and s[Q_TIMES + (at & _WRITER_QUEUE - 1)] <= t
+
+
+@kernel
+def _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release):
+    """SpillDispatch: an entry of a chunk that is spilled to its run."""
+    chunk, place = s[CHUNK_OUT], s[PLACE_OUT]
+    if chunk >= s[CHUNK_IN] or chunk_spill[chunk] == 0 or chunk_release[chunk] > t or s[PACK_FULL]:
+        return
+    if place == 0:
+        if s[USED] == s[RING_RUNS]:
+            return
+        s[USED] += 1
+    s[ACTIVE] = 1
+    last = place + 1 == chunk_length[chunk]
+    s[SPILLED] += 1
+    s[PACK_PLACE] += 1
+    if s[PACK_PLACE] == BEAT_ENTRIES or last:
+        s[PACK_FULL], s[PACK_PLACE], s[PACK_FENCE] = 1, 0, last and chunk_last[chunk]
+    s[PLACE_OUT] = 0 if last else place + 1
+    s[CHUNK_OUT] = chunk + last
+
+
+@kernel
+def _plan(s, t, ways, run_length, run_last):
+    """MergePlan: runs of a part to their ways, two cycles each."""
+    if s[PLAN_RUNS] == 0:
+        if s[PARTS_THERE] and s[PLANNED] - s[FINISHED] < SORT_MERGES:
+            s[PARTS_THERE] -= 1
+            runs = 1
+            while run_last[s[PLAN_CHUNK] + runs - 1] == 0:
+                runs += 1
+            s[PLAN_RUNS], s[PLAN_WAY], s[PLAN_AT] = runs, 0, t + 4
+            s[PLANNED] += 1
+        return
+    way = s[PLAN_WAY]
+    if t < s[PLAN_AT]:
+        return
+    if way < s[PLAN_RUNS]:
+        if s[WAY_LEFT + way]:
+            return
+        s[WAY_LEFT + way] = -(-run_length[s[PLAN_CHUNK] + way] // BEAT_ENTRIES)
+    s[PLAN_WAY], s[PLAN_AT] = way + 1, t + 2
+    if way + 1 == ways:
+        s[PLAN_CHUNK] += s[PLAN_RUNS]
+        s[PLAN_RUNS] = 0
+
+
+@kernel
+def _read_runs(s, t, ways, granted):
+    """RunReader: a way's next beat into the request register, beats into their ways."""
+    if granted:
+        bus.read(s, SPILL, s[SPILL_BASE] + s[READ_BEAT])
+        s[READ_BEAT] += 1
+        s[READ_FULL] = 0
+    if s[READ_FULL] == 0:
+        way = s[TURN]
+        for _ in range(ways):
+            way = 0 if way + 1 == ways else way + 1
+            if s[WAY_LEFT + way] and s[WAY_ROOM + way]:
+                s[WAY_LEFT + way] -= 1
+                s[WAY_ROOM + way] -= 1
+                s[TURN], s[READ_FULL] = way, 1
+                s[FETCHED + (s[FETCH_IN] & _WAYS * _WAY_BEATS - 1)] = way
+                s[FETCH_IN] += 1
+                break
+    if bus.offered(s, SPILL, t):
+        bus.take(s, SPILL)
+        way = s[FETCHED + (s[FETCH_OUT] & _WAYS * _WAY_BEATS - 1)]
+        s[FETCH_OUT] += 1
+        at = s[WAY_IN + way]
+        s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] = t + 2
+        s[WAY_IN + way] = at + 1
+
+
+@kernel
+def _merge(s, t, way_of, run_length, run_last):
+    """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
+    if s[TREE_IN] - s[TREE_OUT] >= _TREE - 1:
+        return
+    if s[MERGE_LEFT] == 0:
+        if s[STARTED] == s[PLANNED]:
+            return
+        s[STARTED] += 1
+        runs, total = 0, 0
+        while runs == 0 or run_last[s[GIVEN] + runs - 1] == 0:
+            s[WAY_ENTRIES + runs] = run_length[s[GIVEN] + runs]
+            s[WAY_PLACE + runs] = 0
+            total += run_length[s[GIVEN] + runs]
+            runs += 1
+        s[MERGE_RUNS], s[MERGE_LEFT] = runs, total
+    for way in range(s[MERGE_RUNS]):
+        at = s[WAY_OUT + way]
+        if s[WAY_ENTRIES + way] and (
+                at == s[WAY_IN + way] or s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] > t):
+            return
+    way = way_of[s[MERGED]]
+    s[MERGED] += 1
+    s[WAY_ENTRIES + way] -= 1
+    s[WAY_PLACE + way] += 1
+    if s[WAY_PLACE + way] == BEAT_ENTRIES or s[WAY_ENTRIES + way] == 0:
+        s[WAY_PLACE + way] = 0
+        s[WAY_OUT + way] += 1
+        s[WAY_ROOM + way] += 1
+    s[TREE + (s[TREE_IN] & _TREE - 1)] = t + _TREE_LATENCY
+    s[TREE_IN] += 1
+    s[MERGE_LEFT] -= 1
+    if s[MERGE_LEFT] == 0:
+        s[GIVEN] += s[MERGE_RUNS]
+
+
+@kernel
+def _sorted(s, t, chunk_length, chunk_spill, chunk_release):
+    """Whether an entry is offered: 0, 1 from the chunk sorter, 2 from the merge tree."""
+    if s[ACTIVE]:
+        return 2 if s[TREE_IN] != s[TREE_OUT] and s[TREE + (s[TREE_OUT] & _TREE - 1)] <= t else 0
+    chunk = s[CHUNK_OUT]
+    return 1 if chunk < s[CHUNK_IN] and chunk_spill[chunk] == 0 and chunk_release[chunk] <= t else 0
+
+
+@kernel
+def step_sort_out(
+    s, t, ways, granted, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of,
+):
+    """What leaves the sorter for the hand-over; whether something did."""
+    offers = _sorted(s, t, chunk_length, chunk_spill, chunk_release)
+    moves = False
+    if offers:
+        moves = _hand_over(s, t, group_end[s[SORTED]])
+        if moves:
+            s[BUSY_HANDOVER] += 1
+        else:
+            s[BLOCKED_HANDOVER] += 1
+    if moves:
+        if offers == 1:
+            last = s[PLACE_OUT] + 1 == chunk_length[s[CHUNK_OUT]]
+            s[PLACE_OUT] = 0 if last else s[PLACE_OUT] + 1
+            s[CHUNK_OUT] += last
+        else:
+            s[TREE_OUT] += 1
+            s[SPILLED] -= 1
+            if group_end[s[SORTED]]:
+                s[FINISHED] += 1
+                s[USED] -= 1
+                while run_last[s[FREED]] == 0:
+                    s[FREED] += 1
+                    s[USED] -= 1
+                s[FREED] += 1
+                s[ACTIVE] = s[USED] != 0
+        s[SORTED] += 1
+    if s[RING_RUNS]:
+        _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release)
+        _merge(s, t, way_of, run_length, run_last)
+        _read_runs(s, t, ways, granted)
+        _plan(s, t, ways, run_length, run_last)
+    return moves
+
+
+@kernel
+def _hand_over(s, t, ends):
+    """An entry offered to the line buffer or the double buffer; whether it is taken."""
+    if s[INCREMENTAL]:
+        at = s[H_IN]
+        if at - s[H_OUT] >= s[LINE]:
+            return False
+        s[s[H_TIMES] + (at & s[H_MASK])] = t + 2
+        s[H_IN] = at + 1
+        return True
+    half = s[FILLING]
+    if s[HALVES] >> half & 1:
+        return False
+    s[FILLED] += 1
+    if ends or s[FILLED] == s[CAPACITY]:
+        s[H_ENDS + half] = s[FILLED]
+        s[FILLING], s[FILLED] = 1 - half, 0
+        s[HALVES] |= 4 << half  # seen in the next cycle
+    return True
+
+
+@kernel
+def handover_offers(s, t):
+    """The hand-over offers an entry."""
+    if s[INCREMENTAL]:
+        at = s[H_OUT]
+        return at != s[H_IN] and s[s[H_TIMES] + (at & s[H_MASK])] <= t
+    return s[SOURCE] != 0
+
+
+@kernel
+def step_handover(s, takes):
+    """The hand-over's output side."""
+    if s[INCREMENTAL]:
+        s[H_OUT] += takes
+        return
+    halves = (s[HALVES] | s[HALVES] >> 2) & ~(s[HALVES] >> 4) & 3  # as the cycle before has left them
+    s[HALVES] = halves
+    if takes:
+        s[SOURCE] = 0
+        s[HALVES] |= (16 << s[SOURCE_HALF]) * s[SOURCE_LAST]
+    shown = s[SHOWING]
+    if s[SOURCE] == 0 and halves >> shown & 1 and s[NEXT] < s[H_ENDS + shown]:
+        s[SOURCE], s[SOURCE_HALF] = 1, shown
+        s[NEXT] += 1
+        s[SOURCE_LAST] = s[NEXT] == s[H_ENDS + shown]
+        if s[SOURCE_LAST]:
+            s[NEXT], s[SHOWING] = 0, 1 - shown

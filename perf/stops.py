@@ -1,0 +1,55 @@
+"""After how many entries all pixels of a tile have stopped."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref import vrc_array
+from golden.msv2_ref.pipeline import Frame
+from spec import tables
+from spec.config import AcceleratorConfig
+
+
+def stop_entries(frame: Frame) -> np.ndarray:
+    """(tiles, 2) int32: entries after which every pixel of a level bank has stopped, -1 where some never do.
+
+    Only tiles whose finished pixels have all stopped can have banks that have; there the array is rendered again with fewer
+    entries, by bisection.
+    """
+    config, header = frame.config, frame.registers.header
+    stop = np.full((len(header), 2), -1, np.int32)
+    limit = tables.t_stop(config.formats)
+    candidates = np.flatnonzero((frame.pixels.transmittance < limit).all((1, 2)) & (np.diff(frame.entries.start) > 0))
+    for bank in range(2):
+        tiles = candidates[header[candidates, 1] != 0] if bank else candidates
+        if len(tiles):
+            stop[tiles, bank] = _bisect(config, frame, tiles, bank, limit)
+    return stop
+
+
+def _bisect(config: AcceleratorConfig, frame: Frame, tiles: np.ndarray, bank: int, limit: int) -> np.ndarray:
+    start, counts = frame.entries.start, np.diff(frame.entries.start)[tiles]
+    low, high = np.zeros(len(tiles), np.int64), counts.astype(np.int64)  # stopped after `high`, not after `low`
+    never = ~_stopped(config, frame, tiles, counts, bank, limit)
+    while (high - low > 1).any():
+        middle = (low + high) // 2
+        there = _stopped(config, frame, tiles, middle, bank, limit)
+        high, low = np.where(there, middle, high), np.where(there, low, middle)
+    del start
+    return np.where(never, -1, high)
+
+
+def _stopped(
+    config: AcceleratorConfig, frame: Frame, tiles: np.ndarray, counts: np.ndarray, bank: int, limit: int,
+) -> np.ndarray:
+    """Whether the pixels of a bank have stopped after the first `counts` entries of each tile."""
+    r, e = frame.registers, frame.entries
+    level = r.header[tiles, 0] + bank
+    tile_y, tile_x = np.divmod(tiles, r.tiles_x)
+    header = np.stack([tile_x, tile_y, level, (level > 0).astype(np.int64), np.zeros(len(tiles), np.int64)], 1)
+    start = np.concatenate(([0], np.cumsum(counts)))
+    rows = np.arange(start[-1]) + np.repeat(e.start[:-1][tiles] - start[:-1], counts)
+    used = (e.use[rows] >> bank & 1).astype(np.uint8)
+    work = vrc_array.TileWork(np.ascontiguousarray(header), np.zeros((len(tiles), 3), np.int64), start, e.splat[rows], used)
+    pixels = vrc_array.render(config, frame.splats, work, r.background)
+    return (pixels.transmittance < limit).all((1, 2))

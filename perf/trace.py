@@ -1,0 +1,268 @@
+"""What of a golden frame the machine's timing depends on: sizes, counts, orders, places in memory; no pixel and no splat.
+
+A `FrameTrace` is of one frame, of one or two eyes; an `EyeTrace` of a pass. It depends on the scene, the view, the formats and
+the chunk size of the configuration, but not on merging, hand-over, lanes or memory: `perf.model` takes these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import time
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref import culling, pipeline
+from golden.msv2_ref.quantise import GaussianWords
+from golden.msv2_ref.stereo import StereoFrame, render_stereo
+from golden.msv2_ref.warp_unit import FILLED
+from golden.render_stereo import render_request
+from golden.scenes.camera import Camera
+from golden.scenes.files import atomic_output
+from golden.scenes.gaze import FoveationMap
+from golden.scenes.model import GaussianModel
+from golden.scenes.request import resolve
+from golden.scenes.stereo import StereoPair
+from perf import geometry
+from perf.runs import tile_runs
+from perf.stops import stop_entries
+from spec.config import AcceleratorConfig
+from spec.constants import ECC_THRESHOLD_DEG, TILE
+
+VERSION = 1
+"""Of the files; others are made anew."""
+
+
+@dataclass(frozen=True)
+class EyeTrace:
+    """One eye's pass.
+
+    Attributes:
+        point_class: (points + 1,) uint8 of `perf.geometry`'s classes, in order, the frame's end as VISIBLE.
+        splat_steps: (projected + 1,) int32, groups of sixteen tiles that each projected splat's box covers, row by row.
+        step_runs: (steps,) uint8, runs of one kind of tiles in each of these.
+        run_entries: (runs,) uint8, entries of each run; run_closes: NOT_LAST, CLOSES, ENDS.
+        survivor: (survivors,) int32 index of each splat with an entry; views: its levels, a bit each.
+        tile: (entries,) int32 tile of each entry as the tile test gives them.
+        counts: (tiles,) int32.
+        rendered: (tiles,) bool. blend: (tiles,) bool. level: (tiles,) uint8.
+        splat: (entries,) int32, in rendering order; use: uint8, as `TileEntries`.
+        rank: (entries,) int32, place of each entry of rendering order in its tile's list in memory.
+        stop: (tiles, 2) int32, entries of the tile after which all pixels of a level bank have stopped; -1: they do not.
+        filtered: pairs dropped.
+    """
+
+    point_class: np.ndarray
+    splat_steps: np.ndarray
+    step_runs: np.ndarray
+    run_entries: np.ndarray
+    run_closes: np.ndarray
+    survivor: np.ndarray
+    views: np.ndarray
+    tile: np.ndarray
+    counts: np.ndarray
+    rendered: np.ndarray
+    blend: np.ndarray
+    level: np.ndarray
+    splat: np.ndarray
+    use: np.ndarray
+    rank: np.ndarray
+    stop: np.ndarray
+    filtered: np.ndarray
+
+
+@dataclass(frozen=True)
+class FrameTrace:
+    """A frame.
+
+    Attributes:
+        width, height: pixels.
+        points, sh_degree, view_shift: of the model and the frame.
+        eyes: one pass or two.
+        holes: (height, width) uint8, pixels of the target eye that the warp unit fills; empty for one eye.
+        golden_seconds: what rendering and tracing took, not cached.
+        record: the request as JSON-ready values.
+    """
+
+    width: int
+    height: int
+    points: int
+    sh_degree: int
+    view_shift: int
+    eyes: tuple[EyeTrace, ...]
+    holes: np.ndarray
+    golden_seconds: float
+    record: dict[str, object]
+
+    @property
+    def tiles_x(self) -> int:
+        return -(-self.width // TILE)
+
+    @property
+    def tiles_y(self) -> int:
+        return -(-self.height // TILE)
+
+    @property
+    def entries(self) -> int:
+        return sum(len(eye.splat) for eye in self.eyes)
+
+
+def eye_trace(frame: pipeline.Frame) -> EyeTrace:
+    """The trace of a golden frame of one eye."""
+    projected, header, e = frame.projected, frame.registers.header, frame.entries
+    tiles = len(header)
+    rendered = np.ones(tiles, bool) if frame.rendered is None else np.asarray(frame.rendered, bool)
+    reason = projected.reason
+    classes = np.full(len(reason) + 1, geometry.VISIBLE, np.uint8)
+    classes[:-1][reason != culling.VISIBLE] = geometry.NEAR_CULLED
+    classes[:-1][reason == culling.OUTSIDE] = geometry.OUTSIDE
+
+    counts = np.diff(e.start)
+    tile_of = np.repeat(np.arange(tiles, dtype=np.int32), counts)
+    arrival = np.argsort(e.splat.astype(np.int64) * tiles + tile_of, kind="stable")  # by splat, then by tile
+    rank = np.empty(len(arrival), np.int32)
+    by_tile = np.argsort(tile_of[arrival], kind="stable")  # per tile in the order of arrival
+    rank[arrival[by_tile]] = np.arange(len(arrival)) - np.repeat(e.start[:-1], counts)
+
+    visible = np.flatnonzero(reason == culling.VISIBLE).astype(np.int32)
+    kind = header[:, 0] * 4 + header[:, 1] * 2 + rendered
+    runs = tile_runs(
+        projected.box[visible].astype(np.int64), visible, e.splat[arrival], tile_of[arrival], kind.astype(np.int64),
+        frame.registers.tiles_x)
+    survivor = np.unique(e.splat)
+    mask = np.zeros(len(reason), np.uint8)
+    np.bitwise_or.at(mask, e.splat, (1 << header[tile_of, 0]).astype(np.uint8))
+    return EyeTrace(
+        classes, *runs, survivor.astype(np.int32), mask[survivor], tile_of[arrival], counts.astype(np.int32), rendered,
+        header[:, 1] != 0, header[:, 0].astype(np.uint8), e.splat.astype(np.int32), e.use, rank, stop_entries(frame),
+        np.array([e.filtered]))
+
+
+def trace_of(
+    frame: pipeline.Frame | StereoFrame, *, seconds: float = 0.0, record: Mapping[str, object] | None = None,
+) -> FrameTrace:
+    """The trace of a golden frame."""
+    eyes = [frame.source, frame.target] if isinstance(frame, StereoFrame) else [frame]
+    source = eyes[0]
+    r, begin = source.registers, time.perf_counter()
+    traces = tuple(eye_trace(eye) for eye in eyes)
+    shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
+    holes = np.zeros((0, 0), np.uint8)
+    if isinstance(frame, StereoFrame):
+        holes = (frame.warped.origin == FILLED).astype(np.uint8)
+    return FrameTrace(
+        r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
+        seconds + time.perf_counter() - begin, dict(record or {}))
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """What a frame's trace depends on besides scene, camera and machine.
+
+    Attributes:
+        foveation: tile levels and blend planes; None: level 1 everywhere.
+        background: r, g, b in [0, 1].
+        obb: bounding boxes instead of the exact tile test.
+        pair: the eyes, of a frame of two; the camera is then the source eye's, and means nothing.
+        threshold_deg, gaze_target: as `golden.msv2_ref.stereo.render_stereo`.
+    """
+
+    foveation: FoveationMap | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    obb: bool = False
+    pair: StereoPair | None = None
+    threshold_deg: float = ECC_THRESHOLD_DEG
+    gaze_target: tuple[float, float] | None = None
+
+
+def trace_frame(
+    scene: GaussianModel | GaussianWords, camera: Camera, settings: TraceSettings | None, config: AcceleratorConfig,
+) -> FrameTrace:
+    """Renders a frame with the golden renderer and traces it.
+
+    Args:
+        scene: the Gaussians, or their words when several frames share them.
+        camera: the view.
+        settings: see `TraceSettings`; None: its defaults.
+        config: the machine; formats, levels, row width and stereo matter here.
+
+    Raises:
+        InputError: what the golden renderer does not accept.
+    """
+    settings, begin = settings or TraceSettings(), time.perf_counter()
+    if settings.pair is not None:
+        golden = render_stereo(
+            scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
+            gaze_target=settings.gaze_target, background=settings.background, obb=settings.obb)
+    else:
+        golden = pipeline.render(
+            scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
+    return trace_of(golden, seconds=time.perf_counter() - begin)
+
+
+def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
+    """The trace behind the arguments of a request (`golden.scenes.request`, `golden.render_stereo`).
+
+    Args:
+        args: parsed, and of two eyes taken (`take_stereo_arguments`).
+        config: the machine.
+        cache: folder in which traces are kept; None: nothing is.
+
+    Raises:
+        InputError: see `resolve`.
+    """
+    kept = cache / f"{_key(args, config)}.npz" if cache else None
+    found = load_trace(kept) if kept and kept.is_file() else None
+    if found:
+        return found
+    begin = time.perf_counter()
+    request = resolve(args)
+    if getattr(args, "stereo", False):
+        golden = render_request(args, request, config.with_(stereo=True))
+    else:
+        golden = pipeline.render(
+            request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+    trace = trace_of(golden, seconds=time.perf_counter() - begin, record=request.record)
+    if kept:
+        save_trace(trace, kept)
+    return trace
+
+
+_REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
+            "source", "gaze_target")
+
+
+def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
+    """A name for the trace: what was asked for, of which files, for which numbers."""
+    asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
+    files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
+             for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
+    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width)
+    return hashlib.sha256(repr((VERSION, asked, files, machine)).encode()).hexdigest()[:16]
+
+
+def save_trace(trace: FrameTrace, path: Path) -> None:
+    """The trace as a compressed npz, complete or not at all."""
+    scalars = {f.name: getattr(trace, f.name) for f in fields(trace) if f.name not in ("eyes", "holes")}
+    arrays = {f"{f.name}_{i}": getattr(eye, f.name) for i, eye in enumerate(trace.eyes) for f in fields(eye)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_output(path) as file:
+        np.savez_compressed(file, version=VERSION, scalars=json.dumps(scalars, default=float), holes=trace.holes, **arrays)
+
+
+def load_trace(path: Path) -> FrameTrace | None:
+    """What `save_trace` wrote; None of files of other versions or broken ones."""
+    try:
+        with np.load(path) as file:
+            if int(file["version"]) != VERSION:
+                return None
+            scalars, count = json.loads(str(file["scalars"])), 1 + ("splat_1" in file)
+            eyes = tuple(EyeTrace(**{f.name: file[f"{f.name}_{i}"] for f in fields(EyeTrace)}) for i in range(count))
+            return FrameTrace(**scalars, eyes=eyes, holes=file["holes"])
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
