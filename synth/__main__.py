@@ -1,18 +1,26 @@
-"""Synthesise a unit: area, and timing in OpenSTA.
+"""Synthesise a unit, or all units of a machine: area, and timing in OpenSTA.
 
     python -m synth --unit pixel_core --tech asap7 --clock-ps 1000
+    python -m synth --config paper --stereo --tech asap7
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from spec.errors import run_command_line
+from spec.config import CONFIGS
+from spec.errors import InputError, run_command_line
 from synth import timing
-from synth.report import TECHNOLOGIES, synthesise_unit
+from synth.area import AreaReport, machine_area
+from synth.report import synthesise_unit, write_json
+from synth.settings import TECHNOLOGIES, Settings
 from synth.units import UNITS
+
+JOBS = max(1, (os.cpu_count() or 2) // 2)
+"""Modules synthesised at a time: each takes a core and up to 1 GB."""
 
 
 def as_line(label: str, result: dict) -> str:
@@ -28,22 +36,68 @@ def as_line(label: str, result: dict) -> str:
             f"{1e3 / result['zero_slack_ps']:.2f} GHz, {1e3 / result['derated_ps']:.2f} GHz with 15 % for wires")
 
 
+def machine_lines(report: AreaReport) -> list[str]:
+    """The printed table of a machine."""
+    unit = "NAND2" if report.technology == "generic" else "um2"
+    rows = [("unit", "group", f"logic, {unit}", "cells", "memory bits", "memory, um2", "slack, ps")]
+    for row in report.rows:
+        rows.append((row.unit, row.group, *(_number(value) for value in (
+            row.logic_um2, row.cells, row.memory_bits, row.memory_um2, row.slack_ps))))
+    for group, sums in report.groups().items():
+        rows.append(("all of", group, *(_number(sums[key]) for key in ("logic_um2", "cells", "memory_bits", "memory_um2")), ""))
+    lines = ["{:24} {:26} {:>13} {:>9} {:>12} {:>12} {:>10}".format(*row) for row in rows]
+    if report.scales:
+        total, logic = report.total_mm2_16nm(), report.total_mm2_16nm(memories=False)
+        lines.append(f"at 16 nm: {total:.3f} mm2, {logic:.3f} without memories")
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:,.0f}"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
-    parser.add_argument("--unit", default="pixel_core", help=f"one of {', '.join(UNITS)} (default: pixel_core)")
-    parser.add_argument("--tech", default="generic", help=f"one of {', '.join(TECHNOLOGIES)} (default: generic)")
+    parser.add_argument("--unit", help=f"one of {', '.join(UNITS)} (default: pixel_core)")
+    parser.add_argument("--config", help=f"all units of a machine: one of {', '.join(CONFIGS)}")
+    parser.add_argument("--stereo", action="store_true", help="of a machine: with the warp unit")
+    parser.add_argument("--tech", default="generic",
+                        help=f"one of {', '.join(TECHNOLOGIES)}, or the path of a liberty file (default: generic)")
     parser.add_argument("--clock-ps", type=float, default=1000.0, help="clock period in ps (default: 1000)")
+    parser.add_argument("--jobs", type=int, default=JOBS, help=f"modules of a machine at a time (default: {JOBS})")
     parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR", help="default: build/synth")
     args = parser.parse_args(argv)
-    report = synthesise_unit(args.unit, args.tech, args.clock_ps, args.out)
-    print(as_line(args.unit, report))
-    for label, result in report["variants"].items():
-        print(as_line(f"  {label}", result))
+    if args.unit and args.config:
+        raise InputError(f"one of unit and config is accepted, not {args.unit!r} and {args.config!r}")
+    if args.jobs < 1:
+        raise InputError(f"jobs must be at least 1, not {args.jobs!r}")
+    written = _machine(args) if args.config else _unit(args)
     if args.tech != "generic" and not timing.available():
         print("no timing: sta is not installed (Debian's package opensta)")
-    print(f"wrote {args.out / f'{args.unit}-{args.tech}.json'}")
+    print(f"wrote {written}")
     return 0
+
+
+def _unit(args: argparse.Namespace) -> Path:
+    unit = args.unit or "pixel_core"
+    report = synthesise_unit(unit, args.tech, args.clock_ps, args.out)
+    print(as_line(unit, report))
+    for label, result in report["variants"].items():
+        print(as_line(f"  {label}", result))
+    return args.out / f"{unit}-{Settings(args.tech, args.clock_ps, args.out).label}.json"
+
+
+def _machine(args: argparse.Namespace) -> Path:
+    name = args.config.lower()
+    if name not in CONFIGS:
+        raise InputError(f"config {args.config!r} is not known: {', '.join(CONFIGS)} are")
+    config = CONFIGS[name].with_(stereo=args.stereo)
+    report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, lambda line: print(line, flush=True))
+    path = args.out / f"{name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
+    write_json(path, report.as_json())
+    print("\n".join(machine_lines(report)))
+    return path
 
 
 if __name__ == "__main__":

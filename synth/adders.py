@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from math import inf
 
 from synth.heap import Adder, Bit, Cut, Gate, Node, add_up, choose_blocks, choose_flips
@@ -59,7 +60,7 @@ class Builder:
 def map_adders(
     module: dict, technology: Technology, blocks: Mapping[str, Sequence[int]], budgets: Mapping[str, float] | None = None,
 ) -> dict[str, Cut]:
-    """Replace, in place, the sums of one module by full adders (pins A, B, CI, CON, SN).
+    """Replace, in place, the sums of one module by the library's full adders.
 
     `blocks`: by name of a sum's result, the incremented blocks of its carry chain. Other sums get blocks where they would take
     longer than the ps that `budgets` has for their name, or for "" if not for that; returns those, by name.
@@ -164,7 +165,8 @@ def _build(builder: Builder, added: tuple[list[Bit | None], list[Node]], result:
         if any(id(bit) in wanted for bit in _outputs(node)):
             wanted |= {id(bit) for bit in node.inputs}
     full = [node for node in nodes if isinstance(node, Adder) and id(node.sum) in wanted]
-    choose_flips(full, [node for node in nodes if isinstance(node, Gate)])
+    if builder.technology.adder_inverts:
+        choose_flips(full, [node for node in nodes if isinstance(node, Gate)])
     native: dict[int, tuple[Net, bool]] = {}  # a node's output -> (net, the net holds the complement)
     for node in nodes:
         if not any(id(bit) in wanted for bit in _outputs(node)):
@@ -185,12 +187,13 @@ def _outputs(node: Node) -> tuple[Bit, ...]:
 
 
 def _add_full_adder(builder: Builder, adder: Adder, native: dict[int, tuple[Net, bool]]) -> None:
+    cell, names = builder.technology.full_adder
     pins = [_in_polarity(builder, bit, adder.flipped, native) for bit in adder.inputs]
     pins += [str(int(adder.flipped))] * (3 - len(pins))
-    outputs = {"SN": builder.net(), "CON": builder.net()}
-    native[id(adder.sum)] = outputs["SN"], not adder.flipped
-    native[id(adder.carry)] = outputs["CON"], not adder.flipped
-    builder.cell(builder.technology.full_adder, dict(zip(("A", "B", "CI"), pins, strict=True)), outputs)
+    sum_net, carry_net = builder.net(), builder.net()
+    complemented = adder.flipped != builder.technology.adder_inverts
+    native[id(adder.sum)], native[id(adder.carry)] = (sum_net, complemented), (carry_net, complemented)
+    builder.cell(cell, dict(zip(names, pins, strict=False)), {names[4]: sum_net, names[3]: carry_net})
 
 
 def _add_majority(builder: Builder, adder: Adder, native: dict[int, tuple[Net, bool]]) -> Net:
@@ -204,10 +207,21 @@ def _add_majority(builder: Builder, adder: Adder, native: dict[int, tuple[Net, b
 
 def _add_gate(builder: Builder, gate: Gate, native: dict[int, tuple[Net, bool]]) -> Net:
     inputs = [_in_polarity(builder, bit, False, native) for bit in gate.inputs]
+    if gate.kind not in builder.technology.gates:
+        return _plain_gate(builder, gate.kind, inputs)
     cell, pins = builder.technology.gates[gate.kind]
     net = builder.net()
     builder.cell(cell, dict(zip(pins, inputs, strict=True)), {"Y": net})
     return net
+
+
+def _plain_gate(builder: Builder, kind: str, inputs: list[Net]) -> Net:
+    """The same of Yosys' own gates."""
+    if kind == "XOR2":
+        return builder.gate("XOR", *inputs)
+    if kind == "AO21":
+        return builder.gate("OR", builder.gate("AND", *inputs[:2]), inputs[2])
+    return reduce(lambda a, b: builder.gate("AND", a, b), inputs)
 
 
 def _in_polarity(builder: Builder, bit: Bit, complemented: bool, native: dict[int, tuple[int, bool]]) -> Net:

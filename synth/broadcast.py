@@ -8,8 +8,8 @@ from collections.abc import Sequence
 BOXES_PER_BUFFER = 4
 
 
-def buffer_broadcasts(module: dict, boxes: Sequence[str], buffer: str) -> int:
-    """Insert buffers (pins A, Y) in place; returns how many. Clocks stay as they are: no clock tree is made."""
+def buffer_broadcasts(module: dict, boxes: Sequence[str], buffer: tuple[str, str, str]) -> int:
+    """Insert buffers (cell, input, output) in place; returns how many. Clocks stay as they are: no clock tree is made."""
     sinks: dict[int, list[tuple[str, str, int]]] = defaultdict(list)
     for name, cell in module["cells"].items():
         if cell["type"] in boxes:
@@ -19,14 +19,14 @@ def buffer_broadcasts(module: dict, boxes: Sequence[str], buffer: str) -> int:
                         if isinstance(bit, int):
                             sinks[bit].append((name, pin, i))
     next_net = 1 + max((bit for wire in module["netnames"].values() for bit in wire["bits"] if isinstance(bit, int)), default=1)
-    count = 0
+    count, (cell_name, given, driven) = 0, buffer
     for net, pins in sinks.items():
         if len(pins) <= BOXES_PER_BUFFER:
             continue
         for start in range(0, len(pins), BOXES_PER_BUFFER):
             module["cells"][f"broadcast{count}"] = {
-                "hide_name": 0, "type": buffer, "parameters": {}, "attributes": {},
-                "port_directions": {"A": "input", "Y": "output"}, "connections": {"A": [net], "Y": [next_net]},
+                "hide_name": 0, "type": cell_name, "parameters": {}, "attributes": {},
+                "port_directions": {given: "input", driven: "output"}, "connections": {given: [net], driven: [next_net]},
             }
             for name, pin, i in pins[start:start + BOXES_PER_BUFFER]:
                 module["cells"][name]["connections"][pin][i] = next_net

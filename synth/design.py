@@ -27,12 +27,8 @@ class Design:
     below: dict[str, Counter[str]]
 
     def source(self, name: str) -> str:
-        """RTLIL of a module and of all below it."""
-        wanted = {name}
-        for module in reversed(self.texts):
-            if module in wanted:
-                wanted |= set(self.below[module])
-        return "\n".join(text for module, text in self.texts.items() if module in wanted)
+        """RTLIL of a module, and the ports of those that it instantiates."""
+        return "\n".join([*(_ports(self.texts[box], box) for box in sorted(self.below[name])), self.texts[name]])
 
     def counts(self) -> Counter[str]:
         """How many of each module the whole component has."""
@@ -41,6 +37,13 @@ class Design:
             for box, count in self.below[module].items():
                 found[box] += found[module] * count
         return found
+
+
+def _ports(text: str, name: str) -> str:
+    """A module's ports alone, of the text of it and of what is below it."""
+    start = text.index(f"module \\{name}\n")
+    body = text[start:text.index("\nend\n", start)]
+    return "\n".join([f"module \\{name}", *re.findall(r"(?m)^\s*wire .*(?:input|output|inout) \d+.*$", body), "end\n"])
 
 
 def elaborate(component: wiring.Component, name: str) -> Design:

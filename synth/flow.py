@@ -30,11 +30,14 @@ from synth.memories import LIMIT, Macro, take_out
 
 Result = TypeVar("Result")
 
-ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D 150; dnsize -D 150"
-"""Area first; then buffers, and gates between two adders sized for 150 ps, so that no single one is slow."""
+ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D {0:.0f}; dnsize -D {0:.0f}"
+"""Area first; then buffers, and gates between two adders sized for a share of the clock, so that no single one is slow."""
 
-ABC_LOAD = 1.6
-"""Load that ABC assumes at its outputs: a full adder's pin, fF."""
+ABC_SHARE = 0.15
+"""That share."""
+
+SOURCES = ("adders", "broadcast", "flow", "heap", "mapping", "memories", "timing")
+"""Modules of this package that a netlist depends on, besides the library's description."""
 
 NAND2_SCRIPT = "strash; dch; map -a"
 NAND2_FLOP = 6.0
@@ -50,6 +53,7 @@ class Netlist:
         area: in the library's unit; NAND2 equivalents for the generic technology. Without the modules below.
         cells: how many library cells of each type.
         memories: how many of which memories are left out.
+        stores: all memories by name, those that are left out and those that are not.
         sums: what was chosen for those without a hint, by name.
     """
 
@@ -57,6 +61,7 @@ class Netlist:
     area: float
     cells: dict[str, int]
     memories: dict[Macro, int]
+    stores: list[dict[str, object]]
     sums: dict[str, Cut]
 
 
@@ -97,7 +102,7 @@ def _if_memories(rtlil: str, *commands: str) -> tuple[str, ...]:
 def synthesise(
     rtlil: str, top: str, technology: Technology, liberty: Path, folder: Path,
     blocks: Mapping[str, Sequence[int]], boxes: Sequence[str] = (), budgets: Mapping[str, float] | None = None,
-    memory_limit: int = LIMIT,
+    memory_limit: int = LIMIT, clock_ps: float = 1000.0,
 ) -> Netlist:
     """Write the netlist of module `top` to `folder/top.v`.
 
@@ -107,22 +112,22 @@ def synthesise(
     """
     t, description, constraints, log = technology, folder / f"{top}.json", folder / "abc.constr", folder / "yosys.log"
     run("alumacc", "opt_clean", f"write_json {description}", log=log, design=_elaborate(rtlil, top, boxes, folder))
-    constraints.write_text(f"set_driving_cell {t.inverter}\nset_load {ABC_LOAD} [all_outputs]\n")
-    macros = _edit(description, lambda modules: take_out(modules[top], memory_limit))
-    chosen = _edit(description, lambda modules: map_adders(modules[top], t, blocks, budgets))
+    constraints.write_text(f"set_driving_cell {t.inverter}\nset_load {t.gate_load_ff} [all_outputs]\n")
+    macros, stores = _edit(description, lambda modules: take_out(modules[top], memory_limit))
+    chosen = _edit(description, lambda modules: map_adders(modules[top], t, blocks, budgets)) if t.full_adder else {}
+    script = ABC_SCRIPT.format(ABC_SHARE * clock_ps).replace(" ", ",")
     run(
         f"read_liberty -lib {liberty}", f"read_json {description}", f"hierarchy -top {top}",
         "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",
-        "simplemap", f"clockgate -pos {t.clock_gate} ENA:CLK:GCLK -tie_lo SE -min_net_size 4",
-        f"dfflibmap -liberty {liberty}", "opt",
-        f"abc -liberty {liberty} -constr {constraints} -script +{ABC_SCRIPT.replace(' ', ',')}", "opt_clean -purge",
+        "simplemap", *_clock_gating(t), f"dfflibmap -liberty {liberty}", "opt",
+        f"abc -liberty {liberty} -constr {constraints} -script +{script}", "opt_clean -purge",
         f"write_json {description}", log=log,
     )
     _edit(description, lambda modules: buffer_broadcasts(modules[top], boxes, t.broadcast_buffer))
     verilog, statistics = folder / f"{top}.v", folder / f"{top}.stat"
     run(
         f"read_json {description}", f"hierarchy -top {top}",
-        f"hilomap -singleton -hicell {t.tie_high} H -locell {t.tie_low} L", "splitnets", "opt_clean -purge",
+        *_constants(t), "splitnets", "opt_clean -purge",
         f"tee -q -o {statistics} stat -top {top} -liberty {liberty} -json",
         f"write_verilog -noattr -noexpr -simple-lhs {verilog}", log=log,
     )
@@ -130,7 +135,23 @@ def synthesise(
     verilog.write_text(re.sub(r"(?m)^(\s*(?:wire|input|output) )signed ", r"\1", verilog.read_text()))
     found = json.loads(statistics.read_text())["modules"][f"\\{top}"]
     cells = {kind: n for kind, n in found["num_cells_by_type"].items() if kind not in boxes}
-    return Netlist(verilog, found.get("area", 0.0), cells, Counter(macros), chosen)
+    return Netlist(verilog, found.get("area", 0.0), cells, Counter(macros), stores, chosen)
+
+
+def _clock_gating(technology: Technology) -> list[str]:
+    """Enables become clock gates, where the library has one."""
+    if technology.clock_gate is None:
+        return []
+    cell, enable, clock, output, test = technology.clock_gate
+    return [f"clockgate -pos {cell} {enable}:{clock}:{output}{f' -tie_lo {test}' if test else ''} -min_net_size 4"]
+
+
+def _constants(technology: Technology) -> list[str]:
+    """Constants become cells, where the library has them."""
+    if technology.tie_high is None or technology.tie_low is None:
+        return []
+    high, low = " ".join(technology.tie_high), " ".join(technology.tie_low)
+    return [f"hilomap -singleton -hicell {high} -locell {low}"]
 
 
 def count_nand2(
@@ -138,10 +159,10 @@ def count_nand2(
 ) -> Netlist:
     """NAND2 equivalents of module `top`: two-input NANDs and inverters (half a NAND2), flip-flops as NAND2_FLOP."""
     statistics, verilog, description = (folder / f"{top}-generic.{suffix}" for suffix in ("stat", "v", "json"))
-    design, macros = _elaborate(rtlil, top, boxes, folder), []
+    design, macros, stores = _elaborate(rtlil, top, boxes, folder), [], []
     if "$memrd" in rtlil:
         run(f"write_json {description}", log=folder / "yosys.log", design=design)
-        macros = _edit(description, lambda modules: take_out(modules[top], memory_limit))
+        macros, stores = _edit(description, lambda modules: take_out(modules[top], memory_limit))
         design = run(f"read_json {description}", f"hierarchy -top {top}", log=folder / "yosys.log")
     run("alumacc", "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",
         "dfflegalize -cell $_DFF_P_ x", "techmap",
@@ -153,7 +174,7 @@ def count_nand2(
     unknown = set(cells) - set(weights)
     if unknown:
         raise RuntimeError(f"generic netlist of {top} holds {sorted(unknown)}")
-    return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells, Counter(macros), {})
+    return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells, Counter(macros), stores, {})
 
 
 def _edit(path: Path, change: Callable[[dict], Result]) -> Result:

@@ -29,11 +29,23 @@ class Macro:
         return self.words * self.width
 
 
-def take_out(module: dict, limit: int = LIMIT) -> list[Macro]:
-    """Remove the larger memories of one module, in place (`$mem_v2` cells, as `memory_collect` leaves them)."""
-    macros = []
+MADE_AS = ("macro", "flip-flops: small", "flip-flops: unclocked reads", "logic: never written")
+"""What becomes of a memory."""
+
+
+def take_out(module: dict, limit: int = LIMIT) -> tuple[list[Macro], list[dict[str, object]]]:
+    """Remove the larger memories of one module, in place (`$mem_v2` cells, as `memory_collect` leaves them).
+
+    Returns them, and all memories by name: their shape and which of MADE_AS they become.
+    """
+    macros, stores = [], []
     for name, cell in list(module["cells"].items()):
-        if cell["type"] != "$mem_v2" or not _is_macro(cell, limit):
+        if cell["type"] != "$mem_v2":
+            continue
+        made_as = _made_as(cell, limit)
+        shape = Macro(*(_number(cell, key) for key in ("SIZE", "WIDTH", "RD_PORTS", "WR_PORTS")))
+        stores.append({"name": name, **asdict(shape), "made_as": made_as})
+        if made_as != "macro":
             continue
         label = f"memory{len(macros)}"
         for pin in ("RD_ADDR", "RD_EN", "WR_ADDR", "WR_EN", "WR_DATA"):
@@ -41,9 +53,9 @@ def take_out(module: dict, limit: int = LIMIT) -> list[Macro]:
             if nets:  # enables are repeated for every bit
                 module["ports"][f"{label}_{pin.lower()}"] = {"direction": "output", "bits": nets}
         module["ports"][f"{label}_rd_data"] = {"direction": "input", "bits": cell["connections"]["RD_DATA"]}
-        macros.append(Macro(*(_number(cell, key) for key in ("SIZE", "WIDTH", "RD_PORTS", "WR_PORTS"))))
+        macros.append(shape)
         del module["cells"][name]
-    return macros
+    return macros, stores
 
 
 def as_rows(counted: dict[Macro, int]) -> list[dict[str, int]]:
@@ -52,9 +64,12 @@ def as_rows(counted: dict[Macro, int]) -> list[dict[str, int]]:
     return [{"count": count, **asdict(macro)} for macro, count in ordered]
 
 
-def _is_macro(cell: dict, limit: int) -> bool:
-    clocked = set(cell["parameters"]["RD_CLK_ENABLE"]) == {"1"}
-    return _number(cell, "SIZE") * _number(cell, "WIDTH") > limit and _number(cell, "WR_PORTS") > 0 and clocked
+def _made_as(cell: dict, limit: int) -> str:
+    if _number(cell, "WR_PORTS") == 0:
+        return "logic: never written"
+    if set(cell["parameters"]["RD_CLK_ENABLE"]) != {"1"}:
+        return "flip-flops: unclocked reads"
+    return "macro" if _number(cell, "SIZE") * _number(cell, "WIDTH") > limit else "flip-flops: small"
 
 
 def _number(cell: dict, key: str) -> int:

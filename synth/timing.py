@@ -10,6 +10,9 @@ from pathlib import Path
 
 from synth.liberty import Technology
 
+CLOCK_TRANSITION = 0.02
+"""Share of the clock that its edges take."""
+
 INPUT_DELAY = 0.1
 """Share of the clock by which inputs arrive: they come from registers outside the unit, over a row's wires."""
 
@@ -64,19 +67,20 @@ def preamble(
     verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, memories: bool = False,
 ) -> str:
     """Commands that read a netlist and constrain it. `memories`: it has pins of memories among its ports."""
+    clock = clock_ps / technology.time_unit_ps
     return "\n".join([
         f"read_liberty {liberty}", *(f"read_verilog {path}" for path in verilog), f"link_design {top}",
-        f"create_clock -name clk -period {clock_ps} [get_ports clk]",
-        "set_clock_transition 20 [get_clocks clk]",
+        f"create_clock -name clk -period {clock} [get_ports clk]",
+        f"set_clock_transition {CLOCK_TRANSITION * clock} [get_clocks clk]",
         "set inputs [list]",
         "foreach p [all_inputs] { if {[get_property $p full_name] != \"clk\"} { lappend inputs $p } }",
-        f"set_input_delay {INPUT_DELAY * clock_ps} -clock clk $inputs",
-        f"set_driving_cell -lib_cell {technology.driver} $inputs",
-        f"set_output_delay {OUTPUT_DELAY * clock_ps} -clock clk [all_outputs]",
-        f"set_load {technology.load_ff} [all_outputs]",
+        f"set_input_delay {INPUT_DELAY * clock} -clock clk $inputs",
+        "set_driving_cell -lib_cell {} -pin {} $inputs".format(*technology.driver),
+        f"set_output_delay {OUTPUT_DELAY * clock} -clock clk [all_outputs]",
+        f"set_load {technology.load} [all_outputs]",
         "set_false_path -from [get_ports rst]",  # held for many cycles; like the clock it would be a tree
         *(f"foreach p [all_{way}puts] {{ if {{[string match memory* [get_property $p full_name]]}} "
-          f"{{ set_{way}put_delay {share * clock_ps} -clock clk $p }} }}"
+          f"{{ set_{way}put_delay {share * clock} -clock clk $p }} }}"
           for way, share in (("in", MEMORY_READ), ("out", MEMORY_SETUP)) if memories),
     ]) + "\n"
 
@@ -86,11 +90,14 @@ def analyse(
 ) -> Timing:
     """Worst setup slack of module `top`; where nothing is clocked, infinite. `memories`: of the module itself, taken out."""
     commands = preamble(verilog, top, clock_ps, technology, liberty, memories)
-    commands += "report_checks -path_delay max -fields {capacitance slew fanout} -digits 1\nreport_worst_slack\n"
-    commands += f"puts LATE\nreport_checks -path_delay max -slack_max 0 -group_count {_LATE_PATHS} -digits 1\n"
+    digits = 1 if technology.time_unit_ps <= 1 else 4
+    commands += f"report_checks -path_delay max -fields {{capacitance slew fanout}} -digits {digits}\n"
+    commands += f"report_worst_slack -digits {digits + 1}\n"
+    commands += f"puts LATE\nreport_checks -path_delay max -slack_max 0 -group_count {_LATE_PATHS} -digits {digits}\n"
     output, late = run_sta(commands, folder).split("LATE\n")
     slack = re.findall(r"worst slack\s+(-?[\d.]+)", output)
     if not slack:
         raise RuntimeError(f"sta reported no slack:\n{output}")
     version = subprocess.run(["sta", "-version"], capture_output=True, text=True, check=False).stdout.strip()
-    return Timing(clock_ps, float(slack[-1]), output, version, frozenset(re.findall(r" ([\w.]+)_fa\d+/", late)))
+    late_sums = frozenset(re.findall(r" ([\w.]+)_fa\d+/", late))
+    return Timing(clock_ps, round(float(slack[-1]) * technology.time_unit_ps, 2), output, version, late_sums)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -15,12 +16,13 @@ pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
 from synth import flow
 from synth.adders import map_adders
 from synth.heap import Adder, Bit, add_up, choose_blocks
-from synth.liberty import ASAP7
+from synth.liberty import ASAP7, Technology
 
 MODELS = """
 module FAx1_ASAP7_75t_R(input A, B, CI, output CON, SN);
   assign CON = ~(A & B | CI & (A | B)), SN = ~(A ^ B ^ CI);
 endmodule
+module FAX1(input A, B, C, output YC, YS); assign YC = A & B | C & (A | B), YS = A ^ B ^ C; endmodule
 module XOR2x2_ASAP7_75t_R(input A, B, output Y); assign Y = A ^ B; endmodule
 module AND2x2_ASAP7_75t_R(input A, B, output Y); assign Y = A & B; endmodule
 module AND3x1_ASAP7_75t_R(input A, B, C, output Y); assign Y = A & B & C; endmodule
@@ -28,6 +30,9 @@ module AND4x1_ASAP7_75t_R(input A, B, C, D, output Y); assign Y = A & B & C & D;
 module AND5x1_ASAP7_75t_R(input A, B, C, D, E, output Y); assign Y = A & B & C & D & E; endmodule
 module AO21x1_ASAP7_75t_R(input A1, A2, B, output Y); assign Y = A1 & A2 | B; endmodule
 """
+
+TRUE = replace(ASAP7, full_adder=("FAX1", ("A", "B", "C", "YC", "YS")), adder_inverts=False, gates={})
+"""A library whose adder has true outputs, and no gates for blocks."""
 
 SUMS = {
     "multiply and accumulate": ("input [4:0] a, input [3:0] b, input [5:0] c, output [8:0] y",
@@ -49,14 +54,16 @@ SUMS = {
 }
 
 
-def rebuilt(path: Path, ports: str, body: str, blocks: tuple[int, ...], budget: float = inf) -> tuple[str, dict]:
+def rebuilt(
+    path: Path, ports: str, body: str, blocks: tuple[int, ...], budget: float = inf, technology: Technology = ASAP7,
+) -> tuple[str, dict]:
     """Verilog of the original, and the module rebuilt."""
     source, netlist = path / "source.v", path / "netlist.json"
     source.write_text(f"module gold({ports}); {body} endmodule\n")
     flow.run(f"read_verilog {source}", "hierarchy -top gold", "proc", "opt", "alumacc", "opt_clean", f"write_json {netlist}",
              log=path / "log")
     modules = json.loads(netlist.read_text())
-    map_adders(modules["modules"]["gold"], ASAP7, {"y": blocks} if budget == inf else {}, {"": budget})
+    map_adders(modules["modules"]["gold"], technology, {"y": blocks} if budget == inf else {}, {"": budget})
     netlist.write_text(json.dumps(modules))
     return str(source), modules["modules"]["gold"]
 
@@ -78,8 +85,15 @@ def test_rebuilt_sums_are_equal(name: str, tmp_path: Path) -> None:
     """No $alu, $macc or $add is left, adders are there, and no input tells the two apart."""
     source, module = rebuilt(tmp_path, *SUMS[name])
     kinds = [cell["type"] for cell in module["cells"].values()]
-    assert ASAP7.full_adder in kinds and not any(kind.startswith(("$alu", "$macc", "$add", "$sub", "$mul")) for kind in kinds)
+    assert ASAP7.full_adder[0] in kinds
+    assert not any(kind.startswith(("$alu", "$macc", "$add", "$sub", "$mul")) for kind in kinds)
     assert proved(tmp_path, source)
+
+
+@pytest.mark.parametrize("name, budget", [("difference of products", inf), ("signed product", 1.0), ("increment", 1.0)])
+def test_sums_of_adders_with_true_outputs_are_equal(name: str, budget: float, tmp_path: Path) -> None:
+    source, module = rebuilt(tmp_path, *SUMS[name], budget, TRUE)
+    assert "FAX1" in [cell["type"] for cell in module["cells"].values()] and proved(tmp_path, source)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +109,7 @@ def test_a_wrong_netlist_is_found(tmp_path: Path) -> None:
     """The proof can fail: one input of one full adder tied."""
     source, _ = rebuilt(tmp_path, *SUMS["difference"])
     modules = json.loads((tmp_path / "netlist.json").read_text())
-    adder = next(cell for cell in modules["modules"]["gold"]["cells"].values() if cell["type"] == ASAP7.full_adder)
+    adder = next(cell for cell in modules["modules"]["gold"]["cells"].values() if cell["type"] == ASAP7.full_adder[0])
     adder["connections"]["A"] = ["0"]
     (tmp_path / "netlist.json").write_text(json.dumps(modules))
     assert not proved(tmp_path, source)

@@ -167,9 +167,14 @@ def test_generic_counts_nand2(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options, message", [
     (["--unit", "nothing"], f"unit 'nothing' is not known: {', '.join(UNITS)} are"),
-    (["--tech", "tsmc"], "technology 'tsmc' is not known: generic, asap7 are"),
+    (["--tech", "tsmc"], "technology 'tsmc' is not known: generic, asap7, nangate45, osu018 are, and files *.lib"),
     (["--clock-ps", "0"], "a clock of 0.0 ps is not accepted"),
     (["--tech", "asap7"], "MSV2_PDK must name the folder"),
+    (["--tech", "nangate45"], "lambdapdk"),
+    (["--tech", "no/such.lib"], "a liberty file is wanted, not 'no/such.lib'"),
+    (["--config", "huge"], "config 'huge' is not known: tiny, default, paper are"),
+    (["--config", "tiny", "--unit", "expand"], "one of unit and config is accepted"),
+    (["--jobs", "0"], "jobs must be at least 1, not 0"),
 ])
 def test_bad_requests_end_with_status_2(options: list[str], message: str, tmp_path: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if key != PDK_VARIABLE}

@@ -1,0 +1,284 @@
+"""Area of a whole machine: every unit's logic, every memory, by group; in the library's node and at 16 nm.
+
+    report = machine_area(PAPER, "asap7", 1000.0, folder=Path("build/synth"))
+    report.total_mm2_16nm()
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from spec.config import AcceleratorConfig
+from synth.design import Design
+from synth.machine import GROUPS, TOP, UNIT_GROUPS, UNTIMED, WARP, label, machine_design
+from synth.macros import make
+from synth.memories import Macro
+from synth.report import module_result, timed
+from synth.scaling import SOURCE, TO_16NM
+from synth.settings import Settings
+
+MEMORY_NODE = "asap7"
+"""Technology of the macros' table; in others a memory's area is what gives the same at 16 nm."""
+
+_UM2_PER_MM2 = 1e6
+
+
+@dataclass(frozen=True)
+class MemoryRow:
+    """A memory of the machine.
+
+    Attributes:
+        name: path below the machine.
+        unit, group: whose it is.
+        count: how many of it.
+        words, width, reads, writes, bits: its shape; bits of one.
+        kind: "macros", "flip-flops" (an array that is smaller than macros), or what it is in the unit's logic (no area here).
+        macros: how many of which macro, of all `count`.
+        area_um2, area_um2_16nm: of all `count`; null without a library.
+        source: how the area was found.
+    """
+
+    name: str
+    unit: str
+    group: str
+    count: int
+    words: int
+    width: int
+    reads: int
+    writes: int
+    bits: int
+    kind: str
+    macros: dict[str, int]
+    area_um2: float | None
+    area_um2_16nm: float | None
+    source: str
+
+    @property
+    def warp(self) -> bool:
+        """Whether a machine for one eye does not have it."""
+        return self.group == WARP
+
+
+@dataclass(frozen=True)
+class UnitRow:
+    """A unit of the machine.
+
+    Attributes:
+        unit: path below the machine, "msv2_top" of what is left between all others.
+        group: one of GROUPS.
+        logic_um2: its cells and those of the shared modules in it; NAND2 equivalents of the generic technology.
+        own_um2: without shared modules. shared: how many of which, with one's area.
+        cells, flip_flops: of all its logic.
+        slack_ps: with the shared modules in it; null where it is wires around larger units, or without OpenSTA.
+        worst_path: file with that path.
+        memory_bits, memory_um2: its memories.
+        factor, factor_source: area to 16 nm.
+        note: what to know of the number.
+    """
+
+    unit: str
+    group: str
+    logic_um2: float
+    own_um2: float
+    shared: dict[str, dict[str, float]]
+    cells: int
+    flip_flops: int
+    slack_ps: float | None
+    worst_path: str | None
+    memory_bits: int
+    memory_um2: float | None
+    factor: float | None
+    factor_source: str
+    logic_um2_16nm: float | None
+    memory_um2_16nm: float | None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class AreaReport:
+    """Area of a machine.
+
+    Attributes:
+        config, stereo, row_width: the machine. technology, node, cell_list, clock_ps: the build.
+        rows, memories: of every unit, of every memory.
+        modules: area, slack and count of every module that was synthesised.
+    """
+
+    config: str
+    stereo: bool
+    row_width: int
+    technology: str
+    node: str
+    cell_list: str
+    clock_ps: float
+    rows: tuple[UnitRow, ...]
+    memories: tuple[MemoryRow, ...]
+    modules: dict[str, dict[str, object]] = field(repr=False)
+
+    @property
+    def scales(self) -> bool:
+        """Whether factors to 16 nm are known of the technology."""
+        return self.technology in TO_16NM
+
+    def groups(self) -> dict[str, dict[str, float]]:
+        """Sums of `logic_um2`, `memory_um2`, both at 16 nm, and bits, by group."""
+        keys = ("logic_um2", "memory_um2", "logic_um2_16nm", "memory_um2_16nm", "memory_bits", "cells", "flip_flops")
+        return {group: {key: sum(getattr(row, key) or 0 for row in self.rows if row.group == group) for key in keys}
+                for group in GROUPS if any(row.group == group for row in self.rows)}
+
+    def total_mm2_16nm(self, *, memories: bool = True, warp_memories: bool = True) -> float:
+        """Whole area, mm^2 at 16 nm, without the memories or without those of the warp unit."""
+        logic = sum(row.logic_um2_16nm for row in self.rows)
+        held = sum(row.area_um2_16nm for row in self.memories if memories and (warp_memories or not row.warp))
+        return (logic + held) / _UM2_PER_MM2
+
+    def core_um2_16nm(self) -> float:
+        """The array and its setup (no blending, no memories) by its pixel cores, um^2 at 16 nm."""
+        array = sum(row.logic_um2_16nm for row in self.rows if row.group == GROUPS[0])
+        return array / self.modules["pixel_core"]["count"]
+
+    def worst_slack_ps(self) -> float | None:
+        """Of all units that are timed."""
+        return min((row.slack_ps for row in self.rows if row.slack_ps is not None), default=None)
+
+    def as_json(self) -> dict[str, object]:
+        """All of it."""
+        return asdict(self)
+
+
+def machine_area(
+    config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = Path("build/synth"),
+    jobs: int = 2, progress: Callable[[str], None] = print,
+) -> AreaReport:
+    """Synthesise every unit of a machine, `jobs` at a time; what is in `folder` already is not made again.
+
+    Raises:
+        InputError: unknown technology, a clock that is not accepted, Yosys or liberty files absent.
+    """
+    settings = Settings(technology, clock_ps, folder)
+    settings.check()
+    progress(f"{config.name}: elaborating the machine")
+    design = machine_design(config, folder)
+    parts = _synthesise_all(design, settings, jobs, progress)
+    memories = tuple(_memory_rows(design, parts, technology))
+    rows = tuple(_unit_row(path, group, design, parts, memories, settings)
+                 for path, group in UNIT_GROUPS.items() if label(path) in design.texts)
+    library = settings.library()[0] if technology != "generic" else None
+    counts, kept = design.counts(), ("area", "slack_ps")
+    modules = {name: {"count": counts[name], **{key: part[key] for key in kept}} for name, part in parts.items()}
+    return AreaReport(
+        config.name, config.stereo, config.row_width, settings.label, library.node if library else "NAND2 equivalents",
+        library.cell_list if library else "two-input NAND, inverter, flip-flop", clock_ps, rows, memories, modules)
+
+
+def below(design: Design, name: str) -> list[str]:
+    """All modules in one, lower ones first."""
+    wanted = {name}
+    for module in reversed(design.texts):
+        if module in wanted:
+            wanted |= set(design.below[module])
+    return [module for module in design.texts if module in wanted and module != name]
+
+
+def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Callable[[str], None]) -> dict[str, dict]:
+    """What `module_result` gives of every module, and the unit's timing under "timed"."""
+    names, done, lock, began = list(design.texts), [0], threading.Lock(), time.monotonic()
+    results: dict[str, Future] = {}
+    units = {label(path): path for path in UNIT_GROUPS}
+
+    def work(name: str) -> dict:
+        parts = {module: results[module].result() for module in below(design, name)}
+        is_timed = units.get(name, name) not in UNTIMED
+        netlists = [Path(part["netlist"]) for part in parts.values()] if is_timed else []
+        part = module_result(design, name, netlists, settings, is_timed=is_timed)
+        part["timed"] = {}
+        if name in units and is_timed and settings.technology != "generic":
+            part["timed"] = timed(name, {**parts, name: part}, settings)
+        with lock:
+            done[0] += 1
+            slack = part["timed"].get("slack_ps", part["slack_ps"])
+            progress(f"[{done[0]}/{len(names)}] {name}: {part['area']:,.0f}"
+                     f"{'' if slack is None else f', slack {slack:.0f} ps'} ({time.monotonic() - began:.0f} s)")
+        return part
+
+    with ThreadPoolExecutor(max(1, jobs)) as pool:
+        for name in names:  # lower ones first: what a job waits for has begun before it
+            results[name] = pool.submit(work, name)
+        try:
+            return {name: result.result() for name, result in results.items()}
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def shared_in(design: Design, name: str) -> Counter[str]:
+    """How many of which shared modules a unit has, those in other shared ones too, but not those in other units."""
+    units, found = {label(path) for path in UNIT_GROUPS}, Counter({name: 1})
+    for module in reversed(design.texts):
+        for box, count in design.below[module].items():
+            if box not in units and found[module]:
+                found[box] += found[module] * count
+    del found[name]
+    return found
+
+
+def _memory_rows(design: Design, parts: dict[str, dict], technology: str) -> Iterable[MemoryRow]:
+    for path, group in UNIT_GROUPS.items():
+        name = label(path)
+        if name not in design.texts:
+            continue
+        for module, count in [(name, 1), *sorted(shared_in(design, name).items())]:
+            for store in parts[module]["stores"]:
+                inner = store["name"] if module == name else f"{module}.{store['name']}"
+                yield _memory_row(".".join(filter(None, (path, inner))), path or TOP, group, count, store, technology)
+
+
+def _memory_row(name: str, unit: str, group: str, count: int, store: dict, technology: str) -> MemoryRow:
+    shape = Macro(*(store[key] for key in ("words", "width", "reads", "writes")))
+    kind, macros, area, source = store["made_as"], {}, 0.0, "in the unit's logic"
+    if kind == "macro":
+        made = make(shape)
+        kind, area, source = made.kind, count * made.area_um2, made.source
+        macros = {macro: count * number for macro, number in made.macros.items()}
+    scaled, here = area * TO_16NM[MEMORY_NODE].area, _factor(technology)
+    if technology != MEMORY_NODE:
+        source += "; of ASAP7's node, scaled"
+        area = scaled / here if here else None
+    return MemoryRow(name, unit, group, count, **asdict(shape), bits=shape.bits, kind=kind, macros=macros, area_um2=area,
+                     area_um2_16nm=scaled, source=source)
+
+
+def _factor(technology: str) -> float | None:
+    return TO_16NM[technology].area if technology in TO_16NM else None
+
+
+def _unit_row(
+    path: str, group: str, design: Design, parts: dict[str, dict], memories: tuple[MemoryRow, ...], settings: Settings,
+) -> UnitRow:
+    name, factor = label(path), _factor(settings.technology)
+    shared = shared_in(design, name)
+    counted = [(parts[name], 1), *((parts[module], count) for module, count in shared.items())]
+    logic = sum(count * part["area"] for part, count in counted)
+    held = [row for row in memories if row.unit == (path or TOP) and row.area_um2_16nm]
+    area = [row.area_um2 for row in held]
+    note = f"{shared['pixel_core']} equal cores, one synthesised" if "pixel_core" in shared else ""
+    return UnitRow(
+        path or TOP, group, logic, parts[name]["area"],
+        {module: {"count": count, "area": parts[module]["area"]} for module, count in sorted(shared.items())},
+        sum(count * sum(part["cells_by_type"].values()) for part, count in counted),
+        sum(count * number for part, count in counted for kind, number in part["cells_by_type"].items() if _is_flop(kind)),
+        parts[name]["timed"].get("slack_ps"), parts[name]["timed"].get("worst_path"),
+        sum(row.count * row.bits for row in held), None if None in area else sum(area), factor,
+        SOURCE if factor else "", None if factor is None else logic * factor, sum(row.area_um2_16nm for row in held), note)
+
+
+def _is_flop(kind: str) -> bool:
+    return "DFF" in kind
+
+

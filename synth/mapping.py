@@ -1,0 +1,60 @@
+"""One module to gates or cells: run after run of the flow, until the clock is met or nothing can be made faster."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import inf
+from pathlib import Path
+
+from synth import flow, timing
+from synth.memories import as_rows
+from synth.settings import Settings
+
+FASTER, MOST_RUNS = 0.8, 6
+"""Step by which sums on paths with negative slack are made faster, and how often."""
+
+UNTIMED_BUDGET = 500.0
+"""Estimated ps that a sum may take where no slack is known."""
+
+Blocks = Mapping[str, Sequence[int]]
+
+
+def to_gates(
+    name: str, source: str, boxes: Sequence[str], scratch: Path, below: list[Path], blocks: Blocks | None, settings: Settings,
+    is_timed: bool,
+) -> dict:
+    return _as_result(flow.count_nand2(source, name, scratch, boxes, settings.memory_limit), None)
+
+
+def to_cells(
+    name: str, source: str, boxes: Sequence[str], scratch: Path, below: list[Path], blocks: Blocks | None, settings: Settings,
+    is_timed: bool,
+) -> dict:
+    """With hints as they say. Without, sums on late paths are made faster, a step a run, while the clock is not met and they
+    can be; the run with most slack counts."""
+    (technology, liberty), found, is_timed = settings.library(), [], is_timed and timing.available()
+    clock, budgets = settings.clock_ps, {} if is_timed else {"": UNTIMED_BUDGET}
+    while True:
+        folder = scratch / f"run{len(found)}"
+        netlist = flow.synthesise(
+            source, name, technology, liberty, folder, blocks or {}, boxes, budgets, settings.memory_limit, clock)
+        if not is_timed:
+            return _as_result(netlist, None)
+        netlists = [*below, netlist.verilog]
+        seen = timing.analyse(netlists, name, clock, technology, liberty, folder, bool(netlist.memories))
+        found.append((min(seen.slack_ps, 0.0), -netlist.area, netlist, seen.slack_ps))
+        late = {}
+        for label in seen.late_sums & set(netlist.sums):
+            if netlist.sums[label].time <= budgets.get(label, inf):  # else it is as fast as it can be
+                late[label] = FASTER * netlist.sums[label].time
+        if blocks is not None or not late or len(found) == MOST_RUNS:
+            break
+        budgets |= late
+    return _as_result(*max(found, key=lambda run: run[:2])[2:])
+
+
+def _as_result(netlist: flow.Netlist, slack_ps: float | None) -> dict:
+    sums = {label: cut._asdict() for label, cut in netlist.sums.items() if cut.blocks}
+    return {"area": netlist.area, "cells_by_type": netlist.cells, "memories": as_rows(netlist.memories),
+            "stores": netlist.stores, "sums": sums,
+            "slack_ps": slack_ps, "netlist": str(netlist.verilog)}

@@ -1,0 +1,56 @@
+"""What a synthesis is asked for: technology, clock, and where results are kept."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from spec.errors import InputError
+from synth import flow
+from synth.discover import discover
+from synth.liberty import ASAP7, LIBRARIES, Technology, find_files, merge
+from synth.memories import LIMIT
+
+TECHNOLOGIES = ("generic", "asap7", *LIBRARIES)
+"""Besides any liberty file, by its path."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of a synthesis.
+
+    Attributes:
+        technology, clock_ps: as above.
+        folder: of the cache.
+        memory_limit: bits of the largest memory that is made of flip-flops.
+    """
+
+    technology: str
+    clock_ps: float
+    folder: Path
+    memory_limit: int = LIMIT
+
+    @property
+    def label(self) -> str:
+        """The technology in a file name."""
+        return self.technology if self.technology in TECHNOLOGIES else Path(self.technology).name.split(".")[0]
+
+    def check(self) -> None:
+        """InputError where a value is not accepted, or Yosys or liberty files are absent."""
+        if self.technology not in TECHNOLOGIES and not self.technology.endswith((".lib", ".lib.gz")):
+            raise InputError(f"technology {self.technology!r} is not known: {', '.join(TECHNOLOGIES)} are, and files *.lib")
+        if not 1 <= self.clock_ps <= 1e6:
+            raise InputError(f"a clock of {self.clock_ps!r} ps is not accepted: 1 to 1,000,000 is")
+        if flow.libyosys is None:
+            raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+        if self.technology != "generic":
+            self.library()
+
+    def library(self) -> tuple[Technology, Path]:
+        """The cell library and its merged liberty file."""
+        cache = self.folder / "cache"
+        if self.technology != ASAP7.name:
+            return discover(self.technology, cache)
+        find_files(ASAP7)
+        return ASAP7, merge(ASAP7, cache / f"asap7-{hashlib.sha256(repr(ASAP7).encode()).hexdigest()[:8]}.lib")
