@@ -11,7 +11,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth train tables-training bench results docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth report-area train tables-training bench results docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -39,8 +39,12 @@ sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
 		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT= TECH=generic|asap7 CLOCK_PS=N, liberty folder in MSV2_PDK
-	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,OUT,out)
+synth: tested ## synthesis; UNIT=|CONFIG= STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N, liberty folder in MSV2_PDK
+	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,CONFIG,config) $(if $(filter-out 0,$(STEREO)),--stereo) \
+		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,OUT,out)
+
+report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N MSV2_PDK=
+	@$(RUN) -m synth.area_report $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs)
 
 train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= DEVICE= RESUME=1 OUT=
 	@$(RUN) golden/train.py $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
