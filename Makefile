@@ -1,6 +1,7 @@
 # Targets only dispatch to Python; every command line has --help.
 PYTHON ?= python3
 RUN := .venv/bin/python
+TESTS := $(RUN) -m pytest -n auto --dist worksteal
 EXTRAS ?=
 
 option = $(if $($(1)),--$(2) "$($(1))")
@@ -11,7 +12,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth report-area train tables-training bench results docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth report-area train tables-training table-ecc bench results docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -55,6 +56,11 @@ tables-training: setup ## the paper's tables of training; SCENE="one another@WxH
 	@$(RUN) golden/tables_training.py $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
 		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
 
+table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=1 OUT= NAME=
+	@$(RUN) golden/table_ecc.py $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
+		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
+		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(if $(filter-out 0,$(RTL)),--rtl) $(call option,OUT,out) $(call option,NAME,name)
+
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
@@ -64,11 +70,11 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 docs: tested ## regenerate docs/formats.md
 	@$(RUN) -m spec.document
 
-test: tested ## the tests (minutes)
-	@$(RUN) -m pytest -m "not long"
+test: tested ## the tests, on all cores (minutes)
+	@$(TESTS) -m "not long"
 
 test-long: tested ## the long tests as well
-	@$(RUN) -m pytest
+	@$(TESTS)
 
 lint: tested ## ruff
 	@$(RUN) -m ruff check .
