@@ -5,7 +5,7 @@ from __future__ import annotations
 from perf import bus, lists, sorter
 from perf.bus import VIEWS, W_FRAME, WAITING
 from perf.constants import SETUP_LATENCY
-from perf.kernel import kernel
+from perf.kernel import step
 from perf.layout import Layout
 from perf.sorter import layout as before
 from perf.watch import (
@@ -41,7 +41,7 @@ LEAVES, DRAINS = layout.ring(8), layout.ring(64)
 _SETUP = SETUP_LATENCY - 1  # before the output buffer
 
 
-@kernel
+@step
 def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, tile_counts):
     """SplatFetch: what memory or the cache gives, what is asked for, what is wanted; whether an entry is wanted."""
     if array_takes:
@@ -84,14 +84,14 @@ def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, til
     return takes
 
 
-@kernel
+@step
 def _slot(s, t, valid, drain):
     """A slot into the setup unit's pipeline."""
     s[SLOT_VALID] = (s[SLOT_VALID] << 1 | valid) & (1 << _SETUP) - 1
     s[SLOT_DRAIN] = (s[SLOT_DRAIN] << 1 | drain) & (1 << _SETUP) - 1
 
 
-@kernel
+@step
 def step_setup(s, t, buffered, use, stop, tile_counts, tile_blend):
     """SetupUnit: headers and entries to slots; whether an entry is taken."""
     while s[LEAVE_OUT] != s[LEAVE_IN] and s[LEAVES + (s[LEAVE_OUT] & 7)] <= t:
@@ -148,7 +148,7 @@ def step_setup(s, t, buffered, use, stop, tile_counts, tile_blend):
     return takes
 
 
-@kernel
+@step
 def step_issue(s, t):
     """BlockSequencer and the claims of the buffer behind the array."""
     wait = s[WAIT]
@@ -182,7 +182,7 @@ def step_issue(s, t):
         s[ISSUE] = 0
 
 
-@kernel
+@step
 def load_issue(s, t):
     """The sequencer's next op, out of the setup unit's buffer."""
     if s[ISSUE] == 0 and s[BUFFER]:
@@ -192,14 +192,14 @@ def load_issue(s, t):
         s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 else 0)
 
 
-@kernel
+@step
 def rows_offered(s, t):
     """The array offers a row of pixels."""
     at = s[DRAIN_OUT]
     return at != s[DRAIN_IN] and s[DRAINS + (at & 63)] + s[DRAIN_ROW] <= t
 
 
-@kernel
+@step
 def take_row(s):
     """The row on offer is gone."""
     row = s[DRAIN_ROW] + 1
@@ -213,7 +213,7 @@ def take_row(s):
     s[DRAIN_ROW] = row
 
 
-@kernel
+@step
 def _row_beats(s, tile, row):
     """Beats that a row of a tile takes, and its first pixel's word."""
     cores = s[CORES_X]
@@ -229,7 +229,7 @@ def _row_beats(s, tile, row):
     return (start % 8 + count + 7) // 8, start // 8
 
 
-@kernel
+@step
 def step_pixels(s, t, granted, offered, tile_number, tile_times):
     """PixelWriter; whether it takes the row on offer."""
     sends, packed = s[SENDS], s[PACKED]
@@ -258,13 +258,13 @@ def step_pixels(s, t, granted, offered, tile_number, tile_times):
     return True
 
 
-@kernel
+@step
 def pixels_finished(s):
     """All rows have come, and memory has their pixels."""
     return s[TILE_OUT] == s[RENDERED_TILES] and s[PACKED] == 0 and s[SENDS] == 0 and s[WAITING + W_FRAME] == 0
 
 
-@kernel
+@step
 def count_rows(s, offered, taken):
     """What the pixel writer's input did."""
     s[BUSY_PIXELS] += taken

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perf.kernel import kernel
+from perf.kernel import step
 from perf.layout import Layout
 from spec.memory import BEAT_BYTES
 from spec.queues import IN_FLIGHT, READ_DEPTHS
@@ -35,6 +35,7 @@ layout = Layout()
     "credit r_ready w_ready answered b_1 b_2 busy")
 CREDITS, D_IN, D_OUT, READS = (layout.ring(8) for _ in range(4))
 WAITING, WRITES = layout.ring(8), layout.ring(8)
+LOWEST = layout.ring(64)  # place of the lowest bit set
 R_ID, R_DUE, R_ADDRESS, W_ID, W_DUE, W_ADDRESS = (layout.ring(_RING) for _ in range(6))
 DATA = layout.ring(8 * _DATA)
 
@@ -45,11 +46,12 @@ def prepare(s: np.ndarray, *, latency: int, gain: int, cost: int, dram: bool) ->
     s[LATENCY], s[GAIN], s[COST], s[DRAM], s[CREDIT] = latency, gain, cost, dram, 2 * cost
     s[R_READY] = s[W_READY] = 1
     s[LAST_READ] = s[LAST_WRITE] = 0
+    s[LOWEST : LOWEST + 64] = [(x & -x).bit_length() - 1 for x in range(64)]
     for place, name in enumerate(READ_CLIENTS):
         s[CREDITS + place] = READ_DEPTHS[name]
 
 
-@kernel
+@step
 def begin_cycle(s):
     """Answers that arrived a few cycles ago return their places."""
     s[COUNT] -= s[ANSWERED] >> 2 & 1
@@ -62,38 +64,36 @@ def begin_cycle(s):
     s[R_NEW] = s[W_NEW] = 0
 
 
-@kernel
-def _next(last, asking, count):
-    client = last
-    for _ in range(count):
-        client += 1
-        if client == count:
-            client = 0
-        if asking >> client & 1:
-            return client
-    return -1
+@step
+def _next(s, last, asking):
+    """Of those who ask, the next one after the last who was served."""
+    later = asking & (-2 << last)
+    return s[LOWEST + (later if later else asking)]
 
 
-@kernel
+@step
 def grant_read(s, asking):
     """Which of the clients that ask (a bit each, with a credit) is served in this cycle; -1: none. `read` must follow."""
     if asking == 0 or s[COUNT] == IN_FLIGHT or s[R_PUSH] - s[R_IN] > 1:
         return -1
-    return _next(s[LAST_READ], asking, READERS)
+    return _next(s, s[LAST_READ], asking)
 
 
-@kernel
+@step
 def grant_write(s, asking):
     """The same for writes."""
     if asking == 0 or s[W_PUSH] - s[W_IN] > 1:
         return -1
-    for client in range(WRITERS):
-        if s[WAITING + client] == IN_FLIGHT:
-            asking &= ~(1 << client)
-    return _next(s[LAST_WRITE], asking, WRITERS)
+    client = _next(s, s[LAST_WRITE], asking)
+    while s[WAITING + client] == IN_FLIGHT:
+        asking &= ~(1 << client)
+        if asking == 0:
+            return -1
+        client = _next(s, s[LAST_WRITE], asking)
+    return client
 
 
-@kernel
+@step
 def read(s, client, address):
     """The client that was granted a read sends it."""
     s[LAST_READ] = client
@@ -104,7 +104,7 @@ def read(s, client, address):
     s[R_NEW] = 1
 
 
-@kernel
+@step
 def write(s, client, address):
     """The client that was granted a write sends it."""
     s[LAST_WRITE] = client
@@ -115,21 +115,21 @@ def write(s, client, address):
     s[W_NEW] = 1
 
 
-@kernel
+@step
 def offered(s, client, t):
     """A beat is offered to the client."""
     at = s[D_OUT + client]
     return at != s[D_IN + client] and s[DATA + client * _DATA + (at & _DATA - 1)] <= t
 
 
-@kernel
+@step
 def take(s, client):
     """The client takes the beat on offer."""
     s[D_OUT + client] += 1
     s[CREDITS + client] += 1
 
 
-@kernel
+@step
 def deliver(s, client, t):
     """A read is answered at the end of cycle t."""
     at = s[D_IN + client]
@@ -139,7 +139,7 @@ def deliver(s, client, t):
     s[ANSWERED] |= 1
 
 
-@kernel
+@step
 def end_cycle(s, t):
     """The clock edge at the end of cycle t in the bench's memory."""
     at, came = s[R_IN], s[R_PUSH] - s[R_NEW]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from perf import bus
 from perf.bus import COLOUR, CREDITS, GEOMETRY, TILES, W_ENTRIES, W_VIEWS, WAITING
-from perf.kernel import kernel
+from perf.kernel import phase, step
 from perf.layout import Layout
 
 NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
@@ -44,13 +44,12 @@ layout.size += 4 * _PATH
 C_RING = layout.ring(_RING)
 
 
-@kernel
 def set_path(s, p, length, interval, rows):
     """An empty datapath at p."""
     s[p + _LENGTH], s[p + _INTERVAL], s[p + _FREE] = length, interval, rows
 
 
-@kernel
+@step
 def _fetch(s, p, t):
     """A finished slot into the output register, where that is free."""
     if s[p + _FULL] == 0:
@@ -60,12 +59,12 @@ def _fetch(s, p, t):
             s[p + _FREE] += 1
 
 
-@kernel
+@step
 def _accepts(s, p, t):
-    return s[p + _FREE] != 0 and t % s[p + _INTERVAL] == 0
+    return s[p + _FREE] != 0 and (s[p + _INTERVAL] == 1 or t % s[p + _INTERVAL] == 0)
 
 
-@kernel
+@step
 def _enter(s, p, t):
     at = s[p + _IN]
     s[p + _TIMES + (at & _MASK)] = t + s[p + _LENGTH] + 1
@@ -73,7 +72,7 @@ def _enter(s, p, t):
     s[p + _FREE] -= 1
 
 
-@kernel
+@step
 def _write_views(s, granted, views, view_of):
     """ViewWriter: a beat for every level of the splat whose sums are there."""
     if granted:
@@ -93,7 +92,7 @@ def _write_views(s, granted, views, view_of):
         s[C_VIEWS] = level
 
 
-@kernel
+@step
 def _sum_colour(s, t, steps):
     """ColourSum: a step of a record where its beats are at hand, two at most."""
     lasts, place, count, number = s[C_LASTS], s[C_PLACE], s[C_COUNT], s[C_NUMBER]
@@ -117,7 +116,7 @@ def _sum_colour(s, t, steps):
             s[HARMONICS + _FULL] = 0
 
 
-@kernel
+@step
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
     """ColourUnit."""
     _write_views(s, granted_write, views, view_of)
@@ -149,7 +148,7 @@ def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of)
         s[BLOCKED_COLOUR] += 1
 
 
-@kernel
+@step
 def _finish_colour(s):
     """Ends of the colour unit, a cycle behind."""
     s[C_SETTLED] = s[C_ENDED] and s[C_FINISHED]
@@ -157,7 +156,7 @@ def _finish_colour(s):
         s[C_FINISHED], s[C_ENDING] = 1, 0
 
 
-@kernel
+@step
 def _write_entries(s, granted, begins, entry_writes):
     """EntryWriter but for its input; whether its slots advance."""
     buffered = s[E_BUFFER]
@@ -189,7 +188,7 @@ def _write_entries(s, granted, begins, entry_writes):
     return advance
 
 
-@kernel
+@step
 def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
     """TileExpand: an entry a cycle of each run, a cycle of each run without; what the entry writer takes: 0, 1 or 2 (end)."""
     given, load = 0, s[EXPANDING] == 0
@@ -227,7 +226,7 @@ def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
     return given
 
 
-@kernel
+@step
 def _walk(s, t, step_runs, splat_steps):
     """TileRuns: runs to the ellipse test, from the box of one splat after the other."""
     if s[RUN_FULL] and _accepts(s, ELLIPSE, t):
@@ -247,7 +246,7 @@ def _walk(s, t, step_runs, splat_steps):
         s[WALKING] = s[SPLAT_LEFT] != 0
 
 
-@kernel
+@step
 def _project(s, t, point_class, passed_class, splat_steps):
     """From memory's points to the tile test's input."""
     _walks = s[WALKING]
@@ -289,7 +288,7 @@ def _project(s, t, point_class, passed_class, splat_steps):
             s[BLOCKED_GEOMETRY] += not ends
 
 
-@kernel
+@phase
 def geometry_phase(
     s, point_class, passed_class, splat_steps, step_runs, run_entries, run_closes, views, view_of, colour_of, geometry_base,
     begins, entry_writes, colour_step, limit,
@@ -332,7 +331,7 @@ def geometry_phase(
     return -1, counted
 
 
-@kernel
+@phase
 def table_phase(s, tiles, base, limit):
     """The phase TABLE: the table's beats, four tiles each, to the tile test, a tile a cycle; gives its cycles."""
     beats, asked, left, valid, taken, t = (tiles + 3) // 4, 0, 0, False, 0, 0

@@ -39,11 +39,25 @@ def _folder() -> Path | None:
     return folder
 
 
-def kernel(function: Callable) -> Callable:
-    """`numba.njit` with the model's own cache."""
+def _compiled(function: Callable, **options: object) -> Callable:
     before, folder = config.CACHE_DIR, _folder()
     config.CACHE_DIR = str(folder) if folder else before
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def kernel(function: Callable) -> Callable:
+    """`numba.njit` with the model's own cache."""
+    return _compiled(function)
+
+
+def phase(function: Callable) -> Callable:
+    """A kernel that makes no array, so that none needs its references counted: that would take most of its time."""
+    return _compiled(function, _nrt=False)
+
+
+def step(function: Callable) -> Callable:
+    """A part of a phase, compiled into it."""
+    return numba.njit(inline="always", error_model="numpy")(function)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from perf import bus
 from perf.bus import ENTRIES, TILES
-from perf.kernel import kernel
+from perf.kernel import step
 from perf.layout import Layout
 from perf.watch import BLOCKED_LIST, BUSY_LIST
 from perf.watch import layout as before
@@ -30,7 +30,7 @@ WAITING, HEADS = layout.ring(_WAITING), layout.ring(2 * HEADERS)
 _DIRECTORY = 16  # of a kind in flight; below it the entries or pointers of the beat, less one
 
 
-@kernel
+@step
 def step_headers(s, t, granted, head_before, levels_before, rendered):
     """HeaderMaker: a tile and its setting to the array's headers and to the splat fetch."""
     at = s[WAIT_OUT]
@@ -62,7 +62,7 @@ def step_headers(s, t, granted, head_before, levels_before, rendered):
         s[HEAD_TAKEN] = tile + 1
 
 
-@kernel
+@step
 def step_unpack(s, t, sorter_ready):
     """Beats of entries and of pointers, each into its register; whether an entry moves on to the sorter."""
     gives = s[SHOWN] and sorter_ready
@@ -98,7 +98,7 @@ def step_unpack(s, t, sorter_ready):
     return gives
 
 
-@kernel
+@step
 def _want(s, t, sends, directory, more, address):
     """A wanted beat into the pipeline to memory, where that moves."""
     pipe = s[PIPE]
@@ -113,7 +113,7 @@ def _want(s, t, sends, directory, more, address):
         s[R_IN] += 1
 
 
-@kernel
+@step
 def step_walk(s, t, granted, list_before, counts, lasts, page_beat, page_start):
     """Tiles to the beats they lie in; `granted`: the oldest request leaves for memory."""
     room = s[REQUESTS] < 2
@@ -154,7 +154,7 @@ def step_walk(s, t, granted, list_before, counts, lasts, page_beat, page_start):
     _listed(s, list_before, s[ASK] == 0, counts, lasts)
 
 
-@kernel
+@step
 def _walk(s, t, moves, ends, counts, page_beat, page_start):
     at = s[QUEUE_OUT]
     loads = (at != s[QUEUE_IN] and s[QUEUE + (at & LIST_TILES - 1)] <= t) and (s[WALK] == 0 or (moves and ends))
@@ -184,7 +184,7 @@ def _walk(s, t, moves, ends, counts, page_beat, page_start):
         s[POINTER_AT] = page_start[tile]
 
 
-@kernel
+@step
 def _listed(s, list_before, ask_free, counts, lasts):
     """ListedTiles: tiles with entries, held until it is known whether their group goes on."""
     tile = s[LIST_TAKEN]
@@ -206,7 +206,7 @@ def _listed(s, list_before, ask_free, counts, lasts):
         s[HELD] = 0
 
 
-@kernel
+@step
 def step_sweep(s, t, list_before, head_before):
     """The tile merge unit's next tile to both of its consumers, where both have room."""
     if s[SWEPT] < s[TILE_COUNT] and t >= s[SWEEP_FROM] + s[SWEPT] and list_before < 2 and head_before < 2:

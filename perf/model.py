@@ -262,9 +262,10 @@ def _render(
     spilled = plan.chunk_spill != 0
     cycles = render.render_phase(
         s, config.merge_ways, eye.counts, plan.lasts, eye.rendered, written.page_beat, written.page_start,
-        eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn], plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill,
-        plan.chunk_last, np.zeros(len(plan.chunk_length), np.int64), plan.chunk_length[spilled], plan.chunk_last[spilled],
-        plan.way_of, trace.holes, times, tile_times, LIMIT)
+        eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn],
+        plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
+        np.zeros(len(plan.chunk_length), np.int64), plan.chunk_length[spilled], plan.chunk_last[spilled], plan.way_of,
+        trace.holes, times, tile_times, LIMIT)
     events = {"ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
               "spilled_entries": len(plan.way_of)}
     return _Pass(

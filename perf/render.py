@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from perf import blending, bus, lists, sorter, warp
 from perf.bus import CREDITS, ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
-from perf.kernel import kernel
+from perf.kernel import phase, step
 from perf.watch import (
     BLENDING,
     BLOCKED_SORT,
@@ -22,7 +22,7 @@ from perf.watch import (
 )
 
 
-@kernel
+@step
 def _note(s, t, stage, ends, times):
     """An entry has moved into a stage: its group's first and last such cycles."""
     if s[OPEN + stage] == 0:
@@ -34,7 +34,7 @@ def _note(s, t, stage, ends, times):
         s[GROUP + stage] += 1
 
 
-@kernel
+@step
 def _asking(s, t):
     """Who asks for a read, and who for a write."""
     reads = (1 << TILES) * (s[lists.OWED] != 0 and s[CREDITS + TILES] != 0)
@@ -46,7 +46,7 @@ def _asking(s, t):
     return reads, writes
 
 
-@kernel
+@step
 def _rows(s, t, writer, tile_number, tile_times, fills):
     """The array's rows to the pixel writer and, of the source eye, to the warp unit."""
     offered = blending.rows_offered(s, t)
@@ -73,7 +73,7 @@ def _rows(s, t, writer, tile_number, tile_times, fills):
             blending.take_row(s)
 
 
-@kernel
+@phase
 def render_phase(
     s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
     use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of, fills, times,

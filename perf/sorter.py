@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from perf import bus
 from perf.bus import SPILL, W_SPILL, WAITING
-from perf.kernel import kernel
+from perf.kernel import step
 from perf.layout import Layout
 from perf.lists import layout as before
 from perf.watch import BLOCKED_HANDOVER, BUSY_HANDOVER
@@ -23,9 +23,9 @@ layout = Layout(before.size)
 (PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
     "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
 (PARTS_THERE, PLAN_CHUNK, PLAN_RUNS, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, GIVEN, FREED, TURN, READ_FULL, FETCH_IN,
- FETCH_OUT, MERGE_RUNS, MERGE_LEFT, MERGED, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT) = layout.words(
+ FETCH_OUT, MERGE_RUNS, MERGE_LEFT, MERGED, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT, READING, HEADLESS) = layout.words(
     "parts_there plan_chunk plan_runs plan_way plan_at planned started finished given freed turn read_full fetch_in "
-    "fetch_out merge_runs merge_left merged tree_in tree_out spill_base read_beat")
+    "fetch_out merge_runs merge_left merged tree_in tree_out spill_base read_beat reading headless")
 (H_IN, H_OUT, HALVES, FILLING, FILLED, SHOWING, NEXT, SOURCE, SOURCE_LAST, SOURCE_HALF) = layout.words(
     "h_in h_out halves filling filled showing next source source_last source_half")
 H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the ring lies behind all others
@@ -42,7 +42,7 @@ STAGE_FREE = layout.ring(32)
 _TREE_LATENCY = 3  # of eight ways, the paper's; two cycles from a beat to its way, one from the tree's last node
 
 
-@kernel
+@step
 def _release(s, first, last, count):
     """When the first entry of a chunk may leave, whose entries came from cycle `first` to `last`."""
     run, begins, ends = 1, last, last
@@ -67,13 +67,13 @@ def _release(s, first, last, count):
     return begins
 
 
-@kernel
+@step
 def sort_room(s):
     """The chunk sorter takes an entry."""
     return s[TAKEN] - s[SORTED] - s[SPILLED] < s[SORT_ROOM]
 
 
-@kernel
+@step
 def step_sort_in(s, t, chunk_length, chunk_release):
     """An entry into the chunk sorter."""
     chunk, place = s[CHUNK_IN], s[PLACE_IN]
@@ -87,7 +87,7 @@ def step_sort_in(s, t, chunk_length, chunk_release):
         s[PLACE_IN] = place + 1
 
 
-@kernel
+@step
 def step_run_writer(s, t, granted):
     """RunWriter: the oldest beat, and its fence."""
     at = s[QUEUE_OUT]
@@ -108,14 +108,14 @@ def step_run_writer(s, t, granted):
         s[QUEUE_IN], s[PACK_FULL] = at + 1, 0
 
 
-@kernel
+@step
 def writer_asks(s, t):
     """The run writer has a beat for memory."""
     at = s[QUEUE_OUT]
     return s[FENCED] == 0 and at != s[QUEUE_IN] and s[Q_TIMES + (at & _WRITER_QUEUE - 1)] <= t
 
 
-@kernel
+@step
 def _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release):
     """SpillDispatch: an entry of a chunk that is spilled to its run."""
     chunk, place = s[CHUNK_OUT], s[PLACE_OUT]
@@ -135,7 +135,7 @@ def _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release):
     s[CHUNK_OUT] = chunk + last
 
 
-@kernel
+@step
 def _plan(s, t, ways, run_length, run_last):
     """MergePlan: runs of a part to their ways, two cycles each."""
     if s[PLAN_RUNS] == 0:
@@ -154,25 +154,27 @@ def _plan(s, t, ways, run_length, run_last):
         if s[WAY_LEFT + way]:
             return
         s[WAY_LEFT + way] = -(-run_length[s[PLAN_CHUNK] + way] // BEAT_ENTRIES)
+        s[READING] += s[WAY_LEFT + way]
     s[PLAN_WAY], s[PLAN_AT] = way + 1, t + 2
     if way + 1 == ways:
         s[PLAN_CHUNK] += s[PLAN_RUNS]
         s[PLAN_RUNS] = 0
 
 
-@kernel
+@step
 def _read_runs(s, t, ways, granted):
     """RunReader: a way's next beat into the request register, beats into their ways."""
     if granted:
         bus.read(s, SPILL, s[SPILL_BASE] + s[READ_BEAT])
         s[READ_BEAT] += 1
         s[READ_FULL] = 0
-    if s[READ_FULL] == 0:
+    if s[READ_FULL] == 0 and s[READING]:
         way = s[TURN]
         for _ in range(ways):
             way = 0 if way + 1 == ways else way + 1
             if s[WAY_LEFT + way] and s[WAY_ROOM + way]:
                 s[WAY_LEFT + way] -= 1
+                s[READING] -= 1
                 s[WAY_ROOM + way] -= 1
                 s[TURN], s[READ_FULL] = way, 1
                 s[FETCHED + (s[FETCH_IN] & _WAYS * _WAY_BEATS - 1)] = way
@@ -187,7 +189,7 @@ def _read_runs(s, t, ways, granted):
         s[WAY_IN + way] = at + 1
 
 
-@kernel
+@step
 def _merge(s, t, way_of, run_length, run_last):
     """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
     if s[TREE_IN] - s[TREE_OUT] >= _TREE - 1:
@@ -202,11 +204,16 @@ def _merge(s, t, way_of, run_length, run_last):
             s[WAY_PLACE + runs] = 0
             total += run_length[s[GIVEN] + runs]
             runs += 1
-        s[MERGE_RUNS], s[MERGE_LEFT] = runs, total
-    for way in range(s[MERGE_RUNS]):
-        at = s[WAY_OUT + way]
-        if s[WAY_ENTRIES + way] and (
-                at == s[WAY_IN + way] or s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] > t):
+        s[MERGE_RUNS], s[MERGE_LEFT], s[HEADLESS] = runs, total, (1 << runs) - 1
+    headless, way = s[HEADLESS], 0
+    if headless:
+        while headless >> way:
+            at = s[WAY_OUT + way]
+            if headless >> way & 1 and at != s[WAY_IN + way] and s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] <= t:
+                headless &= ~(1 << way)
+            way += 1
+        s[HEADLESS] = headless
+        if headless:
             return
     way = way_of[s[MERGED]]
     s[MERGED] += 1
@@ -216,6 +223,8 @@ def _merge(s, t, way_of, run_length, run_last):
         s[WAY_PLACE + way] = 0
         s[WAY_OUT + way] += 1
         s[WAY_ROOM + way] += 1
+        if s[WAY_ENTRIES + way]:
+            s[HEADLESS] = 1 << way
     s[TREE + (s[TREE_IN] & _TREE - 1)] = t + _TREE_LATENCY
     s[TREE_IN] += 1
     s[MERGE_LEFT] -= 1
@@ -223,7 +232,7 @@ def _merge(s, t, way_of, run_length, run_last):
         s[GIVEN] += s[MERGE_RUNS]
 
 
-@kernel
+@step
 def _sorted(s, t, chunk_length, chunk_spill, chunk_release):
     """Whether an entry is offered: 0, 1 from the chunk sorter, 2 from the merge tree."""
     if s[ACTIVE]:
@@ -232,7 +241,7 @@ def _sorted(s, t, chunk_length, chunk_spill, chunk_release):
     return 1 if chunk < s[CHUNK_IN] and chunk_spill[chunk] == 0 and chunk_release[chunk] <= t else 0
 
 
-@kernel
+@step
 def step_sort_out(
     s, t, ways, granted, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of,
 ):
@@ -270,7 +279,7 @@ def step_sort_out(
     return moves
 
 
-@kernel
+@step
 def _hand_over(s, t, ends):
     """An entry offered to the line buffer or the double buffer; whether it is taken."""
     if s[INCREMENTAL]:
@@ -291,7 +300,7 @@ def _hand_over(s, t, ends):
     return True
 
 
-@kernel
+@step
 def handover_offers(s, t):
     """The hand-over offers an entry."""
     if s[INCREMENTAL]:
@@ -300,7 +309,7 @@ def handover_offers(s, t):
     return s[SOURCE] != 0
 
 
-@kernel
+@step
 def step_handover(s, takes):
     """The hand-over's output side."""
     if s[INCREMENTAL]:
