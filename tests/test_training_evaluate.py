@@ -50,6 +50,16 @@ def test_gate_is_a_share_of_psnr_and_of_ssim():
     assert not gate.passes(Quality(29.3, 0.9, 1.0, 1.0, 1)) and not gate.passes(Quality(30.0, 0.88, 1.0, 1.0, 1))
 
 
+def test_gate_asks_for_half_the_standard_error_of_few_views():
+    """Of two views that lose 0 and 0.4 dB the mean loss is 0.2 and its standard error 0.2: 0.3 in all, of 1 % of 30."""
+    dense = Quality(30.0, 0.9, 1.0, 1.0, 1, views=((25.0, 0.9), (35.0, 0.9)))
+    gate = Gate.of(dense, 0.01)
+    uneven = Quality(29.79, 0.9, 1.0, 1.0, 1, views=((25.0, 0.9), (34.58, 0.9)))
+    even = Quality(29.8, 0.9, 1.0, 1.0, 1, views=((24.8, 0.9), (34.8, 0.9)))
+    assert gate.slack(uneven) == pytest.approx((29.79 - 0.105) / 29.7 - 1) and not gate.passes(uneven)
+    assert gate.slack(even) == pytest.approx(29.8 / 29.7 - 1) and gate.passes(even)
+
+
 def test_refusals(scene):
     with pytest.raises(ValueError, match="at least one view"):
         evaluate(small_dense(400), scene, [])

@@ -15,6 +15,7 @@ from golden.training.initial import initial_gaussians
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.render import render
+from golden.training.representable import Bounds
 from golden.training.scene import MIN_EDGE, TrainingScene
 from golden.training.stage import Stage
 from golden.training.views import PerView, generator, view_at, views_within
@@ -109,6 +110,7 @@ class DenseStage(Stage):
         self._first_points = len(first)
         self._optimiser = Optimiser(first.to(device), options.rates(0.0, scene.extent))
         self._gradients = ScreenGradients(len(first), device)
+        self._bounds = Bounds(scene)
         self._targets: PerView[_Target] | None = None
         self._targets_of: TrainingScene | None = None
 
@@ -127,16 +129,18 @@ class DenseStage(Stage):
         target = self._target(scene, view)
         rendering = render(self.gaussians, scene.cameras[view])
         loss = photometric(rendering.image, target.ssim, target.image)
-        value = float(loss.detach())
+        value, record = float(loss.detach()), {}
         if math.isfinite(value):
             loss.backward()
             self._gradients.observe(rendering.index, rendering.mean2d.grad, scene.size)
             self._optimiser.step()
             self.done += 1
             self._control_density()
+            if self.done % self.options.densify_every == 0 or self.finished:
+                record["narrowed"] = self._bounds.apply(self.gaussians)
         error = float((rendering.image.detach().clamp(0, 1) - target.image).square().mean())
         return {"loss": value, "points": len(self.gaussians), "psnr": -10 * math.log10(max(error, 1e-10)), "view": view,
-                "entries": int(rendering.entries)}
+                "entries": int(rendering.entries), **record}
 
     def result(self) -> Gaussians:
         """The Gaussians, harmonics of the full degree."""

@@ -18,6 +18,9 @@ from spec.constants import ALPHA_MAX_L1, TILE
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
+MARGIN = 0.5
+"""Standard errors of the mean loss that a gate asks for above its threshold."""
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -30,6 +33,7 @@ class Quality:
         entries_per_tile: the same over the frame's tiles.
         points: Gaussians in the model.
         hvsq: one value for each pooling size asked for.
+        views: PSNR and SSIM of each view.
     """
 
     psnr: float
@@ -38,30 +42,45 @@ class Quality:
     entries_per_tile: float
     points: int
     hvsq: tuple[float, ...] = ()
+    views: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class Gate:
     """The least quality accepted of a pruned model, measured on validation views.
 
+    These are few and stand for the views to come, so means are judged less MARGIN of their standard error: that of the losses
+    of the single views, the standard deviation of psnr_i - dense_i over the root of their number. With many views it vanishes;
+    with one there is none.
+
     Attributes:
         psnr: dB.
         ssim: 0..1.
+        dense: per view, PSNR and SSIM of the dense model, which losses are counted from; without them there is no margin.
     """
 
     psnr: float
     ssim: float
+    dense: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def of(cls, dense: Quality, loss: float) -> Gate:
         """At most the share `loss` (0..1) of the dense model's PSNR and of its SSIM may go."""
         if not 0 <= loss < 1:
             raise ValueError(f"loss must be a share of the dense quality in 0..1, not {loss!r}")
-        return cls((1 - loss) * dense.psnr, (1 - loss) * dense.ssim)
+        return cls((1 - loss) * dense.psnr, (1 - loss) * dense.ssim, dense.views)
+
+    def slack(self, quality: Quality) -> float:
+        """By how much the worse of the two exceeds what is asked of it, as a share of that; below 0 the gate fails."""
+        margin = np.zeros(2)
+        if len(self.dense) > 1 and len(self.dense) == len(quality.views):
+            losses = np.subtract(quality.views, self.dense)
+            margin = MARGIN * losses.std(axis=0, ddof=1) / np.sqrt(len(losses))
+        return float(min((quality.psnr - margin[0]) / self.psnr, (quality.ssim - margin[1]) / self.ssim) - 1)
 
     def passes(self, quality: Quality) -> bool:
         """Whether both are met."""
-        return quality.psnr >= self.psnr and quality.ssim >= self.ssim
+        return self.slack(quality) >= 0
 
 
 def evaluate(
@@ -101,4 +120,5 @@ def evaluate(
             if progress is not None:
                 progress(done)
     psnr, ssim, entries, per_tile, *hvsq = (float(value) for value in np.mean(rows, axis=0))
-    return Quality(psnr, ssim, entries, per_tile, len(gaussians), tuple(hvsq))
+    views = tuple((float(row[0]), float(row[1])) for row in rows)
+    return Quality(psnr, ssim, entries, per_tile, len(gaussians), tuple(hvsq), views)

@@ -5,6 +5,7 @@ Paper section 3.4. The dense model's quality on the validation views sets the ga
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ import torch
 from golden.training.efficiency import CRITERIA, Scores, widened, without_lowest
 from golden.training.evaluate import Gate, Quality, evaluate
 from golden.training.gaussians import Gaussians
+from golden.training.representable import Bounds
 from golden.training.retrain import Retraining
 from golden.training.scale_decay import GAMMA_FIRST, next_gamma
 from golden.training.stage import Stage
@@ -25,7 +27,7 @@ QUALITY_LOSS = {"H": 0.01, "M": 0.02, "L": 0.03}
 """Share of the dense model's PSNR and SSIM that each variant may lose."""
 
 
-RECOVERY = 5
+RECOVERY = 3
 """Intervals from a failed gate to the next look: healing takes that long, and gamma should not be gone by then."""
 
 
@@ -36,8 +38,11 @@ class PruneOptions:
     Attributes:
         iterations: of retraining, in all.
         interval: iterations of retraining after a prune until the gate is looked at.
-        recovery: iterations from a failed gate to the next look; None for 5 times `interval`.
-        fraction: of the points, removed at each passed gate.
+        recovery: iterations from a failed gate to the next look; None for RECOVERY times `interval`.
+        patience: failed looks in a row after which a prune is undone and a smaller one tried; sooner where going on as since
+            the second of them would not do.
+        fraction: of the points, removed at each passed gate; halved where a prune is undone, doubled up to this where the gate
+            passes at the first look after a prune.
         parts: that a prune is made in, with the scores measured anew before each.
         criterion: one of CRITERIA, or None: nothing is pruned, scale decay alone is controlled.
         scale_decay: whether gamma is ever above 0.
@@ -53,6 +58,7 @@ class PruneOptions:
     iterations: int = 3000
     interval: int = 20
     recovery: int | None = None
+    patience: int = 10
     fraction: float = 0.10
     parts: int = 5
     criterion: str | None = "ce"
@@ -65,7 +71,7 @@ class PruneOptions:
     validated: int = 8
 
     def __post_init__(self) -> None:
-        for name in ("iterations", "interval", "recovery", "parts", "scored", "validated"):
+        for name in ("iterations", "interval", "recovery", "patience", "parts", "scored", "validated"):
             if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
         if self.margin < 0 or self.gamma_first <= 0:
@@ -86,7 +92,7 @@ class Check:
         entries: (splat, tile) pairs per frame of the validation views.
         psnr, ssim: on the validation views.
         gamma: weight of scale decay that led here.
-        passed: whether the gate let it through.
+        slack: by how much the gate let it through, see `Gate.slack`; below 0 it did not.
     """
 
     iteration: int
@@ -95,7 +101,12 @@ class Check:
     psnr: float
     ssim: float
     gamma: float
-    passed: bool
+    slack: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the gate let it through."""
+        return self.slack >= 0
 
 
 def gate_views(scene: TrainingScene, options: PruneOptions) -> tuple[int, ...]:
@@ -107,8 +118,10 @@ class PruneStage(Stage):
     """From a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
 
     The dense model passes its own gate, so the first prune comes at once. After `interval` iterations the gate is looked at
-    again: a pass keeps the model if no passing one had fewer entries, prunes it and raises gamma; a failure lowers gamma and
-    retrains for `recovery` iterations more. The result is the passing model with the fewest entries, at worst the dense one.
+    again, always with the running average of the parameters: a pass keeps the model if no passing one had fewer entries, prunes
+    it and raises gamma; a failure lowers gamma and retrains for `recovery` iterations more. Where that does not lead back over
+    the gate, the last model that passed comes back and a prune of half the size is tried. The result is the passing model with
+    the fewest entries, at worst the dense one.
 
     Args:
         scene: training views are trained on and scored on, validation views gate.
@@ -136,13 +149,17 @@ class PruneStage(Stage):
         self._look = self.options.interval
         self._scene = scene
         self._validation = gate_views(scene, self.options)
+        self._bounds, dense = Bounds(scene), dense.detached()
+        self._bounds.apply(dense)
         self._training = Retraining(scene, dense, seed, name, rates)
         self._scores = None
         if self.options.criterion is not None:
             # Poses of validation views too: what only they see could otherwise be neither kept nor retrained.
             cameras = [widened(scene.cameras[view], self.options.margin) for view in (*scene.train, *scene.validation)]
             self._scores = Scores(self.options.criterion, cameras, share=-(-len(cameras) // self.options.scored), seed=seed)
-        self._best = dense.detached()
+        self._best = dense
+        self._fraction, self._failures = self.options.fraction, 0
+        self._passed: dict[str, object] | None = None
 
     @property
     def gaussians(self) -> Gaussians:
@@ -159,8 +176,10 @@ class PruneStage(Stage):
         self.done += 1
         record = {"loss": loss, "points": len(self.gaussians), "gamma": self.gamma, "view": self._training.view}
         if self.done >= self._look or self.finished:
+            narrowed = self._training.narrow(self._bounds)
             check = self._decide(self._quality())
-            record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed}
+            record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed,
+                       "narrowed": narrowed}
         return record
 
     def result(self) -> Gaussians:
@@ -169,50 +188,87 @@ class PruneStage(Stage):
 
     def state(self) -> dict[str, object]:
         """For `load`."""
-        gate = None if self.gate is None else vars(self.gate).copy()
         return {
-            "done": self.done, "look": self._look, "gamma": self.gamma, "gate": gate,
+            "done": self.done, "look": self._look, "gamma": self.gamma, "fraction": self._fraction, "failures": self._failures,
+            "gate": None if self.gate is None else vars(self.gate).copy(),
             "history": [vars(check).copy() for check in self.history], "best": self._best.tensors(),
-            "training": self._training.state(), "scores": None if self._scores is None else self._scores.state(),
+            "current": self._snapshot(), "passed": None if self._passed is None else copy.deepcopy(self._passed),
         }
 
     def load(self, state: dict[str, object]) -> None:
         """Back to where `state` was taken."""
         self.done, self._look, self.gamma = state["done"], state["look"], state["gamma"]
+        self._fraction, self._failures = state["fraction"], state["failures"]
         self.gate = None if state["gate"] is None else Gate(**state["gate"])
         self.history = [Check(**check) for check in state["history"]]
         self._best = Gaussians(**state["best"]).detached()
-        self._training.load(state["training"])
+        self._passed = copy.deepcopy(state["passed"])
+        self._restore(state["current"])
+
+    def _snapshot(self) -> dict[str, object]:
+        return {"training": self._training.state(), "scores": None if self._scores is None else self._scores.state()}
+
+    def _restore(self, snapshot: dict[str, object]) -> None:
+        self._training.load(snapshot["training"])
         if self._scores is not None:
-            self._scores.load(state["scores"])
+            self._scores.load(snapshot["scores"])
 
     def _quality(self) -> Quality:
-        return evaluate(self.gaussians, self._scene, self._validation)
+        return evaluate(self._training.average, self._scene, self._validation)
 
     def _decide(self, quality: Quality) -> Check:
         """The gate: keeps the model, prunes it and changes gamma as it says."""
         check = Check(
-            self.done, quality.points, quality.entries, quality.psnr, quality.ssim, self.gamma, self.gate.passes(quality))
+            self.done, quality.points, quality.entries, quality.psnr, quality.ssim, self.gamma, self.gate.slack(quality))
         fewest = min((row.entries for row in self.history if row.passed), default=None)
         self.history.append(check)
         if check.passed and (fewest is None or check.entries < fewest):
-            self._best = self.gaussians.detached()
+            self._best = self._training.average
         if self.finished:
             return check
         options = self.options
-        recovery = options.recovery or RECOVERY * options.interval
-        self._look = self.done + (options.interval if check.passed else recovery)
         if options.scale_decay:
             self.gamma = next_gamma(self.gamma, check.passed, options.gamma_first)
-        if check.passed and self._scores is not None:
-            self._prune()
+        pruned = self._go_on() if check.passed else self._wait()
+        self._look = self.done + (options.interval if pruned else options.recovery or RECOVERY * options.interval)
         return check
+
+    def _go_on(self) -> bool:
+        """After a pass: prune the model, the more the easier the last prune was."""
+        if self._scores is None:
+            return True
+        if self._failures == 0:
+            self._fraction = min(2 * self._fraction, self.options.fraction)
+        self._training.settle()
+        self._failures, self._passed = 0, self._snapshot()
+        self._prune()
+        return True
+
+    def _wait(self) -> bool:
+        """After a failure: whether the prune was undone and a smaller one took its place."""
+        self._failures += 1
+        if self._passed is None or not self._hopeless():
+            return False
+        self._restore(self._passed)
+        self._fraction, self._failures = self._fraction / 2, 0
+        self._prune()
+        return True
+
+    def _hopeless(self) -> bool:
+        """Whether the gate has failed too often since the last prune, or will by what the last retraining gained."""
+        left = self.options.patience - self._failures
+        if left <= 0:
+            return True
+        if self._failures < 4:  # the first look comes soon after the prune, the second after the quickest recovery
+            return False
+        since, now = self.history[1 - self._failures].slack, self.history[-1].slack
+        return now + (now - since) / (self._failures - 2) * left < 0
 
     def _prune(self) -> None:
         """Drop what is almost transparent, then the lowest `fraction` in parts, scores measured before each."""
         options = self.options
         self._keep(self.gaussians.amplified_opacity.detach() >= options.opacity_min)
-        part = round(options.fraction / options.parts * len(self.gaussians))
+        part = max(1, round(self._fraction / options.parts * len(self.gaussians)))
         for _ in range(options.parts):
             self._keep(without_lowest(self._scores.measure(self.gaussians), part))
         if options.opacity_clamp is not None:

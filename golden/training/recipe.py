@@ -30,7 +30,7 @@ BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES)
 RESULTS = (FoveatedModel, Version, SeparateModels)
 """Classes, beside Gaussians, that stages leave."""
 
-SHARES = {"dense": 0.50, "prune": 0.30, "finetune": 0.05, "level2": 0.05, "level3": 0.05, "level4": 0.05}
+SHARES = {"dense": 0.45, "prune": 0.40, "finetune": 0.03, "level2": 0.04, "level3": 0.04, "level4": 0.04}
 """Each stage's share of the chain's iterations."""
 
 SEPARATE_SHARE = 0.05

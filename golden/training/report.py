@@ -25,6 +25,7 @@ from golden.training.plots import curves, plot_curves, read_log
 from golden.training.render import render, render_foveated
 from golden.training.report_machine import machine_numbers, model_files
 from golden.training.report_text import markdown
+from golden.training.representable import misplaced
 from golden.training.scene import TrainingScene
 from spec.constants import ALPHA_MAX_L1, REGION_START_DEG
 
@@ -64,7 +65,9 @@ def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Cal
     note(f"measuring on {len(scene.test)} test views")
     report = numbers(trained, scene)
     report["pictures"] = _pictures(trained, scene, folder)
-    shown = curves(read_log(folder / "log.jsonl"))
+    records = read_log(folder / "log.jsonl")
+    report["narrowed"] = _narrowed(records)
+    shown = curves(records)
     plot_curves(shown, folder / "curves.png")
     report["curves"] = "curves.png"
     report["seconds"]["report"] = time.monotonic() - begin
@@ -96,9 +99,19 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
         "seconds": {name: float(spent["seconds"]) for name, spent in trained.spent.items()},
         "stages": stages, "levels": levels,
         "pooling_px": [pooling_px(level, width) for level in range(trained.levels.levels)],
+        "misplaced": misplaced(trained.levels.level(0), scene, scene.test),
         "regions": _regions(trained, scene),
         "machine": asdict(machine) if machine else None,
     }
+
+
+def _narrowed(records: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """By stage, how often a splat was found too wide for the machine and was narrowed; a splat may be found again."""
+    found: dict[str, int] = {}
+    for record in records:
+        if "narrowed" in record:
+            found[record["stage"]] = found.get(record["stage"], 0) + int(record["narrowed"])
+    return found
 
 
 def _well_posed_psnr(dense: Gaussians, scene: TrainingScene) -> float | None:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import torch
 
 from golden.metrics.ssim import Ssim
+from golden.training.average import Average
 from golden.training.gaussians import Gaussians
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.render import render
+from golden.training.representable import Bounds
 from golden.training.scale_decay import weighted_scale
 from golden.training.views import PerView, view_at, views_within
 from spec.constants import ALPHA_MAX_L1
@@ -24,7 +26,6 @@ SSIM_BYTES = 36
 
 SSIM_BUDGET = 2**30
 """Bytes for the views' `Ssim` objects; views beyond it have theirs made anew each time."""
-
 
 PROGRESS = 0.5
 """Of dense training, from where retraining takes the means' rate: a tenth of the first, ten times the last."""
@@ -68,10 +69,28 @@ class Retraining:
     def restart(self, gaussians: Gaussians) -> None:
         """Train these instead, with fresh moments."""
         self._optimiser = Optimiser(gaussians, self._rates)
+        self._average = Average(self.gaussians)
+
+    @property
+    def average(self) -> Gaussians:
+        """The running average since points last came or went; a copy."""
+        return self._average.gaussians.detached()
+
+    def narrow(self, bounds: Bounds) -> int:
+        """Keep to the widest scales; how many of the average's Gaussians were wider."""
+        bounds.apply(self.gaussians)
+        return bounds.apply(self._average.gaussians)
+
+    def settle(self) -> None:
+        """Go on from the running average."""
+        with torch.no_grad():
+            for name, tensor in self._average.gaussians.tensors().items():
+                getattr(self.gaussians, name).copy_(tensor)
 
     def select(self, keep: torch.Tensor) -> None:
         """Drop all Gaussians but `keep`, (N,) bool, and their moments."""
         self._optimiser.select(keep)
+        self._average.restart(self.gaussians)
 
     def clamp_opacity(self, highest: float) -> None:
         """Opacities above `highest` (0..1) come down to it, and lose their moments."""
@@ -79,6 +98,7 @@ class Retraining:
         limit = float(torch.logit(torch.tensor(highest)))
         above = torch.nonzero(logits > limit).squeeze(1)
         self._optimiser.reset("opacity", torch.full_like(logits[above], limit), above)
+        self._average.restart(self.gaussians)
 
     def step(self, iteration: int, gamma: float) -> float:
         """One iteration; the loss."""
@@ -90,12 +110,14 @@ class Retraining:
             loss = loss + gamma * weighted_scale(gaussians.log_scales, rendering.index, rendering.tiles)
         loss.backward()
         self._optimiser.step()
+        self._average.take(self.gaussians)
         return float(loss.detach())
 
     def state(self) -> dict[str, object]:
         """For `load`."""
-        return self._optimiser.state()
+        return {"optimiser": self._optimiser.state(), "average": self._average.state()}
 
     def load(self, state: dict[str, object]) -> None:
         """Back to where `state` was taken."""
-        self._optimiser.load(state)
+        self._optimiser.load(state["optimiser"])
+        self._average.load(state["average"], self.gaussians.device)
