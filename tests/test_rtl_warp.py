@@ -29,6 +29,7 @@ from spec.stereo import warped_tile
 from tb.common import codec
 from tb.common.exact import problems
 from tb.warp import suite
+from tb.warp.cones import cones_folder, psnr_of_cones
 from tb.warp.stimuli import anything, writes_of
 from tb.writer.stimuli import memory_of
 
@@ -227,3 +228,23 @@ def test_scenes_and_other_machines_are_exact(name, tmp_path):
     plan = suite.full_plan(config, 1)
     outcome = suite.run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and len(suite.figures(config, plan, outcome)) >= 5
+
+
+@pytest.mark.long
+@pytest.mark.data
+def test_middlebury_cones_through_the_unit(data_dir, monkeypatch, tmp_path, record_property):
+    """The left photograph, warped by its true disparities, against the right one."""
+    monkeypatch.setenv("MSV2_DATA", str(data_dir))
+    folder, config = cones_folder(), STEREO.with_(row_width=512)
+    if folder is None:
+        pytest.skip(f"no Middlebury cones at {data_dir}")
+    plan = suite.cones_plan(config)
+    outcome = suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and [item.name for item in plan][1:] == [suite.CONES]
+    recording = outcome.recordings[suite.CONES]
+    seen = psnr_of_cones(config, folder, recording.outputs["writes"], plan[1].run.settings["target_frame_base"])
+    for name, value in seen.items():
+        record_property(name, value)
+    print(f"cones: {seen['warped_db']:.2f} dB warped, {seen['unwarped_db']:.2f} dB not, over {seen['share']:.1%} of the pixels")
+    assert seen["share"] > 0.7 and seen["warped_db"] > seen["unwarped_db"] + 8
+    assert any(line.startswith(f"{suite.CONES} against") for line in suite.figures(config, plan, outcome))

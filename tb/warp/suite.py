@@ -12,6 +12,7 @@ from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.framed import IDLE_AFTER
 from tb.common.scenes import traced_frames, traced_size
+from tb.warp.cones import cones, cones_folder, psnr_of_cones
 from tb.warp.device import playback
 from tb.warp.stimuli import (
     Source,
@@ -134,6 +135,18 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     return plan.runs
 
 
+CONES = "traced Middlebury cones"
+
+
+def cones_plan(config: AcceleratorConfig) -> list[Planned]:
+    """A photograph with its true disparities, where it is there and as wide as the machine's rows may be."""
+    plan, folder = Plan(config, 0), cones_folder()
+    if folder is not None and config.row_width >= 450 and not config.warp_veiled:
+        plan.add("clear, then cones", anything(config, np.random.default_rng(0), 16, 16))
+        plan.add(CONES, cones(config, folder))
+    return plan.runs
+
+
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
     """The frames of scenes."""
     plan = Plan(config, 0)
@@ -151,7 +164,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k in range(4):
         random.add(f"random {k}", Source(random_pixels(config, rng, 150, 70), int(rng.integers(1 << 16)), k % 2 == 1))
     return [*directed_plan(config, seed), *unit_plan(config, seed), *rate_plan(config, seed), *random.runs,
-            *traced_plan(config, traced_size(config, "320x176"))]
+            *traced_plan(config, traced_size(config, "320x176")), *cones_plan(config)]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
@@ -163,6 +176,11 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
         shares = ", ".join(f"{name} {item.observed[name]}" for name in ("warped", "filled", "invalid_tiles"))
         lines.append(f"{item.name}: {width * height} pixels in about {cycles} cycles, {width * height / cycles:.3f} a cycle, "
                      f"rows wait {recording.stalls['rows']} cycles; {shares}")
+        if item.name == CONES:
+            base = item.run.settings["target_frame_base"]
+            seen = psnr_of_cones(config, cones_folder(), recording.outputs["writes"], base)
+            lines.append(f"{CONES} against the right photograph: {seen['warped_db']:.2f} dB warped, "
+                         f"{seen['unwarped_db']:.2f} dB not, over {seen['share']:.1%} of its pixels")
     return lines
 
 
