@@ -6,7 +6,7 @@ as where `ready` passes through combinationally. What a `Buffer` holds is looked
 
 from __future__ import annotations
 
-from perf import bus
+from perf import bus, memory
 from perf.bus import COLOUR, CREDITS, GEOMETRY, TILES, W_ENTRIES, W_VIEWS, WAITING
 from perf.kernel import phase, step
 from perf.layout import Layout
@@ -17,7 +17,7 @@ NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
 NOT_LAST, CLOSES, ENDS = range(3)
 """Of a run: others of its splat follow; it is the last; it is the frame's end."""
 
-layout = Layout(bus.layout.size)
+layout = Layout(memory.layout.size)
 _RING = 128
 _MASK = _RING - 1
 
@@ -326,7 +326,7 @@ def geometry_phase(
         if reader == GEOMETRY:
             bus.read(s, GEOMETRY, geometry_base + asked)
             s[ASKED] = asked + 1
-        bus.end_cycle(s, t)
+        memory.end_cycle(s, t)
         t += 1
     return -1, counted
 
@@ -349,7 +349,7 @@ def table_phase(s, tiles, base, limit):
         if reader == TILES:
             bus.read(s, TILES, base + asked)
             asked += 1
-        bus.end_cycle(s, t)
+        memory.end_cycle(s, t)
         t += 1
         if taken == tiles:
             return t + 2  # `done` a cycle later, seen in the cycle after that

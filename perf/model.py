@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from perf import blending, bus, constants, geometry, lists, render, sorter, warp, watch
+from perf import blending, bus, constants, dram, geometry, lists, render, sorter, warp, watch
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -26,6 +26,7 @@ from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, P
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+from spec.stereo import disparity
 
 LIMIT = 1 << 40
 """Cycles after which a phase is given up."""
@@ -44,11 +45,13 @@ class MemoryModel:
         kind: "ideal": the RTL bench's memory, in order at a latency and a bandwidth; "lpddr3": four channels (`perf.dram`).
         latency: of "ideal", cycles.
         bytes_per_cycle: of "ideal", reads and writes together; None: a beat read and a beat written in every cycle.
+        device: timing of "lpddr3".
     """
 
     kind: str = "ideal"
     latency: int = 100
     bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
+    device: dram.Lpddr3 = field(default_factory=dram.Lpddr3)
 
     def __post_init__(self) -> None:
         if self.kind not in ("ideal", "lpddr3"):
@@ -165,6 +168,7 @@ def simulate(
 def _memory(s: np.ndarray, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
     bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
+    dram.prepare(s, memory.device)
 
 
 def _eye(
@@ -188,7 +192,7 @@ def _eye(
 
 
 def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
-    s = np.zeros(bus.layout.size, np.int64)
+    s = np.zeros(dram.layout.size, np.int64)
     _memory(s, memory)
     return int(geometry.table_phase(s, len(eye.counts), base, LIMIT))
 
@@ -234,6 +238,18 @@ def _set_array(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, disp
     s[blending.PIXEL_WORDS] = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
 
 
+def _set_warp(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, where: MemoryMap) -> None:
+    """The warp unit's sizes and latencies (rtl.warp_unit)."""
+    groups = TILE // config.warp_lanes
+    waiting = max(2, groups - groups // config.warp_lanes + 1)
+    s[warp.PRESENT], s[warp.LANES], s[warp.TO_TAKE] = 1, config.warp_lanes, trace.tiles_y
+    s[warp.DEPTH] = max(2, groups * TILE // config.cores_x)
+    s[warp.SETTLE_CYCLES] = disparity(config).width + constants.DISPARITY_STAGES + constants.BANK_STAGES
+    s[warp.START_LATENCY] = groups + constants.WINDOW_STAGES + constants.FILL_LATENCY
+    s[warp.QUEUE_DEPTH] = min(groups, 1 << (waiting - 1).bit_length())
+    s[warp.TARGET_BASE] = where.target_frame
+
+
 def _render(
     trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, display: bool,
     written: Lists, plan: RenderPlan, where: MemoryMap, sweep_from: int,
@@ -257,6 +273,8 @@ def _render(
     s[blending.VIEWS_BASE], s[blending.FRAME_BASE] = where.views, where.target_frame if number else where.frame
     s[blending.RENDERED_TILES] = len(plan.drawn)
     _set_array(s, trace, config, display)
+    if len(trace.eyes) > 1 and number == 0:
+        _set_warp(s, trace, config, where)
     times = np.full((8, len(plan.filled) + 1), -1, np.int64)
     tile_times = np.full((2, len(plan.drawn) + 1), -1, np.int64)
     spilled = plan.chunk_spill != 0

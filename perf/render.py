@@ -5,7 +5,7 @@ Units are stepped from the last to the first, as `perf.geometry` says.
 
 from __future__ import annotations
 
-from perf import blending, bus, lists, sorter, warp
+from perf import blending, bus, lists, memory, sorter, warp
 from perf.bus import CREDITS, ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
 from perf.watch import (
@@ -120,5 +120,5 @@ def render_phase(
         lists.step_walk(s, t, reader == ENTRIES, list_before, tile_counts, tile_lasts, page_beat, page_start)
         lists.step_headers(s, t, reader == TILES, head_before, levels, rendered)
         lists.step_sweep(s, t, list_before, head_before)
-        bus.end_cycle(s, t)
+        memory.end_cycle(s, t)
     return -1

@@ -209,7 +209,8 @@ def _merge(s, t, way_of, run_length, run_last):
     if headless:
         while headless >> way:
             at = s[WAY_OUT + way]
-            if headless >> way & 1 and at != s[WAY_IN + way] and s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] <= t:
+            there = at != s[WAY_IN + way] and s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] <= t
+            if there and headless >> way & 1:
                 headless &= ~(1 << way)
             way += 1
         s[HEADLESS] = headless

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from perf import bus
+from perf import memory
 from perf.layout import Layout
 
-layout = Layout(bus.layout.size)
+layout = Layout(memory.layout.size)
 
 (BUSY_LIST, BLOCKED_LIST, BUSY_SORT, BLOCKED_SORT, BUSY_HANDOVER, BLOCKED_HANDOVER, BUSY_FETCH, BLOCKED_FETCH, BUSY_ARRAY,
  BLOCKED_ARRAY, BUSY_PIXELS, BLOCKED_PIXELS, BUSY_WARP, BLOCKED_WARP) = layout.words(

@@ -1,0 +1,17 @@
+"""What is behind the bus: the bench's memory or LPDDR3 channels."""
+
+from __future__ import annotations
+
+from perf import bus, dram
+from perf.kernel import step
+
+layout = dram.layout
+
+
+@step
+def end_cycle(s, t):
+    """The clock edge at the end of cycle t, in memory."""
+    if s[bus.DRAM]:
+        dram.end_cycle(s, t)
+    else:
+        bus.end_cycle(s, t)
