@@ -49,6 +49,19 @@ def test_tiny_is_exact_and_fast_enough(tiny):
     assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 10_000
 
 
+@pytest.mark.parametrize("changes", [
+    {"warp_lanes": 4, "warp_veiled": True}, pytest.param({"warp_lanes": 2, "warp_fill": "interior"}, marks=pytest.mark.long)],
+    ids=["4 lanes, veiled", "2 lanes, interior"])
+def test_other_lanes_and_rules_are_exact(changes, tmp_path):
+    """Rows side by side, borders and corners of strips among them; what is warped and filled otherwise."""
+    config = STEREO.with_(**changes)
+    plan = suite.directed_plan(config, 1)
+    outcome = suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan)
+    events = {item.name: item.observed for item in plan}
+    assert events["every border"]["filled"] >= (4 if config.warp_fill == "interior" else 4 * (10 + 5 + 1) + 8)
+
+
 def test_every_case_occurs(tiny):
     """Holes filled and left, tiles with and without them, rows that wait for the strip before."""
     plan, outcome = tiny
