@@ -37,6 +37,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
     add("--iterations", type=int, metavar="N", help="of the whole chain, dense training included (default: the scene's)")
     add("--max-points", type=int, metavar="N", help="cap on the dense model's points (default: the scene's)")
+    add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames this wide: 1237 is the paper's 1, 3, 7 and 12 "
+        "pixels (default: the frame's width, whose field of view is then the paper's)")
     add("--seed", type=int, default=0, help="of everything drawn at random (default: 0)")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")

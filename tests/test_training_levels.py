@@ -19,7 +19,7 @@ from golden.scenes.model import GaussianModel  # noqa: E402
 from golden.training.baselines import SeparateModels, SeparateOptions, SeparateStage, smfr  # noqa: E402
 from golden.training.foveated import FoveatedModel, Version  # noqa: E402
 from golden.training.gaussians import Gaussians, from_model  # noqa: E402
-from golden.training.level_quality import centre_foveation, frame_cost, level_hvsq, reference_image, region_hvsq  # noqa: E402
+from golden.training.level_quality import centre_foveation, frame_cost, level_hvsq, reference_image, region_hvsq, view_hvsq  # noqa: E402
 from golden.training.levels import LevelOptions, LevelStage  # noqa: E402
 from golden.training.render import render, render_foveated  # noqa: E402
 from golden.training.scene import TrainingScene, load_training_scene  # noqa: E402
@@ -232,6 +232,17 @@ def test_where_no_prune_passes_the_level_keeps_all_points(scene, base):
     stage.target = 0.0
     model = run(stage).result()
     assert model.counts == (len(base), len(base)) and not stage.history[-1].passed
+
+
+def test_gate_is_not_passed_by_one_forgiving_view(scene, base):
+    """Views are judged by their own L1: one that forgives everything does not make up for another."""
+    stage = LevelStage(scene, FoveatedModel(base), 1, QUICK)
+    plain = stage._look()
+    values, _ = view_hvsq(stage.gaussians, scene, scene.validation, stage._hvsq, 1.0)
+    ratios = values / stage._targets
+    assert plain.hvsq == pytest.approx(stage.target * (ratios.mean() + ratios.std(ddof=1) / np.sqrt(len(ratios))), rel=1e-6)
+    stage._targets = stage._targets * np.array([100.0, *[0.9] * (len(ratios) - 1)])
+    assert stage._look().hvsq > 0.6 * stage.target  # the mean of ratios; means over views would be a hundredth
 
 
 def test_levels_are_made_in_order(scene, base):

@@ -47,6 +47,7 @@ class FineTuneStage(Stage):
         seed: of the order of training views.
         rates: Adam's, by field; None for `retraining_rates`.
         name: in a chain.
+        pooling: width in pixels that HVSQ pools over; None: the paper's, scaled to the frame.
 
     Attributes:
         before, after: quality of what came in and of the result, on the validation views, HVSQ at pooling 1 included.
@@ -55,6 +56,7 @@ class FineTuneStage(Stage):
     def __init__(
         self, scene: TrainingScene, gaussians: Gaussians, gate: Gate | None = None, *, iterations: int = 500,
         interval: int = 100, seed: int = 0, rates: Mapping[str, float] | None = None, name: str = "finetune",
+        pooling: float | None = None,
     ) -> None:
         if iterations < 1 or interval < 1:
             raise ValueError(f"iterations and interval must be at least 1, not {iterations!r} and {interval!r}")
@@ -67,7 +69,7 @@ class FineTuneStage(Stage):
         self._optimiser = Optimiser(gaussians, retraining_rates(scene) if rates is None else rates)
         self._average, self._best = Average(gaussians), gaussians
         camera = scene.cameras[scene.train[0]]
-        self.pooling = pooling_px(0, camera.width)
+        self.pooling = pooling_px(0, camera.width) if pooling is None else pooling
         self._hvsq = PerView(
             lambda view: Hvsq(scene.photograph(view).to(gaussians.device), self.pooling),
             views_within(camera.width * camera.height, HVSQ_BYTES, HVSQ_BUDGET))

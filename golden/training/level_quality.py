@@ -86,7 +86,15 @@ def reference_image(
 def mean_hvsq(
     gaussians: Gaussians, scene: TrainingScene, views: Sequence[int], hvsq: Callable[[int], Hvsq], alpha_max: float
 ) -> tuple[float, float]:
-    """Mean HVSQ of one level's whole images, clamped as a display does, and its mean entries per frame.
+    """Mean HVSQ of one level's whole images and its mean entries per frame, see `view_hvsq`."""
+    values, entries = view_hvsq(gaussians, scene, views, hvsq, alpha_max)
+    return float(values.mean()), entries
+
+
+def view_hvsq(
+    gaussians: Gaussians, scene: TrainingScene, views: Sequence[int], hvsq: Callable[[int], Hvsq], alpha_max: float
+) -> tuple[np.ndarray, float]:
+    """HVSQ of one level's whole image of each view, clamped as a display does, (V,), and its mean entries per frame.
 
     Args:
         views: indices into the scene's cameras.
@@ -97,8 +105,8 @@ def mean_hvsq(
         for view in views:
             rendering = render(gaussians, scene.cameras[view], alpha_max=alpha_max)
             values.append((float(hvsq(view)(rendering.image.clamp(0.0, 1.0))), rendering.entries))
-    value, entries = np.mean(values, axis=0)
-    return float(value), float(entries)
+    table = np.array(values)
+    return table[:, 0], float(table[:, 1].mean())
 
 
 def level_hvsq(

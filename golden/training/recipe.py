@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from golden.metrics.hvsq import pooling_px
 from golden.training.baselines import SeparateModels, SeparateOptions, SeparateStage, smfr
 from golden.training.chain import Planned
 from golden.training.dense import DenseOptions, DenseStage
@@ -60,6 +61,7 @@ class Recipe:
         iterations: of the whole chain, dense training included.
         max_points: cap on the dense model's Gaussians.
         seed: of everything drawn at random.
+        pooling_width: pixels, of the frame that HVSQ pools as in; None: of the scene's.
     """
 
     variant: str
@@ -68,6 +70,7 @@ class Recipe:
     iterations: int
     max_points: int
     seed: int
+    pooling_width: int | None = None
 
     def __post_init__(self) -> None:
         for name, value, accepted in (("variant", self.variant, VARIANTS), ("baseline", self.baseline, (None, *BASELINES))):
@@ -76,12 +79,20 @@ class Recipe:
         for name, least in (("iterations", MIN_ITERATIONS), ("max_points", 4), ("seed", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name.replace('_', '-')} {getattr(self, name)} is not accepted: {least} or more is")
+        if self.pooling_width is not None and self.pooling_width < 1:
+            raise InputError(f"pooling-width {self.pooling_width} is not accepted: 1 or more is")
 
     def budget(self, stage: str) -> int:
         """Iterations of a stage."""
         share = SEPARATE_SHARE if stage.startswith("separate") else SHARES[stage]
         return max(1, round(share * self.iterations))
 
+    @property
+    def pooling(self) -> tuple[float, ...] | None:
+        """Widths in pixels that HVSQ of each level pools over; None: scaled to the scene's frames."""
+        if self.pooling_width is None:
+            return None
+        return tuple(pooling_px(level, self.pooling_width) for level in range(MAX_LEVELS))
 
     def prune_options(self) -> PruneOptions:
         """Pruning's defaults, with looks at the gate closer together where there are few iterations."""
@@ -171,13 +182,15 @@ class _Makers:
         gate = Gate.of(dense, QUALITY_LOSS[self.recipe.variant])
         iterations = self.recipe.budget("finetune")
         return FineTuneStage(self.scene, results["prune"].to(self.device), gate, iterations=iterations,
-                             interval=max(1, iterations // 5), seed=self.seed)
+                             interval=max(1, iterations // 5), seed=self.seed,
+                             pooling=None if self.recipe.pooling is None else self.recipe.pooling[0])
 
     def level(self, level: int) -> object:
         def make(results: dict[str, Any]) -> Stage:
             before = FoveatedModel(results["finetune"]) if level == 1 else results[f"level{level}"]
             iterations = self.recipe.budget(f"level{level + 1}")
-            options = LevelOptions(iterations=iterations, opacity_enhancement=self.recipe.enhancement)
+            options = LevelOptions(
+                iterations=iterations, opacity_enhancement=self.recipe.enhancement, pooling=self.recipe.pooling)
             return LevelStage(self.scene, before.to(self.device), level, options, self.seed)
 
         return make
@@ -188,7 +201,7 @@ class _Makers:
     def separate(self, level: int) -> object:
         def make(results: dict[str, Any]) -> Stage:
             points = results[f"level{MAX_LEVELS}"].counts[level]
-            options = SeparateOptions(iterations=self.recipe.budget(f"separate{level + 1}"))
+            options = SeparateOptions(iterations=self.recipe.budget(f"separate{level + 1}"), pooling=self.recipe.pooling)
             return SeparateStage(self.scene, results["finetune"].to(self.device), level, points, options, self.seed)
 
         return make

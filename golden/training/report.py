@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from golden.metrics.hvsq import foveated, pooling_px
+from golden.metrics.hvsq import foveated
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import region_level
 from golden.scenes.pictures import levels_picture, save_png
@@ -20,7 +20,7 @@ from golden.scenes.save import save_model
 from golden.training.evaluate import evaluate
 from golden.training.foveated import level_alpha_max
 from golden.training.gaussians import Gaussians
-from golden.training.level_quality import Levels, centre_foveation, level_hvsq
+from golden.training.level_quality import Levels, centre_foveation, level_hvsq, level_pooling
 from golden.training.plots import curves, plot_curves, read_log
 from golden.training.render import render, render_foveated
 from golden.training.report_machine import machine_numbers, model_files
@@ -44,6 +44,7 @@ class Trained:
         spent: iterations and seconds of each stage.
         options: what was asked for.
         references: what everything is compared with: photographs, or renders of the dense model.
+        pooling: widths in pixels that HVSQ of each level pools over; None: the paper's, scaled to the frame.
     """
 
     dense: Gaussians
@@ -52,6 +53,7 @@ class Trained:
     spent: Mapping[str, Mapping[str, float]]
     options: Mapping[str, Any]
     references: str
+    pooling: tuple[float, ...] | None = None
 
 
 def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Callable[[str], None] = print) -> dict[str, Any]:
@@ -82,7 +84,7 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
     """Everything report.json says but pictures."""
     stages = [_stage_row(name, level, left, trained, scene) for name, level, left in trained.rows]
     l1 = next(row for row in reversed(stages) if row["level"] == 1)
-    levels, width = _level_rows(trained.levels, scene), scene.size[0]
+    levels, width = _level_rows(trained.levels, scene, trained.pooling), scene.size[0]
     machine = machine_numbers(trained.levels, trained.dense, scene)
     storage = trained.levels.storage
     return {
@@ -98,7 +100,7 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
         "quantised_loss_db": machine.loss_db if machine else None,
         "seconds": {name: float(spent["seconds"]) for name, spent in trained.spent.items()},
         "stages": stages, "levels": levels,
-        "pooling_px": [pooling_px(level, width) for level in range(trained.levels.levels)],
+        "pooling_px": [level_pooling(level, width, trained.pooling) for level in range(trained.levels.levels)],
         "misplaced": misplaced(trained.levels.level(0), scene, scene.test),
         "regions": _regions(trained, scene),
         "machine": asdict(machine) if machine else None,
@@ -122,7 +124,8 @@ def _well_posed_psnr(dense: Gaussians, scene: TrainingScene) -> float | None:
 
 def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: TrainingScene) -> dict[str, Any]:
     """A stage's row: its model's whole frames on the test views."""
-    quality = evaluate(left, scene, scene.test, alpha_max=level_alpha_max(level), pooling=[pooling_px(level, scene.size[0])])
+    pooling = level_pooling(level, scene.size[0], trained.pooling)
+    quality = evaluate(left, scene, scene.test, alpha_max=level_alpha_max(level), pooling=[pooling])
     spent = trained.spent.get(name, {"iterations": 0, "seconds": 0.0})
     return {
         "stage": name, "level": level + 1, "points": quality.points, "entries": quality.entries,
@@ -130,9 +133,9 @@ def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: 
         "iterations": int(spent["iterations"]), "seconds": float(spent["seconds"])}
 
 
-def _level_rows(levels: Levels, scene: TrainingScene) -> list[dict[str, Any]]:
+def _level_rows(levels: Levels, scene: TrainingScene, pooling: Sequence[float] | None) -> list[dict[str, Any]]:
     """Per level: points, and HVSQ at its own pooling on test and validation views beside level 1's, the gate's target."""
-    test, validation = (level_hvsq(levels, scene, views) for views in (scene.test, scene.validation))
+    test, validation = (level_hvsq(levels, scene, views, pooling=pooling) for views in (scene.test, scene.validation))
     return [
         {"level": level + 1, "points": points, "share": points / levels.counts[0], "hvsq_test": test[level],
          "hvsq_validation": validation[level], "target_validation": validation[0],

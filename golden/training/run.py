@@ -48,7 +48,7 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     with room_needed(out, f"training is finished; make room, then: {resume_command(args, out)}"):
         results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
         rows = models_of(results, [stage.name for stage in chain.plan])
-        trained = Trained(results["dense"], levels_of(results), rows, chain.spent, options, references)
+        trained = Trained(results["dense"], levels_of(results), rows, chain.spent, options, references, recipe.pooling)
         report = write_report(trained, scene, out, note=lambda text: print(text, file=sys.stderr))
     print(f"{out}: PSNR {report['psnr_dense']:.2f} dB dense, {report['psnr_l1']:.2f} dB L1, "
           f"points {' > '.join(f'{count:,}' for count in [len(trained.dense), *trained.levels.counts])}, "
@@ -68,12 +68,13 @@ def chosen_recipe(args: argparse.Namespace) -> Recipe:
     iterations, points = (
         default[name] if value is None else value
         for name, value in (("iterations", args.iterations), ("max_points", args.max_points)))
-    return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed)
+    return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed, args.pooling_width)
 
 
 def run_name(scene: str, recipe: Recipe) -> str:
     """The scene's name, and what differs from the default: runs that differ in kind do not overwrite each other."""
-    kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1"]
+    kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1",
+             f"pooled{recipe.pooling_width}" if recipe.pooling_width else None]
     return "-".join([scene, *filter(None, kinds)])
 
 
@@ -105,7 +106,7 @@ def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, 
         "variant": recipe.variant, "from": None if args.source is None else _content(Path(args.source)),
         "baseline": recipe.baseline, "opacity-enhancement": recipe.enhancement, "size": f"{scene.size[0]}x{scene.size[1]}",
         "iterations": recipe.iterations, "max-points": None if args.source else recipe.max_points, "seed": recipe.seed,
-        "device": device}
+        "pooling-width": recipe.pooling_width, "device": device}
 
 
 def _content(path: Path) -> str:
@@ -122,7 +123,7 @@ def resume_command(args: argparse.Namespace, out: Path) -> str:
     for name, value, default in (
         ("variant", args.variant, "H"), ("from", args.source, None), ("baseline", args.baseline, None),
         ("size", args.size, None), ("iterations", args.iterations, None), ("max-points", args.max_points, None),
-        ("seed", args.seed, 0), ("device", args.device, "auto"),
+        ("seed", args.seed, 0), ("pooling-width", args.pooling_width, None), ("device", args.device, "auto"),
     ):
         given += [f"--{name}", str(value)] if value != default else []
     given += [] if args.enhancement else ["--no-opacity-enhancement"]
