@@ -70,12 +70,14 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
 
 def over_scenes(
     name: str, description: str, argv: Sequence[str] | None, rows_of: Callable[[Request, str], list[dict[str, object]]],
+    more: Sequence[Path] = (),
 ) -> tuple[list[dict[str, object]], Path]:
     """The command line of a measurement: its rows, of every scene and view asked for, and the folder of its report.
 
     Args:
         name: of the tool in golden/, without `.py`.
         rows_of: given a request without a gaze and the scene's name.
+        more: models measured besides, where they exist.
     """
     parser = argparse.ArgumentParser(prog=f"golden/{name}.py", description=description,
                                      epilog=f"example: MSV2_DATA=data python golden/{name}.py --size 640x360")
@@ -86,7 +88,7 @@ def over_scenes(
     scenes = [args.scene]
     if args.scene == EMBEDDED:
         folder = Path(os.environ.get("MSV2_DATA", "../shared/data")) / "trained"
-        scenes += [str(folder / capture) for capture in CAPTURES if (folder / capture).exists()]
+        scenes += [str(path) for path in (*(folder / capture for capture in CAPTURES), *more) if path.exists()]
     rows = []
     for scene in tqdm(scenes, desc=name, unit="scene"):
         for view in args.views.split(","):

@@ -1,4 +1,4 @@
-"""Measure depth, disparities and the warped eye, scene by scene: reports/accuracy_stereo.json and .md."""
+"""Measure depth and disparities, scene by scene: reports/accuracy_stereo.json and .md."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from golden.accuracy import over_scenes, write_report
-from golden.metrics.image import psnr_vs
-from golden.msv2_ref import pipeline, warp_unit
-from golden.msv2_ref.stereo import BACKGROUND, FILLED, WARPED, StereoFrame, render_stereo
-from golden.msv2_ref.views import display_pixels, frame_pixels
+from golden.msv2_ref import warp_unit
+from golden.msv2_ref.stereo import StereoFrame, render_stereo
+from golden.msv2_ref.views import frame_pixels
 from golden.oracle.render import render as render_oracle
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
 from golden.scenes.request import Request
 from golden.scenes.stereo import scene_scale, stereo_pair
 from spec.config import PAPER
-from spec.constants import MAX_LEVELS, TILE
+from spec.constants import MAX_LEVELS
 from spec.errors import run_command_line
 from spec.stereo import DISPARITY_FRAC
 
@@ -39,53 +38,23 @@ def disparity_errors(frame: StereoFrame, request: Request) -> tuple[np.ndarray, 
     return (np.abs(raw * 2.0**-DISPARITY_FRAC - wanted)[both], np.abs(frame.source.depth / exact.depth - 1)[both])
 
 
-def holes_left(frame: StereoFrame, rule: str) -> float:
-    """Share of tiles that would be rendered again for their holes under another rule of filling.
-
-    Args:
-        frame: as the machine makes it.
-        rule: "across": five of eight neighbours, those of other strips too; "majority": more than half of the neighbours that
-            the strip and the frame have.
-    """
-    valid = frame.warped.strips["valid"] == 1
-    (height, width), count, exist = valid.shape, np.zeros(valid.shape, int), np.zeros(valid.shape, int)
-    padded = np.pad(valid, 1)
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            y, x = np.arange(height) + dy, np.arange(width) + dx
-            rows = (y >= 0) & (y < height) & ((rule == "across") | (y // TILE == np.arange(height) // TILE))
-            there = rows[:, None] & ((x >= 0) & (x < width)) & bool(dy or dx)
-            exist += there
-            count += there & padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
-    left = ~valid & ((count < 5) if rule == "across" else (2 * count <= exist))
-    for axis in (0, 1):
-        left = np.logical_or.reduceat(left, np.arange(0, left.shape[axis], TILE), axis=axis)
-    return float((left.reshape(-1) & (frame.registers.warp == 1)).mean())
-
-
 def measure(request: Request, name: str) -> dict[str, object]:
     """One row: a request with a gaze."""
     camera = request.camera
     pair = stereo_pair(camera, units_per_metre=scene_scale(name, None)[0])
     frame = render_stereo(request.model, pair, config=PAPER.with_(stereo=True), foveation=request.foveation)
     pixels, depth = disparity_errors(frame, request)
-    whole = display_pixels(pipeline.render_frame(frame.source.config, frame.source.words, frame.registers.target))
-    warped = np.isin(frame.origin, (WARPED, BACKGROUND, FILLED))
-    shown, wanted = (p["colour"].astype(float) / 255 for p in (frame.target_pixels, whole))
     return {
         "scene": name, "camera": camera.name, "size": [camera.width, camera.height], "levels": request.foveation.levels,
         "median_disparity_px": float(np.nanmedian(pair.disparity(frame.source.depth))),
         "within_budget": float((pixels <= BUDGET_PX).mean()), "worst_px": float(pixels.max()),
         "depth_within": float((depth <= DEPTH_ERROR).mean()), "depth_error_p50": float(np.median(depth)),
-        "depth_error_p99": float(np.percentile(depth, 99)), "shares": frame.shares,
-        "rerendered_across_strips": holes_left(frame, "across"), "rerendered_majority": holes_left(frame, "majority"),
-        "psnr_target_db": psnr_vs(shown, wanted),
-        "psnr_warped_db": psnr_vs(shown[warped], wanted[warped]) if warped.any() else None,
+        "depth_error_p99": float(np.percentile(depth, 99)),
     }
 
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
-    """The tables of reports/accuracy_stereo.md."""
+    """The table of reports/accuracy_stereo.md."""
     lines = ["| scene, view | levels | median disparity | within 1/8 px | worst | depth within 0.2 % | depth error, p50 "
              "| p99 |", "|---|---|---|---|---|---|---|---|"]
     for r in rows:
@@ -93,20 +62,10 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
                  f"{r['within_budget']:.3%}", f"{r['worst_px']:.2f} px", f"{r['depth_within']:.2%}",
                  f"{r['depth_error_p50']:.4%}", f"{r['depth_error_p99']:.3%}"]
         lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", "| scene, view | levels | foveal tiles | re-rendered | if strips were no border | if a majority sufficed | "
-              "filled pixels | target against rendering it | its warped pixels |", "|---|---|---|---|---|---|---|---|---|"]
-    for r in rows:
-        s, warps = r["shares"], r["psnr_warped_db"] is not None
-        cells = [f"{r['scene']}, {r['camera']}", str(r["levels"]), *(f"{x:.1%}" for x in (
-            s["tiles_foveal"], s["tiles_rerendered"], r["rerendered_across_strips"], r["rerendered_majority"], s["filled"])),
-            f"{r['psnr_target_db']:.1f} dB" if warps else "-", f"{r['psnr_warped_db']:.1f} dB" if warps else "-"]
-        lines.append(f"| {' | '.join(cells)} |")
-    note = ("First table: pixels with a coverage of one half and more, against the float64 oracle. Scenes whose scale is "
+    note = ("Pixels with a coverage of one half and more, against the float64 oracle. Scenes whose scale is "
             "unknown at 1 unit per metre. Four levels are nested random subsets, worse than trained ones: walls let through "
             "what is behind. The embedded scene's sky lies 50 times as far as its room; a part in a thousand of it that shines "
-            "through moves the mean depth by percents. Second table: thresholds of 18 degrees around a gaze in the centre; "
-            "strips no border: neighbours from other strips count; a majority: more than half of the neighbours inside strip "
-            "and frame.")
+            "through moves the mean depth by percents.")
     return "\n".join([*lines, "", note, ""])
 
 

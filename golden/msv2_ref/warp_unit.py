@@ -153,10 +153,10 @@ def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.
     out["colour"] = colour
     out["coverage"] = np.where((valid & ~background) | filled, 255, 0)
     origin = np.select([filled, background, valid], [FILLED, BACKGROUND, WARPED], HOLE).astype(np.uint8)
-    return out, origin, _tiles_with(~valid & ~filled)
+    return out, origin, tiles_with(~valid & ~filled)
 
 
-def _tiles_with(mask: np.ndarray) -> np.ndarray:
+def tiles_with(mask: np.ndarray) -> np.ndarray:
     """(tiles,) bool, row-major: some pixel of the tile is marked."""
     for axis in (0, 1):
         mask = np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], TILE), axis=axis)
