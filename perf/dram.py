@@ -1,10 +1,10 @@
 """Four channels of LPDDR3-1600 behind the bus: banks, rows, turnarounds, refresh.
 
-Beats are spread over the channels one by one, so that a run of them keeps all four busy; higher bits of the address are mixed in,
-or views of one level, every fourth beat, would all lie in one channel. A beat is a burst of 8 on 32 data pins. A channel's
-controller has a window of the oldest reads and one of the oldest writes. It serves reads until many writes wait or no read does,
-then writes until few are left; within a window whatever hits an open row goes first, then what is oldest, and a row is closed for
-another one only where nothing in the window wants it. Reads of a client are answered in order, over one R channel.
+Beats are spread over the channels one by one, so that a run of them keeps all four busy; higher bits of the address are mixed
+in, or views of one level, every fourth beat, would all lie in one channel. A beat is a burst of 8 on 32 data pins. A channel's
+controller has a window of the oldest reads and one of the oldest writes. It serves reads until many writes wait or no read
+does, then writes until few are left; within a window whatever hits an open row goes first, then what is oldest, and a row is
+closed for another one only where nothing in the window wants it. Reads of a client are answered in order, over one R channel.
 
 Times are quarters of a nanosecond: the DRAM's clock is 1.25 ns, the machine's is 1 ns.
 """

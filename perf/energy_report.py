@@ -1,0 +1,132 @@
+"""`python -m perf.energy_report`: energy of frames, by unit, with what it rests on, into reports/energy.{json,md,png}.
+
+Operations and cycles of a frame are the cycle model's, or the RTL's own counters where frame.json of `python -m tb.frame` is
+given. What an operation costs is in reports/energy_per_operation.json, which `python -m tb.power` measures.
+
+examples:
+  python -m perf.energy_report                                     the embedded scene, and trained ones that MSV2_DATA has
+  python -m perf.energy_report truck.splat --size 1280x720         one frame
+  python -m perf.energy_report --frame build/frame/frame.json      a frame through the RTL
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from golden.render_stereo import add_stereo_arguments, take_stereo_arguments
+from golden.scenes.request import add_request_arguments, write_json
+from perf.energy import EnergyReport, counter_counts, frame_energy, model_counts
+from perf.energy_page import OTHERS, as_markdown, plot
+from perf.energy_table import TABLE, Table, load_table
+from spec.config import CONFIGS
+from spec.errors import InputError, run_command_line
+
+ROOT = Path(__file__).resolve().parent.parent
+CACHE = ROOT / "build" / "perf" / "traces"
+FRAMES = (("embedded", "640x360", "320,180"), ("truck.splat", "1280x720", "640,360"), ("garden_large", "1920x1080", "960,540"))
+"""Scene, size and gaze of the frames that are reported where no scene is named; trained ones where MSV2_DATA has them."""
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m perf.energy_report", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_request_arguments(parser, size="640x360")
+    parser.set_defaults(scene=None)
+    add_stereo_arguments(parser)
+    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, which is measured)")
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
+    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
+    parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports", metavar="DIR", help="default: reports")
+    return parser.parse_args(argv)
+
+
+def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
+    """A frame by the cycle model: what it is, and its energy."""
+    from perf.model import MemoryModel, simulate  # compiled at first use, which counters need not wait for
+    from perf.trace import trace_request
+
+    config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
+    trace = trace_request(args, config, cache=CACHE)
+    cycles = simulate(trace, config, memory=MemoryModel(args.memory), display=True)
+    report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
+    return _frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", config.name, report)
+
+
+def counted(path: Path, table: Table, clock_mhz: float) -> dict[str, object]:
+    """A frame through the RTL, by its counters."""
+    try:
+        frame = json.loads(path.read_text())
+        counts, config = counter_counts(frame), CONFIGS[frame["config"]]
+        report = frame_energy(counts, frame["frame_cycles"], config, table, clock_hz=1e6 * clock_mhz)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path} must be a frame.json of `python -m tb.frame` ({error})") from error
+    return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
+
+
+def _frame(
+    scene: str, size: list[int], record: dict[str, object], source: str, config: str, report: EnergyReport,
+) -> dict[str, object]:
+    return {"scene": Path(scene).stem, "size": size, "gaze": record.get("gaze"), "levels": record.get("levels"),
+            "config": config, "work": source, **report.as_json()}
+
+
+def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
+    """The frames that are asked for."""
+    if args.scene is not None:
+        yield args
+        return
+    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
+    for scene, size, gaze in FRAMES:
+        path = scene if scene == "embedded" else str(trained / scene)
+        if scene != "embedded" and not Path(path).exists():
+            print(f"{scene}: not in MSV2_DATA, left out", flush=True)
+            continue
+        yield argparse.Namespace(**{**vars(args), "scene": path, "size": size, "gaze": gaze, "levels": 4})
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work."""
+    args = _arguments(argv)
+    if args.config not in CONFIGS:
+        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    if not 1 <= args.clock_mhz <= 1e5:
+        raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
+    take_stereo_arguments(args)
+    table = load_table(args.table)
+    frames = [counted(args.frame, table, args.clock_mhz)] if args.frame else []
+    for request in requests(args) if not args.frame else ():
+        frames.append(modelled(request, table))
+        print(summary(frames[-1]), flush=True)
+    args.out.mkdir(parents=True, exist_ok=True)
+    content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
+               "frames": frames, "others": OTHERS}
+    write_json(args.out / "energy.json", content)
+    (args.out / "energy.md").write_text(as_markdown(content, table))
+    drawn = plot(frames, args.out / "energy.png")
+    print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
+    return 0
+
+
+def summary(frame: dict[str, object]) -> str:
+    """A line of the printed report."""
+    width, height = frame["size"]
+    return (f"{frame['scene']} {width}x{height}: chip {frame['chip_mj']:.3f} mJ, DRAM {frame['dram_mj']:.3f} mJ, assumed "
+            f"{frame['assumed_mj']:.3f} mJ; {frame['frames_per_s']:.0f} frames/s at {frame['clock_hz'] / 1e6:.0f} MHz")
+
+
+def commit() -> str:
+    """Of the working tree."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
+
+
+if __name__ == "__main__":
+    run_command_line(main)
