@@ -12,7 +12,7 @@ from spec.formats import SmallFloat
 
 
 class FloatMul(FloatUnit):
-    """`result` = a * b. Latency 3: a's significand times the halves of b's; the sum; normalised, rounded and packed.
+    """`result` = a * b. Latency 3: a's significand times the parts of b's; the sum; normalised, rounded and packed.
 
     Parameters:
         a, b, result: formats.

@@ -65,17 +65,26 @@ def shift_right(let: Let, x: Value, n: Value) -> Value:
     return Cat(sticky, x)
 
 
+_LONGEST_IN_HALVES = 18
+"""Bits of a factor whose halves' products take no longer than a stage."""
+
+
 def product(p: Pipeline, let: Let, name: str, a: Staged, b: Staged) -> Staged:
-    """Unsigned a * b in two stages: the products of a with the halves of b, then their sum."""
-    low, width = len(b.value) // 2, len(a.value) + len(b.value)
+    """Unsigned a * b in two stages: the products of a with the halves of b, thirds of a long one; then their sum."""
+    bits, width = len(b.value), len(a.value) + len(b.value)
+    names = ("low", "high") if bits <= _LONGEST_IN_HALVES else ("low", "middle", "high")
+    cuts = [bits * i // len(names) for i in range(len(names) + 1)]
 
-    def half(part: str, bits: slice) -> Staged:
-        return p.reg(f"{name}_{part}", lambda a, b: let(f"{name}_{part}", a * b), a, b.map(lambda b: b[bits]))
+    def times(part: str, place: slice) -> Staged:
+        return p.reg(f"{name}_{part}", lambda a, b: let(f"{name}_{part}", a * b), a, b.map(lambda b: b[place]))
 
-    def add(x: Value, y: Value) -> Value:
-        return Cat(x[:low], let(f"{name}_top", (x[low:] + y)[: width - low]))
+    def add(lowest: Value, *others: Value) -> Value:
+        top = lowest[cuts[1]:]
+        for cut, other in zip(cuts[1:-1], others, strict=True):
+            top = top + (other << (cut - cuts[1]))
+        return Cat(lowest[:cuts[1]], let(f"{name}_top", top[: width - cuts[1]]))
 
-    return p.reg(name, add, half("low", slice(low)), half("high", slice(low, None)))
+    return p.reg(name, add, *(times(part, slice(*cuts[i:i + 2])) for i, part in enumerate(names)))
 
 
 def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:

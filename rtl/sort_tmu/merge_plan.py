@@ -127,14 +127,24 @@ class MergePlan(wiring.Component):
                         m.d.sync += longer.eq(longer + ~out)
                         m.next = "PICK"
             with m.State("PICK"):
-                self._pick(m, run, from_longer, {
-                    "begin": begin, "end": end, "runs": runs, "longer_begin": longer_begin, "longer_end": longer_end,
-                    "longer": longer, "length": length, "odd": odd, "left": left, "going_out": going_out}, part, shift)
+                m.d.comb += from_longer.eq(going_out & (longer != 0))
+                picked = self._pick(m, from_longer, {
+                    "begin": begin, "end": end, "longer_begin": longer_begin, "longer_end": longer_end, "length": length,
+                    "odd": odd}, part, shift)
                 m.d.sync += run.way.eq(way)
                 m.next = "GIVE"
             with m.State("GIVE"):
                 m.d.comb += self.runs.valid.eq(1)
+                beats = self._give(m, run, picked, left, part)
                 with m.If(self.runs.ready):
+                    with m.If(left != 0):
+                        m.d.sync += left.eq(left - 1)
+                        with m.If(picked["longer"]):
+                            m.d.sync += [longer_begin.eq(picked["begin"] + beats), longer.eq(longer - 1)]
+                        with m.Else():
+                            m.d.sync += [begin.eq(picked["begin"] + beats), runs.eq(runs - 1)]
+                            with m.If(~going_out):
+                                m.d.sync += longer_end.eq(longer_end + beats)
                     m.d.sync += way.eq(way + 1)
                     with m.If(way != ways - 1):
                         m.next = "PICK"
@@ -145,35 +155,43 @@ class MergePlan(wiring.Component):
         return m
 
     def _pick(
-        self, m: Module, run: data.View, from_longer: Signal, s: dict[str, Signal], part: data.View, shift: int,
-    ) -> None:
-        """The next way's run: the longer ones first, then this round's, then blanks."""
-        begin, limit, length, beats = (Signal(BEAT_BITS, name=f"picked_{name}") for name in ("begin", "end", "length", "beats"))
-        rest = limit - begin
-        m.d.comb += [
-            from_longer.eq(s["going_out"] & (s["longer"] != 0)),
-            begin.eq(Mux(from_longer, s["longer_begin"], s["begin"])),
-            limit.eq(Mux(from_longer, s["longer_end"], s["end"])),
-            length.eq(Mux(from_longer, s["length"] << shift, s["length"])),
-            beats.eq(Mux(s["left"] == 0, 0, _least(rest, length))),
-        ]
+        self, m: Module, from_longer: Signal, s: dict[str, Signal], part: data.View, shift: int,
+    ) -> dict[str, Signal]:
+        """The next way's run, in registers: the longer ones first, then this round's, then blanks.
+
+        Where it begins, in the part and from the ring's base; its beats if nothing cuts it; how long runs are.
+        """
+        picked = {name: Signal(BEAT_BITS + (name == "inside"), name=f"picked_{name}")
+                  for name in ("begin", "inside", "rest", "length")}
+        picked |= {name: Signal(name=f"picked_{name}") for name in ("longer", "odd")}
+        begin = Mux(from_longer, s["longer_begin"], s["begin"])
         m.d.sync += [
-            run.beat.eq(self._place(part, begin, s["odd"] ^ from_longer)),
-            run.beats.eq(beats),
-            run.tail.eq(Mux(~from_longer & (rest <= length), part.tail, BEAT_ENTRIES - 1)),
+            picked["begin"].eq(begin),
+            picked["inside"].eq(part.offset + begin),
+            picked["rest"].eq(Mux(from_longer, s["longer_end"], s["end"]) - begin),
+            picked["length"].eq(Mux(from_longer, s["length"] << shift, s["length"])),
+            picked["longer"].eq(from_longer),
+            picked["odd"].eq(s["odd"] ^ from_longer),
         ]
-        with m.If(s["left"] != 0):
-            m.d.sync += s["left"].eq(s["left"] - 1)
-            with m.If(from_longer):
-                m.d.sync += [s["longer_begin"].eq(begin + beats), s["longer"].eq(s["longer"] - 1)]
-            with m.Else():
-                m.d.sync += [s["begin"].eq(begin + beats), s["runs"].eq(s["runs"] - 1)]
-                with m.If(~s["going_out"]):
-                    m.d.sync += s["longer_end"].eq(s["longer_end"] + beats)
+        return picked
+
+    def _give(self, m: Module, run: data.View, picked: dict[str, Signal], left: Signal, part: data.View) -> Signal:
+        """What has been picked; returns its beats."""
+        beats, rest, length = Signal(BEAT_BITS, name="given_beats"), picked["rest"], picked["length"]
+        m.d.comb += [
+            beats.eq(Mux(left == 0, 0, _least(rest, length))),
+            run.beat.eq(self._from(picked["inside"], picked["begin"], picked["odd"])),
+            run.beats.eq(beats),
+            run.tail.eq(Mux(~picked["longer"] & (rest <= length), part.tail, BEAT_ENTRIES - 1)),
+        ]
+        return beats
 
     def _place(self, part: data.View, offset: Value, odd: Value) -> Value:
         """The beat in memory of a place in the part: in the ring, which ends where it begins, or in the scratch half."""
-        inside = part.offset + offset
+        return self._from(part.offset + offset, offset, odd)
+
+    def _from(self, inside: Value, offset: Value, odd: Value) -> Value:
+        """The same, of a place in the ring, counted from its base."""
         turned = Mux(inside >= self.ring_beats, inside - self.ring_beats, inside)
         return (self.ring_base + Mux(odd, self.ring_beats + offset, turned))[:BEAT_BITS]
 

@@ -86,8 +86,9 @@ class RunReader(wiring.Component):
         for i in reversed(range(ways)):
             with m.If(later[i]):
                 m.d.comb += way.eq(i)
-        beat, left = Array(beats)[way], Array(lefts)[way]
-        blank, ends = left == 0, left[1:] == 0
+        blanks, finals = Signal(ways), Signal(ways)  # every way's own, so that only bits of it wait for the turn
+        m.d.comb += [blanks.eq(Cat(left == 0 for left in lefts)), finals.eq(Cat(left[1:] == 0 for left in lefts))]
+        blank, ends = blanks.bit_select(way, 1), finals.bit_select(way, 1)
         item = data.View(self._fetched, fetched.w_data)
         free, grant = ~self.reads.valid | self.reads.ready, Signal()
         m.d.comb += [
@@ -101,17 +102,17 @@ class RunReader(wiring.Component):
         with m.If(free):
             m.d.sync += self.reads.valid.eq(grant & ~blank)
         with m.If(grant & ~blank):
-            m.d.sync += self.reads.payload.beat.eq(beat)
+            m.d.sync += self.reads.payload.beat.eq(Array(beats)[way])
         with m.If(grant):
             m.d.sync += turn.eq(way)
-        following = Signal(BEAT_BITS)
-        m.d.comb += following.eq(Mux(beat + 1 == self.ring_end, self.ring_base, beat + 1))
+        final_beat = self.ring_end - 1
         for i in range(ways):
+            following = Mux(beats[i] == final_beat, self.ring_base, beats[i] + 1)
             room, mine = Signal(range(self._way_beats + 1), name=f"room_{i}", init=self._way_beats), grant & (way == i)
             m.d.comb += wants[i].eq(busy[i] & room.any())
             m.d.sync += room.eq(room - mine + returned[i])
             with m.If(mine):
-                m.d.sync += [beats[i].eq(following), lefts[i].eq(left - 1), busy[i].eq(~ends)]
+                m.d.sync += [beats[i].eq(following), lefts[i].eq(lefts[i] - 1), busy[i].eq(~finals[i])]
             with m.If(self.runs.valid & self.runs.ready & (run.way == i)):
                 m.d.sync += [busy[i].eq(1), beats[i].eq(run.beat), lefts[i].eq(run.beats), tails[i].eq(run.tail)]
 
