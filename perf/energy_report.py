@@ -1,10 +1,12 @@
 """`python -m perf.energy_report`: energy of frames, by unit, with what it rests on, into reports/energy.{json,md,png}.
 
-Operations and cycles of a frame are the cycle model's, or the RTL's own counters where frame.json of `python -m tb.frame` is
-given. What an operation costs is in reports/energy_per_operation.json, which `python -m tb.power` measures.
+Operations and cycles of a frame are the cycle model's, or the RTL's own counters: of frame.json as `python -m tb.frame` writes
+it, and of the frames in reports/machine.json. What an operation costs is in reports/energy_per_operation.json, which
+`python -m tb.power` measures.
 
 examples:
-  python -m perf.energy_report                                     the embedded scene, and trained ones that MSV2_DATA has
+  python -m perf.energy_report                                     the embedded scene, garden_large where MSV2_DATA has it,
+                                                                   and the frames of reports/machine.json
   python -m perf.energy_report truck.splat --size 1280x720         one frame
   python -m perf.energy_report --frame build/frame/frame.json      a frame through the RTL
 """
@@ -15,7 +17,7 @@ import argparse
 import json
 import os
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from golden.render_stereo import add_stereo_arguments, take_stereo_arguments
@@ -25,11 +27,15 @@ from perf.energy_page import OTHERS, as_markdown, plot
 from perf.energy_table import TABLE, Table, load_table
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
+from spec.memory import DRAM_BYTES_PER_CYCLE
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = ROOT / "build" / "perf" / "traces"
-FRAMES = (("embedded", "640x360", "320,180"), ("truck.splat", "1280x720", "640,360"), ("garden_large", "1920x1080", "960,540"))
-"""Scene, size and gaze of the frames that are reported where no scene is named; trained ones where MSV2_DATA has them."""
+FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
+"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+
+MACHINE = ROOT / "reports" / "machine.json"
+"""Frames through the RTL, with its counters (`make results`)."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -59,15 +65,28 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
     return _frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", config.name, report)
 
 
-def counted(path: Path, table: Table, clock_mhz: float) -> dict[str, object]:
+def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
     """A frame through the RTL, by its counters."""
-    try:
-        frame = json.loads(path.read_text())
-        counts, config = counter_counts(frame), CONFIGS[frame["config"]]
-        report = frame_energy(counts, frame["frame_cycles"], config, table, clock_hz=1e6 * clock_mhz)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path} must be a frame.json of `python -m tb.frame` ({error})") from error
+    counts, config = counter_counts(frame), CONFIGS[frame["config"]]
+    report = frame_energy(counts, frame["frame_cycles"], config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
+
+
+def read_frames(path: Path) -> list[dict[str, object]]:
+    """The frame of a frame.json; of a report of many, those with all the machine does, at the paper's bandwidth.
+
+    Raises:
+        InputError: the file is neither.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if "rows" not in content:
+            counter_counts(content)
+            return [content]
+        return [row for row in content["rows"]
+                if row["merge"] and row["pipeline"] and row["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE and row["entries"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} must be a frame.json of `python -m tb.frame` ({error})") from error
 
 
 def _frame(
@@ -100,10 +119,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
     take_stereo_arguments(args)
     table = load_table(args.table)
-    frames = [counted(args.frame, table, args.clock_mhz)] if args.frame else []
-    for request in requests(args) if not args.frame else ():
-        frames.append(modelled(request, table))
-        print(summary(frames[-1]), flush=True)
+    files = [args.frame] if args.frame else [MACHINE] if args.scene is None and MACHINE.is_file() else []
+    frames = [modelled(request, table) for request in requests(args) if not args.frame]
+    frames += [counted(frame, table, args.clock_mhz) for path in files for frame in read_frames(path)]
+    print("\n".join(map(summary, frames)), flush=True)
     args.out.mkdir(parents=True, exist_ok=True)
     content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
                "frames": frames, "others": OTHERS}
@@ -117,8 +136,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def summary(frame: dict[str, object]) -> str:
     """A line of the printed report."""
     width, height = frame["size"]
-    return (f"{frame['scene']} {width}x{height}: chip {frame['chip_mj']:.3f} mJ, DRAM {frame['dram_mj']:.3f} mJ, assumed "
-            f"{frame['assumed_mj']:.3f} mJ; {frame['frames_per_s']:.0f} frames/s at {frame['clock_hz'] / 1e6:.0f} MHz")
+    energies = ", ".join(f"{name} {frame[key]:.3f} mJ" for name, key in (
+        ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))
+    return (f"{frame['scene']} {width}x{height}, {frame['work']}: {energies}; {frame['frames_per_s']:.0f} frames/s "
+            f"at {frame['clock_hz'] / 1e6:.0f} MHz")
 
 
 def commit() -> str:
