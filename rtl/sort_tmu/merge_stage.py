@@ -66,7 +66,11 @@ class _Side:
         to_front = self.push & Mux(some, one & self.pop, ~self.pop)
         to_memory = self.push & some & ~(one & self.pop)
         fetch = self.pop & (self.level > 1)
-        m.d.sync += [self.level.eq(self.level + self.push - self.pop), self.fetched.eq(fetch)]
+        m.d.sync += self.fetched.eq(fetch)
+        with m.If(self.push & ~self.pop):  # both sums are there before it is known who pops: heads are compared first
+            m.d.sync += self.level.eq(self.level + 1)
+        with m.Elif(self.pop & ~self.push):
+            m.d.sync += self.level.eq(self.level - 1)
         with m.If(to_front):
             m.d.sync += self.front.eq(item)
         with m.Elif(self.fetched & ~self.pop):
