@@ -47,7 +47,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
     add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
     add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
-    add("--rtl", action="store_true", help="the first pose through the RTL as well, at 18 degrees and each eye alone (minutes)")
+    add("--rtl", action="store_true", help="the first pose through the RTL as well, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="that, and each of its eyes alone (more minutes)")
     add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
     add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
     add("--name", default="table_ecc", help="of those files (default: table_ecc)")
@@ -79,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError(f"{name} {value!r} is not accepted: a positive number is")
     if args.v1 and len(args.scenes) != 1:
         raise InputError(f"--v1 {args.v1} is not accepted with {len(args.scenes)} scenes: one is")
+    args.rtl = args.rtl or args.rtl_eyes
     if args.rtl and ECC_THRESHOLD_DEG not in thresholds:
         raise InputError(f"--rtl is not accepted without the threshold {ECC_THRESHOLD_DEG:g}: it is simulated at that one")
     import_torch()
@@ -130,7 +132,7 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
     if args.rtl:
         gazes = tuple(tuple(gaze) for gaze in poses[0]["gaze"])
         record["rtl"] = rtl_pose(scene.model, scene.cameras[0], gazes, ECC_THRESHOLD_DEG, work / "rtl", **pair,
-                                 step=lambda what: print(f"{scene.name}: RTL, {what}", file=sys.stderr))
+                                 alone=args.rtl_eyes, step=lambda what: print(f"{scene.name}: RTL, {what}", file=sys.stderr))
     return record
 
 

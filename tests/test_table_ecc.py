@@ -203,10 +203,11 @@ def test_the_command_writes_and_goes_on(tmp_path, model, monkeypatch, capsys):
     def simulated(model, camera, gazes, threshold, folder, **options):
         made.append((camera.name, gazes, threshold, options["units_per_metre"]))
         eye = {"cycles": 1000}
+        assert options["alone"]
         return {"stereo": {"cycles": 1800, "stereo_overhead": 1.06}, "source": eye, "target": eye}
 
     monkeypatch.setattr(rtl, "rtl_pose", simulated)
-    assert table_ecc.main([*arguments, "--rtl"]) == 0
+    assert table_ecc.main([*arguments, "--rtl-eyes"]) == 0
     out = capsys.readouterr()
     assert "0.15 units per metre are assumed: front bumper" in out.err and "2 of 2 poses" in out.err
     record, = json.loads((tmp_path / "out" / "table.json").read_text())["scenes"]
@@ -214,7 +215,7 @@ def test_the_command_writes_and_goes_on(tmp_path, model, monkeypatch, capsys):
     assert [row["threshold_deg"] for row in record["means"]] == [0, 18] and record["v1_rendered"] is None
     assert made[0][1:] == (tuple(map(tuple, record["poses"][0]["gaze"])), 18.0, 0.15)
     page = (tmp_path / "out" / "table.md").read_text()
-    assert "| 1.060 | missed |" in page and "| 1.800 | 0.900 |" in page and page in out.out
+    assert "| 1.060 | missed |" in page and "| 1.800 (RTL) | 0.900 (RTL) |" in page and page in out.out
     assert (tmp_path / "out" / "table.png").stat().st_size > 5000
     monkeypatch.setattr(measure, "measure_pose", lambda *a, **k: pytest.fail("measured again"))
     assert table_ecc.main(arguments) == 0
@@ -246,7 +247,7 @@ def test_poses_go_through_the_machine_once(tmp_path, model, camera, monkeypatch)
         return SimpleNamespace(returncode=0, stderr="", stdout="")
 
     monkeypatch.setattr(rtl.subprocess, "run", run)
-    given = {"units_per_metre": 2.0, "ipd_metres": 0.06}
+    given = {"units_per_metre": 2.0, "ipd_metres": 0.06, "alone": True}
     first = rtl.rtl_pose(model, camera, ((48.0, 32.0), (40.5, 32.0)), 18.0, tmp_path, **given)
     assert first == {name: {"cycles": 101 + i, "bit_exact": True} for i, name in enumerate(("stereo", "source", "target"))}
     stereo, source, target = map(" ".join, calls)

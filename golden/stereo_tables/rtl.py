@@ -28,9 +28,9 @@ KEPT = ("bit_exact", "cycles", "table_cycles", "geometry_cycles", "render_cycles
 
 def rtl_pose(
     model: GaussianModel, camera: Camera, gazes: Gazes, threshold_deg: float, folder: Path, *, units_per_metre: float,
-    ipd_metres: float = IPD_METRES, step: Callable[[str], None] = lambda what: None,
+    ipd_metres: float = IPD_METRES, alone: bool = False, step: Callable[[str], None] = lambda what: None,
 ) -> dict[str, object]:
-    """Cycles of a pose by the RTL of the paper's machine: `stereo`, and each eye rendered alone as `source` and `target`.
+    """Cycles of a pose by the RTL of the paper's machine: `stereo`, and, if asked for, `source` and `target`: each eye alone.
 
     Args:
         model: with its levels.
@@ -39,6 +39,7 @@ def rtl_pose(
         threshold_deg: of the stereo frame.
         folder: for models, cameras and what was measured before.
         units_per_metre, ipd_metres: of the pair.
+        alone: each eye rendered alone as well, by the machine without stereo.
         step: told what is simulated next.
 
     Raises:
@@ -47,8 +48,10 @@ def rtl_pose(
     pair = stereo_pair(camera, ipd_metres=ipd_metres, units_per_metre=units_per_metre)
     two = ["--stereo", "--ecc-thresh", str(threshold_deg), "--units-per-metre", str(units_per_metre), "--ipd", str(ipd_metres),
            "--gaze-right", _point(gazes[1])]
-    frames = {"stereo": (pair.source, gazes[0], two), "source": (pair.source, gazes[0], ["--pixels", "display"]),
-              "target": (pair.target, gazes[1], ["--pixels", "display"])}
+    frames = {"stereo": (pair.source, gazes[0], two)}
+    if alone:
+        frames |= {"source": (pair.source, gazes[0], ["--pixels", "display"]),
+                   "target": (pair.target, gazes[1], ["--pixels", "display"])}
     rows = {}
     for name, (view, gaze, options) in frames.items():
         step(name)
