@@ -16,7 +16,7 @@ from spec.errors import InputError, run_command_line
 from synth import timing
 from synth.area import AreaReport, machine_area
 from synth.report import synthesise_unit, write_json
-from synth.settings import TECHNOLOGIES, Settings
+from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
 from synth.units import UNITS
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
@@ -66,6 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f"one of {', '.join(TECHNOLOGIES)}, or the path of a liberty file (default: generic)")
     parser.add_argument("--clock-ps", type=float, default=1000.0, help="clock period in ps (default: 1000)")
     parser.add_argument("--jobs", type=int, default=JOBS, help=f"modules of a machine at a time (default: {JOBS})")
+    parser.add_argument("--runs", type=int, default=MOST_RUNS,
+                        help=f"of a module, with faster sums each time; 1: all fast at once (default: {MOST_RUNS})")
     parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR", help="default: build/synth")
     args = parser.parse_args(argv)
     if args.unit and args.config:
@@ -81,11 +83,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _unit(args: argparse.Namespace) -> Path:
     unit = args.unit or "pixel_core"
-    report = synthesise_unit(unit, args.tech, args.clock_ps, args.out)
+    report = synthesise_unit(unit, args.tech, args.clock_ps, args.out, args.runs)
     print(as_line(unit, report))
     for label, result in report["variants"].items():
         print(as_line(f"  {label}", result))
     return args.out / f"{unit}-{Settings(args.tech, args.clock_ps, args.out).label}.json"
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
 
 
 def _machine(args: argparse.Namespace) -> Path:
@@ -93,7 +99,7 @@ def _machine(args: argparse.Namespace) -> Path:
     if name not in CONFIGS:
         raise InputError(f"config {args.config!r} is not known: {', '.join(CONFIGS)} are")
     config = CONFIGS[name].with_(stereo=args.stereo)
-    report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, lambda line: print(line, flush=True))
+    report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, _say, args.runs)
     path = args.out / f"{name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
     write_json(path, report.as_json())
     print("\n".join(machine_lines(report)))

@@ -21,7 +21,7 @@ from synth.macros import make
 from synth.memories import Macro
 from synth.report import module_result, timed
 from synth.scaling import SOURCE, TO_16NM
-from synth.settings import Settings
+from synth.settings import MOST_RUNS, Settings
 
 MEMORY_NODE = "asap7"
 """Technology of the macros' table; in others a memory's area is what gives the same at 16 nm."""
@@ -73,7 +73,7 @@ class UnitRow:
         unit: path below the machine, "msv2_top" of what is left between all others.
         group: one of GROUPS.
         logic_um2: its cells and those of the shared modules in it; NAND2 equivalents of the generic technology.
-        own_um2: without shared modules. shared: how many of which, with one's area.
+        own_um2: without shared modules. parts: how many of which of them, with one's area.
         cells, flip_flops: of all its logic.
         slack_ps: with the shared modules in it; null where it is wires around larger units, or without OpenSTA.
         worst_path: file with that path.
@@ -86,7 +86,7 @@ class UnitRow:
     group: str
     logic_um2: float
     own_um2: float
-    shared: dict[str, dict[str, float]]
+    parts: dict[str, dict[str, float]]
     cells: int
     flip_flops: int
     slack_ps: float | None
@@ -154,14 +154,14 @@ class AreaReport:
 
 def machine_area(
     config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = Path("build/synth"),
-    jobs: int = 2, progress: Callable[[str], None] = print,
+    jobs: int = 2, progress: Callable[[str], None] = print, runs: int = MOST_RUNS,
 ) -> AreaReport:
-    """Synthesise every unit of a machine, `jobs` at a time; what is in `folder` already is not made again.
+    """Synthesise every unit of a machine, `jobs` at a time, each at most `runs` times; what is in `folder` is not made again.
 
     Raises:
         InputError: unknown technology, a clock that is not accepted, Yosys or liberty files absent.
     """
-    settings = Settings(technology, clock_ps, folder)
+    settings = Settings(technology, clock_ps, folder, runs=runs)
     settings.check()
     progress(f"{config.name}: elaborating the machine")
     design = machine_design(config, folder)
@@ -197,12 +197,12 @@ def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Cal
         is_timed = units.get(name, name) not in UNTIMED
         netlists = [Path(part["netlist"]) for part in parts.values()] if is_timed else []
         part = module_result(design, name, netlists, settings, is_timed=is_timed)
-        part["timed"] = {}
-        if name in units and is_timed and settings.technology != "generic":
-            part["timed"] = timed(name, {**parts, name: part}, settings)
+        part["timed"] = {"slack_ps": part["slack_ps"]}
+        if name in units and is_timed and part["slack_ps"] is not None and (parts or part["slack_ps"] < 0):
+            part["timed"] = timed(name, {**parts, name: part}, settings)  # with what is below it; and to see the path
         with lock:
             done[0] += 1
-            slack = part["timed"].get("slack_ps", part["slack_ps"])
+            slack = part["timed"]["slack_ps"]
             progress(f"[{done[0]}/{len(names)}] {name}: {part['area']:,.0f}"
                      f"{'' if slack is None else f', slack {slack:.0f} ps'} ({time.monotonic() - began:.0f} s)")
         return part
@@ -273,7 +273,7 @@ def _unit_row(
         {module: {"count": count, "area": parts[module]["area"]} for module, count in sorted(shared.items())},
         sum(count * sum(part["cells_by_type"].values()) for part, count in counted),
         sum(count * number for part, count in counted for kind, number in part["cells_by_type"].items() if _is_flop(kind)),
-        parts[name]["timed"].get("slack_ps"), parts[name]["timed"].get("worst_path"),
+        parts[name]["timed"]["slack_ps"], parts[name]["timed"].get("worst_path"),
         sum(row.count * row.bits for row in held), None if None in area else sum(area), factor,
         SOURCE if factor else "", None if factor is None else logic * factor, sum(row.area_um2_16nm for row in held), note)
 

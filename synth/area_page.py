@@ -112,7 +112,7 @@ def _units(report: dict) -> str:
             "memories, um²", "to 16 nm", "logic, um² at 16 nm", "note")
     rows = []
     for row in report["rows"]:
-        shared = sum(part["count"] for part in row["shared"].values())
+        shared = sum(part["count"] for part in row["parts"].values())
         numbers = (row["logic_um2"], row["own_um2"], shared, row["cells"], row["flip_flops"], row["slack_ps"],
                    row["memory_bits"], row["memory_um2"])
         rows.append((f"`{row['unit']}`", row["group"], *map(_count, numbers), f"x {row['factor']:.3f}",

@@ -22,6 +22,7 @@ from synth.area_figure import draw
 from synth.area_page import page
 from synth.report import write_json, write_text
 from synth.scaling import DELAY_TO_16NM, SOURCE, same_clock
+from synth.settings import MOST_RUNS
 from synth.timing import WIRE_DERATE
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -99,15 +100,16 @@ def commit() -> str:
     return (done[0] or "unknown") + (", changed" if done[1] else "")
 
 
-def measure(names: Sequence[str], folder: Path, jobs: int, old: dict) -> dict[str, object]:
+def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict) -> dict[str, object]:
     """The report; builds that are not among `names` as in `old`."""
     builds = dict(old.get("builds", {}))
     report = {key: old.get(key) for key in ("rows", "memories", "modules", "split")}
     for name in names:
         build = BUILDS[name]
         print(f"{name}: {build.about}", flush=True)
-        area = machine_area(build.config, build.technology, build.clock_ps, folder, jobs, lambda line: print(line, flush=True))
-        builds[name] = {"commit": commit(), **summary(area, build.about)}
+        stamp = commit()
+        area = machine_area(build.config, build.technology, build.clock_ps, folder, jobs, _say, runs)
+        builds[name] = {"commit": stamp, "runs": runs, **summary(area, build.about)}
         if name == "1ghz":
             found = area.as_json()
             rows = [{**row, "path": _ends(row["worst_path"])} for row in found["rows"]]
@@ -133,7 +135,7 @@ def frame_rates() -> list[dict[str, object]]:
 
 
 def _rounded(row: dict) -> dict:
-    return {key: round(value, 2) if isinstance(value, float) else value for key, value in row.items() if key != "worst_path"}
+    return {key: round(value, 3) if isinstance(value, float) else value for key, value in row.items() if key != "worst_path"}
 
 
 def _ends(path: str | None) -> str | None:
@@ -147,12 +149,18 @@ def _ends(path: str | None) -> str | None:
     return f"{len(lines)} pins; sums on it: {', '.join(sums) or 'none'}"
 
 
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(prog="python -m synth.area_report", description=__doc__.splitlines()[0])
     parser.add_argument("--builds", nargs="+", default=list(BUILDS), metavar="BUILD",
                         help=f"of {', '.join(BUILDS)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules at a time (default: 2)")
+    parser.add_argument("--runs", type=int, default=MOST_RUNS,
+                        help=f"of a module, with faster sums each time; 1: all fast at once (default: {MOST_RUNS})")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth", help="of results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
     args = parser.parse_args(argv)
@@ -160,7 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         raise InputError(f"builds {', '.join(sorted(unknown))} are not known: {', '.join(BUILDS)} are")
     path = args.out / "area.json"
-    report = measure(args.builds, args.folder, args.jobs, json.loads(path.read_text()) if path.exists() else {})
+    report = measure(args.builds, args.folder, args.jobs, args.runs, json.loads(path.read_text()) if path.exists() else {})
     write_json(path, report)
     write_text(args.out / "area.md", page(report))
     draw(report, args.out / "area.png")

@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from spec.errors import InputError
@@ -76,7 +76,8 @@ def discover(name: str, folder: Path) -> tuple[Technology, Path]:
     header, cells = read_cells(merged)
     if not cells:
         raise InputError(f"{name!r} must be a liberty file: no cell was found in it")
-    return _described(name, known.node if known else path.name, header, cells), merged
+    found = _described(name, known.node if known else path.name, header, cells)
+    return (replace(found, delay=known.delay) if known else found), merged
 
 
 def read_cells(path: Path) -> tuple[dict[str, str], list[Cell]]:

@@ -38,6 +38,7 @@ class Technology:
         load: load of the unit's outputs, in the liberty's capacitive unit.
         gate_load_ff: load that ABC assumes at its outputs: a full adder's pin.
         time_unit_ps: the liberty's time unit.
+        delay: how much slower than ASAP7 its gates are, for estimates of when a sum is there (`synth.heap`).
         elsewhere: folders of the same files where MSV2_PDK has none.
         package: how the Python package lambdapdk names the library: module and class.
     """
@@ -60,6 +61,7 @@ class Technology:
     load: float
     gate_load_ff: float
     time_unit_ps: float
+    delay: float = 1.0
     elsewhere: tuple[str, ...] = ()
     package: tuple[str, str] | None = None
 
@@ -97,6 +99,7 @@ class Library:
 
     node: str
     file: str
+    delay: float = 1.0
     excluded: str = r"(?!)"
     elsewhere: tuple[str, ...] = ()
     package: tuple[str, str] | None = None
@@ -104,10 +107,11 @@ class Library:
 
 LIBRARIES = {
     "nangate45": Library(
-        "Nangate45 open cell library, typical 1.10 V 25 C", "nangate45/nangate45_typ.lib",
+        "Nangate45 open cell library, typical 1.10 V 25 C", "nangate45/nangate45_typ.lib", 1.86 / 0.48,
         package=("lambdapdk.freepdk45.libs.nangate45", "Nangate45")),
     "osu018": Library(
-        "OSU 0.18 um standard cells, typical 1.8 V 25 C", "osu018/osu018_stdcells.lib", r"CLKBUF.*|TBUF.*|DFFNEG.*",
+        "OSU 0.18 um standard cells, typical 1.8 V 25 C", "osu018/osu018_stdcells.lib", 11.8 / 0.48,
+        r"CLKBUF.*|TBUF.*|DFFNEG.*",
         elsewhere=("/usr/share/qflow/tech",)),
 }
 

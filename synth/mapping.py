@@ -10,11 +10,11 @@ from synth import flow, timing
 from synth.memories import as_rows
 from synth.settings import Settings
 
-FASTER, MOST_RUNS = 0.8, 6
-"""Step by which sums on paths with negative slack are made faster, and how often."""
+FASTER = 0.8
+"""Step by which sums on paths with negative slack are made faster."""
 
-UNTIMED_BUDGET = 500.0
-"""Estimated ps that a sum may take where no slack is known."""
+UNTIMED_BUDGET = 0.5
+"""Share of the clock that a sum may take by its estimate where no slack is known, or only one run is made."""
 
 Blocks = Mapping[str, Sequence[int]]
 
@@ -33,7 +33,8 @@ def to_cells(
     """With hints as they say. Without, sums on late paths are made faster, a step a run, while the clock is not met and they
     can be; the run with most slack counts."""
     (technology, liberty), found, is_timed = settings.library(), [], is_timed and timing.available()
-    clock, budgets = settings.clock_ps, {} if is_timed else {"": UNTIMED_BUDGET}
+    clock = settings.clock_ps
+    budgets = {} if is_timed and settings.runs > 1 else {"": UNTIMED_BUDGET * clock / technology.delay}
     while True:
         folder = scratch / f"run{len(found)}"
         netlist = flow.synthesise(
@@ -47,7 +48,7 @@ def to_cells(
         for label in seen.late_sums & set(netlist.sums):
             if netlist.sums[label].time <= budgets.get(label, inf):  # else it is as fast as it can be
                 late[label] = FASTER * netlist.sums[label].time
-        if blocks is not None or not late or len(found) == MOST_RUNS:
+        if blocks is not None or not late or len(found) == settings.runs:
             break
         budgets |= late
     return _as_result(*max(found, key=lambda run: run[:2])[2:])

@@ -19,14 +19,16 @@ from synth import flow, timing
 from synth.design import Design, elaborate
 from synth.mapping import to_cells, to_gates
 from synth.memories import Macro, as_rows
-from synth.settings import Settings
+from synth.settings import MOST_RUNS, Settings
 from synth.units import UNITS
 
 HINTS = "asap7", 1000.0
 """What a unit's hints were found for; elsewhere its blocks are chosen as any other's."""
 
 
-def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -> dict[str, object]:
+def synthesise_unit(
+    name: str, technology: str, clock_ps: float, folder: Path, runs: int = MOST_RUNS,
+) -> dict[str, object]:
     """The report of a unit and its variants; also written to `folder/NAME-TECHNOLOGY.json`.
 
     Raises:
@@ -34,7 +36,7 @@ def synthesise_unit(name: str, technology: str, clock_ps: float, folder: Path) -
     """
     if name not in UNITS:
         raise InputError(f"unit {name!r} is not known: {', '.join(UNITS)} are")
-    unit, settings = UNITS[name], Settings(technology, clock_ps, folder)
+    unit, settings = UNITS[name], Settings(technology, clock_ps, folder, runs=runs)
     settings.check()
     report: dict[str, object] = {"unit": name, "technology": technology, "config": unit.config.name}
     report |= synthesise(unit.make(unit.config), name, settings)
@@ -119,12 +121,17 @@ def module_result(
     library = repr(settings.library()) if settings.technology != "generic" else None
     tools = flow.version(), timing.available() and is_timed, _flow_source()
     inputs = source, settings.technology, settings.clock_ps, settings.memory_limit, blocks, library, tools
-    key = hashlib.sha256(repr(inputs).encode()).hexdigest()[:16]
-    cached = settings.folder / "cache" / f"{module}-{key}" / "result.json"
+    kept = [_kept(settings, module, inputs, runs) for runs in dict.fromkeys((MOST_RUNS, settings.runs))]
+    cached = next((path for path in kept if path.exists()), kept[-1])  # one that took more runs will do
     if not cached.exists():
         run = to_gates if settings.technology == "generic" else to_cells
         write_json(cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))
     return json.loads(cached.read_text())
+
+
+def _kept(settings: Settings, module: str, inputs: tuple, runs: int) -> Path:
+    key = hashlib.sha256(repr((inputs, runs)).encode()).hexdigest()[:16]
+    return settings.folder / "cache" / f"{module}-{key}" / "result.json"
 
 
 def _in_fresh_process(run: Callable[..., dict], *arguments: object) -> dict:

@@ -15,6 +15,9 @@ from synth.memories import LIMIT
 TECHNOLOGIES = ("generic", "asap7", *LIBRARIES)
 """Besides any liberty file, by its path."""
 
+MOST_RUNS = 6
+"""Runs of a module until its clock is met, unless fewer are asked for."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -24,12 +27,14 @@ class Settings:
         technology, clock_ps: as above.
         folder: of the cache.
         memory_limit: bits of the largest memory that is made of flip-flops.
+        runs: how often a module is made at most, with faster sums each time; 1: all sums fast at once, which takes more area.
     """
 
     technology: str
     clock_ps: float
     folder: Path
     memory_limit: int = LIMIT
+    runs: int = MOST_RUNS
 
     @property
     def label(self) -> str:
@@ -42,6 +47,8 @@ class Settings:
             raise InputError(f"technology {self.technology!r} is not known: {', '.join(TECHNOLOGIES)} are, and files *.lib")
         if not 1 <= self.clock_ps <= 1e6:
             raise InputError(f"a clock of {self.clock_ps!r} ps is not accepted: 1 to 1,000,000 is")
+        if self.runs < 1:
+            raise InputError(f"runs must be at least 1, not {self.runs!r}")
         if flow.libyosys is None:
             raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
         if self.technology != "generic":
