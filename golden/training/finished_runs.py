@@ -58,7 +58,8 @@ def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
         except (InputError, KeyError):
             continue
         fits = all(options.get(name) == value for name, value in wanted.items() if value is not None)
-        own = options.get("baseline") is None and options.get("opacity-enhancement") is True
+        own = (options.get("baseline") is None and options.get("opacity-enhancement") is True
+               and options.get("pooling-width") is None)
         if fits and own and (path.parent / "model.ply").exists():
             return FinishedRun(path.parent, options)
     return None

@@ -106,7 +106,7 @@ def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
             return prepared
     defaults = {"variant": "H", "seed": 0}
     given = {name: defaults.get(name) if value is None else value for name, value in wanted.options.items()}
-    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, **given)
+    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, pooling_width=None, **given)
     recipe = chosen_recipe(args)
     scene, references = chosen_scene(wanted.path, parse_size(args.size) if args.size else None, None)
     return Prepared(scene, references, recipe, {}, {}, [], run_options(args, recipe, scene, device) | {"reused": None})
