@@ -26,12 +26,14 @@ class Cell:
         error: the largest difference to the oracle's image, where there is one.
         words: why it failed, or why it has no part.
         seconds: wall time.
+        crashed: it failed by another exception than CaseFailure.
     """
 
     outcome: str
     error: float | None = None
     words: str = ""
     seconds: float = 0.0
+    crashed: bool = False
 
 
 def see_oracle(shot: Shot, weights: str = "plane") -> Seen:
@@ -111,15 +113,21 @@ def takes_part(case: Case, column: str) -> bool:
     return column in case.checks or (case.shots is not None and column in case.columns)
 
 
-def cell(case: Case, column: str, work: Callable[[Case, str], float | None] = run) -> Cell:
-    """A case in a column, told and not raised."""
+def cell(case: Case, column: str) -> Cell:
+    """A case in the column `oracle` or `golden`, told and not raised."""
     if not takes_part(case, column):
         return Cell("-", words=case.absent.get(column, "no part in it"))
+    return told_cell(lambda: run(case, column))
+
+
+def told_cell(work: Callable[[], float | None]) -> Cell:
+    """What `work`, which gives the worst error, comes to, told and not raised."""
     begin = time.perf_counter()
     try:
-        error = work(case, column)
+        error = work()
     except CaseFailure as failure:
         return Cell("FAIL", words=str(failure), seconds=time.perf_counter() - begin)
     except Exception as failure:  # a crash is a failure of the case, and the others still run
-        return Cell("FAIL", words=f"{type(failure).__name__}: {failure}", seconds=time.perf_counter() - begin)
+        words = f"{type(failure).__name__}: {failure}"
+        return Cell("FAIL", words=words, seconds=time.perf_counter() - begin, crashed=True)
     return Cell("pass", error, seconds=time.perf_counter() - begin)

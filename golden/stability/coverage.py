@@ -102,18 +102,22 @@ def ALPHA_AT_THE_CUT(album, renderer, shots):
 
 def _stacked(renderer: Renderer) -> Shots:
     means = ((0, 0, 2), (0, 0, 3))
-    colour = [(1, 0, 0), (0, 1, 0)]
+    colour, veils = [(1, 0, 0), (0, 1, 0)], [(0, 0, 2 + 0.1 * k) for k in range(40)]
     return {"outer": Shot(splats(*means, scale=5.0, opacity=2.0, colour=colour, levels=2), view(), outer=True),
-            "level 1": Shot(splats(*means, scale=5.0, opacity=1.0, colour=colour), view())}
+            "level 1": Shot(splats(*means, scale=5.0, opacity=1.0, colour=colour), view()),
+            "veils": Shot(splats(*veils, scale=5.0, opacity=0.3, colour=(0.5, 1, 0)), view())}
 
 
 @scene_case(
-    16, "opaque-against-the-stop", "one opaque splat before another, and pixels that stop below T = 1e-4",
+    16, "opaque-against-the-stop", "one opaque splat before another, and forty veils: pixels stop below T = 1e-4",
     "the opaque one shows its colour (3DGS would drop it) and hides the other; at level 1, 0.99 of it and 0.0099 of the other",
     shots=_stacked, gradients=(Gradients("outer", lit=(0,), zero=(1,)), Gradients("level 1", lit=(0, 1))))
 def OPAQUE_AGAINST_THE_STOP(album, renderer, shots):
     close("level 2", album["outer"].image[24, 32], (1, 0, 0), renderer.error)
     close("level 1", album["level 1"].image[24, 32], (0.99, 0.0099, 0), renderer.error)
+    close("veils", album["veils"].image[24, 32], (0.5, 1, 0), renderer.error + 2e-4)
+    left = 1 - album["veils"].coverage[24, 32]
+    require(0.4e-4 < left < 2e-4, f"the pixel must stop as soon as less than 1e-4 of its light is left, not at {left:.3g}")
 
 
 def _alpha_one(renderer: Renderer) -> Shots:

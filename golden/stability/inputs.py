@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from golden.msv2_ref.pipeline import render
 from golden.scenes.load import load_model
 from golden.scenes.model import GaussianModel
 from golden.scenes.save import save_model
 from golden.stability.case import SMOOTH, Album, Case, Gradients, Renderer, Shot, Shots, close, require, scene_case
+from golden.stability.check import MACHINE
 from golden.stability.files import columns_of, in_a_file, loaded, ply_bytes, refused
 from golden.stability.makers import splats, view
 
@@ -64,12 +67,24 @@ def _dropped_and_counted(album: Album, renderer: Renderer, shots: Shots) -> None
         require(got == wanted, f"non_finite must be {wanted}, not {got}")
 
 
+def _refused_by_hand(changes: dict[str, tuple[int, float]]) -> None:
+    """A NaN that no loader has dropped is refused by the integer renderer, field by field."""
+    for name, change in changes.items():
+        try:
+            render(spoilt({name: change}), view(), config=MACHINE)
+        except ValueError as error:
+            require("NaN" in str(error), f"{name}: the refusal must say NaN, not {error}")
+        else:
+            require(False, f"{name}: a NaN must be refused")
+
+
 def _broken(number: int, name: str, what: str, changes: dict[str, tuple[int, float]], dropped: dict[str, int]) -> Case:
     gone = tuple(sorted({row for row, _ in changes.values()}))
     kept = tuple(set(range(5)) - set(gone))
     return scene_case(
         number, name, what, "dropped and counted by the loader; the others look, bit by bit, as without them",
         shots=_cleaned(changes, dropped), gradients=(Gradients("unfiltered", zero=gone, lit=kept, compared=()),),
+        checks={"golden": partial(_refused_by_hand, {name: c for name, c in changes.items() if np.isnan(c[1])})},
     )(_dropped_and_counted)
 
 
@@ -119,6 +134,9 @@ def INFINITE_LOGIT(album, renderer, shots):
 def _exported(model: GaussianModel) -> GaussianModel:
     def use(path):
         save_model(model, path)
+        content = path.read_bytes()
+        table = np.frombuffer(content[content.index(b"end_header") + len(b"end_header\n") :], "<f4")
+        require(np.isfinite(table).all(), "every number of the file must be finite")
         return load_model(path)
     return in_a_file(b"", use)
 

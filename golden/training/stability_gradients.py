@@ -1,6 +1,6 @@
 """The hard cases on the differentiable renderer: expected images, finite gradients, and those of the oracle.
 
-    python -m golden.training.stability_gradients [CASE ...]    a line of JSON for all cases, or for those named
+    python -m golden.training.stability_gradients [CASE ...] [--faults]    JSON of all cases, or of those named
 
 Directional derivatives of a weighted sum of the image are compared with finite differences of the float64 oracle.
 """
@@ -9,19 +9,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
 from golden.scenes.conventions import logit, sigmoid
 from golden.scenes.model import GaussianModel
-from golden.stability.case import GRADIENT, Case, CaseFailure, Gradients, Seen, Shot, require
-from golden.stability.check import Cell, check_shots, see_oracle
-from golden.stability.registry import CASES
+from golden.stability.case import GRADIENT, Case, Gradients, Seen, Shot, require
+from golden.stability.check import Cell, check_shots, see_oracle, told_cell
+from golden.stability.faults import Fault, replaced, told
+from golden.stability.registry import CASES, case_named
+from golden.training.blend_cpu import Blending
 from golden.training.gaussians import Gaussians, from_model
+from golden.training.pairs import tile_lists
 from golden.training.render import render, render_foveated
 from spec.constants import ALPHA_MAX_L1, COVERAGE_VALID, SH_C0
 
@@ -138,28 +142,82 @@ def takes_part(case: Case) -> bool:
     return case.shots is not None and "gradient" in case.columns
 
 
-def cell(case: Case, work: Callable[[Case], float | None] = run) -> Cell:
+def cell(case: Case) -> Cell:
     """A case, told and not raised."""
     if not takes_part(case):
         return Cell("-", words=case.absent.get("gradient", "no part in it"))
-    begin = time.perf_counter()
-    try:
-        error = work(case)
-    except CaseFailure as failure:
-        return Cell("FAIL", words=str(failure), seconds=time.perf_counter() - begin)
-    except Exception as failure:  # a crash is a failure of the case, and the others still run
-        return Cell("FAIL", words=f"{type(failure).__name__}: {failure}", seconds=time.perf_counter() - begin)
-    return Cell("pass", error, seconds=time.perf_counter() - begin)
+    return told_cell(lambda: run(case))
+
+
+def _spoilt(change: Callable[[Blending, list[np.ndarray]], None]) -> Callable[[], AbstractContextManager]:
+    """A context in which `change` works on the gradients of mean2d, factor, opacity, colour and depth that blending gives."""
+    original = Blending.backward
+
+    def backward(blending: Blending, *asked: np.ndarray, **options: bool) -> tuple[np.ndarray, ...]:
+        results = list(original(blending, *asked, **options))
+        change(blending, results)
+        return tuple(results)
+    return replaced(("golden.training.blend_cpu.Blending.backward", backward))
+
+
+def _divided(blending: Blending, results: list[np.ndarray]) -> None:
+    with np.errstate(all="ignore"):
+        results[2] /= np.float32(blending.transmittance.min())
+
+
+def _forgotten(blending: Blending, results: list[np.ndarray]) -> None:
+    results[2][:] = 0
+
+
+def _leaking(blending: Blending, results: list[np.ndarray]) -> None:
+    results[3][:] += 1e-3
+
+
+def _backwards(*lists: object) -> object:
+    return tile_lists(*lists[:3], -lists[3], *lists[4:])
+
+
+FAULTS = (
+    Fault("a division by what is left of the light", "gradient", "alpha-one-backward", _spoilt(_divided)),
+    Fault("no gradient of the opacity", "gradient", "centre-outside", _spoilt(_forgotten)),
+    Fault("a gradient for what is hidden", "gradient", "opaque-against-the-stop", _spoilt(_leaking)),
+    Fault("back to front", "gradient", "equal-depths", replaced(("golden.training.render.tile_lists", _backwards))),
+    Fault("alpha may be 1 at level 1", "gradient", "opaque-against-the-stop",
+          replaced((f"{__name__}.ALPHA_MAX_L1", 1.0))),
+)
+"""Of the differentiable renderer."""
+
+
+def caught(fault: Fault) -> tuple[bool, str]:
+    """Whether the fault's case fails with it, and how it fails."""
+    with fault.drop():
+        got = cell(case_named(fault.case))
+    return told(got), got.words or f"{fault.case} does not notice"
+
+
+def _told_fault(fault: Fault) -> dict[str, object]:
+    seen, words = caught(fault)
+    return {"name": fault.name, "column": fault.column, "case": fault.case, "caught": seen, "words": words}
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m golden.training.stability_gradients", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m golden.training.stability_gradients", description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("cases", nargs="*", metavar="CASE", help="ids of cases (default: all)")
+    parser.add_argument("--faults", action="store_true", help="run the seeded faults, too")
+    parser.add_argument("--json", metavar="FILE", help="write there instead of to the screen")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
     chosen = [case for case in CASES if not args.cases or case.id in args.cases]
-    print(json.dumps({case.id: asdict(cell(case)) for case in chosen}))
+    found = {"cells": {case.id: asdict(cell(case)) for case in chosen},
+             "faults": [_told_fault(fault) for fault in FAULTS] if args.faults else []}
+    text = json.dumps(found)
+    if args.json:
+        Path(args.json).write_text(text)
+    else:
+        print(text)
 
 
 if __name__ == "__main__":

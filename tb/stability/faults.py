@@ -1,0 +1,116 @@
+"""Seeded faults in hardware: settings that a guard stands on, dropped in the machine, and arrays emitted without a guard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from unittest import mock
+
+from golden.msv2_ref.pipeline import Frame
+from golden.stability.case import GOLDEN
+from golden.stability.check import MACHINE, see_golden
+from golden.stability.registry import case_named
+from rtl.vrc_array.array import emit_vrc_array
+from spec.config import AcceleratorConfig
+from tb.common.player import play
+from tb.top.planned import PlannedFrame, planned
+from tb.top.stimuli import Case as Played
+from tb.top.suite import run_plan
+from tb.vrc.check import golden_pixels, problems, run_of
+from tb.vrc.device import vrc_playback
+from tb.vrc.traced import case_of
+
+
+@dataclass(frozen=True)
+class RtlFault:
+    """A guard that the hardware does not have, and the case whose frame must show it.
+
+    Attributes:
+        name: of the fault.
+        case, shot: whose golden frame is played.
+        settings: of the machine, by register: what is written instead.
+        patches: names in rtl's modules, and what stands there while the array is emitted.
+    """
+
+    name: str
+    case: str
+    shot: str
+    settings: Mapping[str, int] | None = None
+    patches: Mapping[str, object] | None = None
+
+    column = "rtl"
+
+
+_V = MACHINE.formats.view
+
+
+def _view(value: float) -> int:
+    return int(_V.quantise(value))
+
+
+FAULTS = (
+    RtlFault("no near plane", "point-at-the-camera", "shot", {"near": _view(1e-30)}),
+    RtlFault("near plane an ulp too near", "near-plane-ulp", "shot", {"near": _view(0.25) - 1}),
+    RtlFault("no clamp of the Jacobian", "needle-at-the-frustum", "+1.5", {"limits_1": _view(1e30)}),
+    RtlFault("principal point forgotten", "principal-point", "odd", {"centre_0": 32 << MACHINE.formats.mean2d.frac_bits}),
+    RtlFault("boxes in place of ellipses", "thin-axes", "turned", {"obb": 1}),
+    RtlFault("no alpha_max at level 1", "opaque-against-the-stop", "level 1",
+             patches={"rtl.vrc_array.pixel_core.saturation_threshold": lambda formats: 1 << 12}),
+    RtlFault("pixels do not stop", "opaque-against-the-stop", "veils",
+             patches={"rtl.vrc_array.pixel_core.t_stop": lambda formats: 0}),
+)
+"""All of them; those with settings are played in one simulation, the others each in an array of their own."""
+
+
+def frame_of(fault: RtlFault) -> tuple[Frame, int | None, bool]:
+    """The golden frame, its merge threshold and tile test."""
+    shot = case_named(fault.case).shots(GOLDEN)[fault.shot]
+    return see_golden(shot).frame, shot.beta, shot.obb
+
+
+def _frames(fault: RtlFault) -> list[PlannedFrame]:
+    """The case's frame as it is, and with the fault."""
+    played = Played(fault.name, *frame_of(fault))
+    return [planned(played, "right", reset=False, poison=False),
+            planned(played, "faulty", reset=False, changes=dict(fault.settings))]
+
+
+def settings_caught(faults: Sequence[RtlFault], folder: Path) -> list[tuple[bool, str]]:
+    """Of faults in settings: whether the right frame is right and the faulty one is told, and how."""
+    frames = [_frames(fault) for fault in faults]
+    failures = run_plan(MACHINE, [frame for pair in frames for frame in pair], folder).failures
+    return [_told(failures.get(right.name), failures.get(faulty.name)) for right, faulty in frames]
+
+
+def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
+    """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
+    case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
+    patches = [mock.patch(name, value) for name, value in fault.patches.items()]
+    for patch in patches:
+        patch.start()
+    try:
+        verilog = emit_vrc_array(config)
+    finally:
+        for patch in patches:
+            patch.stop()
+    if verilog == usual.verilog:
+        return False, "the array is what it was"
+    faulty = replace(usual, name="vrc-faulty", verilog=verilog)
+    recording, = play(faulty, [run_of(config, case)], folder)
+    return _told([], problems(config, case, recording, golden_pixels(config, case)))
+
+
+def _told(right: list[str] | None, faulty: list[str] | None) -> tuple[bool, str]:
+    if right:
+        return False, f"fails without the fault: {right[0]}"
+    return (True, faulty[0]) if faulty else (False, "the frame does not change")
+
+
+def caught(folder: Path) -> dict[str, tuple[bool, str]]:
+    """Every fault by its name."""
+    in_settings = [fault for fault in FAULTS if fault.settings is not None]
+    found = dict(zip((fault.name for fault in in_settings), settings_caught(in_settings, folder / "settings"), strict=True))
+    for number, fault in enumerate(fault for fault in FAULTS if fault.patches is not None):
+        found[fault.name] = array_caught(fault, folder / f"array{number}")
+    return found
