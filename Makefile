@@ -12,7 +12,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth report-area report-energy train tables-training table-ecc bench results docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth report-area report-energy train tables-training table-ecc bench results stability docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -69,6 +69,9 @@ bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 
 results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
 	@$(RUN) tools/results.py $(call option,ONLY,only) $(call option,UNIT,unit)
+
+stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
+	@$(RUN) -m tb.stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(if $(filter-out 0,$(KEEP)),--keep)
 
 docs: tested ## regenerate docs/formats.md
 	@$(RUN) -m spec.document
