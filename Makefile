@@ -59,10 +59,10 @@ tables-training: setup ## the paper's tables of training; SCENE="one another@WxH
 	@$(RUN) golden/tables_training.py $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
 		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
 
-table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=1 OUT= NAME=
+table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=all|NAME OUT= NAME=
 	@$(RUN) golden/table_ecc.py $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
-		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(if $(filter-out 0,$(RTL)),--rtl) $(call option,OUT,out) $(call option,NAME,name)
+		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)

@@ -24,7 +24,7 @@ THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
 EXAMPLES = """examples:
   python golden/table_ecc.py                                        the embedded scene
   python golden/table_ecc.py build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels beside it
-  python golden/table_ecc.py truck.splat --units-per-metre 0.15 --rtl   cycles of the first pose by the RTL too
+  python golden/table_ecc.py truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
 
 A run's folder or model.ply is judged by the run's dense model and seen from its test views; the v1 model that picks the
 threshold is RUN-v1/model.ply, as golden/train.py --no-opacity-enhancement writes it; --train-v1 makes it of the run's own L1.
@@ -47,8 +47,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
     add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
     add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
-    add("--rtl", action="store_true", help="the first pose through the RTL as well, at 18 degrees (minutes)")
-    add("--rtl-eyes", action="store_true", help="that, and each of its eyes alone (more minutes)")
+    add("--rtl", default="none", metavar="all|NAME,NAME",
+        help="scenes whose first pose goes through the RTL as well, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="and each of its eyes alone (more minutes)")
     add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
     add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
     add("--name", default="table_ecc", help="of those files (default: table_ecc)")
@@ -80,8 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError(f"{name} {value!r} is not accepted: a positive number is")
     if args.v1 and len(args.scenes) != 1:
         raise InputError(f"--v1 {args.v1} is not accepted with {len(args.scenes)} scenes: one is")
-    args.rtl = args.rtl or args.rtl_eyes
-    if args.rtl and ECC_THRESHOLD_DEG not in thresholds:
+    if args.rtl != "none" and ECC_THRESHOLD_DEG not in thresholds:
         raise InputError(f"--rtl is not accepted without the threshold {ECC_THRESHOLD_DEG:g}: it is simulated at that one")
     import_torch()
     from golden.training.chain import Interrupted
@@ -129,7 +129,7 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
     record = {"scene": scene.name, "levels": scene.levels, "points": len(scene.model), "judged_by": scene.judged_by,
               "v1_points": None if scene.v1 is None else len(scene.v1), "units": scene.units, "ipd_metres": args.ipd,
               "poses": poses}
-    if args.rtl:
+    if args.rtl == "all" or scene.name in args.rtl.split(","):
         gazes = tuple(tuple(gaze) for gaze in poses[0]["gaze"])
         record["rtl"] = rtl_pose(scene.model, scene.cameras[0], gazes, ECC_THRESHOLD_DEG, work / "rtl", **pair,
                                  alone=args.rtl_eyes, step=lambda what: print(f"{scene.name}: RTL, {what}", file=sys.stderr))

@@ -207,7 +207,7 @@ def test_the_command_writes_and_goes_on(tmp_path, model, monkeypatch, capsys):
         return {"stereo": {"cycles": 1800, "stereo_overhead": 1.06}, "source": eye, "target": eye}
 
     monkeypatch.setattr(rtl, "rtl_pose", simulated)
-    assert table_ecc.main([*arguments, "--rtl-eyes"]) == 0
+    assert table_ecc.main([*arguments, "--rtl", "truck", "--rtl-eyes"]) == 0
     out = capsys.readouterr()
     assert "0.15 units per metre are assumed: front bumper" in out.err and "2 of 2 poses" in out.err
     record, = json.loads((tmp_path / "out" / "table.json").read_text())["scenes"]
@@ -229,7 +229,7 @@ def test_the_command_writes_and_goes_on(tmp_path, model, monkeypatch, capsys):
     (["--thresholds", "18,x"], "18,x"), (["--thresholds", "-1"], "-1"), (["--thresholds", "181"], "181"),
     (["--thresholds", "nan"], "nan"), (["--poses", "0"], "poses 0"), (["--ipd", "0"], "IPD 0.0"), (["--ipd", "nan"], "IPD nan"),
     (["--units-per-metre", "-1"], "units per metre -1.0"), (["--size", "0x3"], "0x3"), (["--v1", "m.ply"], "0 scenes"),
-    (["--thresholds", "0", "--rtl"], "without the threshold 18"), (["nowhere.ply"], "nowhere.ply")])
+    (["--thresholds", "0", "--rtl", "all"], "without the threshold 18"), (["nowhere.ply"], "nowhere.ply")])
 def test_bad_requests_name_the_value(tmp_path, argv, named):
     with pytest.raises(InputError) as error:
         table_ecc.main([*argv, "--out", str(tmp_path / "out"), "--work", str(tmp_path / "kept")])
