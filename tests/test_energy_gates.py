@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
+import re
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from synth import timing
+from synth.liberty import ASAP7, find_files
 from synth.power import cells as liberty
 from synth.power.cells import NOTHING, Arc, Cell, Output, Table
-from synth.power.electrical import analyse
+from synth.power.electrical import INPUT_SLEW, analyse
 from synth.power.energy import VOLTAGE, by_part, total
 from synth.power.memories import Contents, Memory
 from synth.power.netlist import Flattener
@@ -250,3 +254,65 @@ def test_a_mapped_unit_does_what_golden_says(tmp_path):
     flat.gate_inputs[len(flat.gate_inputs) // 2] = flat.gate_inputs[len(flat.gate_inputs) // 3]
     with pytest.raises((Unequal, ValueError)):
         measure(mapped, "line_buffer", PAPER, "embedded", frame)
+
+
+CHAIN = """\
+module chain(a, b, clk, y, z);
+  input a, b, clk; output y, z; wire n1, n2, n3, n4;
+  INVx1_ASAP7_75t_R i1(.A(a), .Y(n1));
+  INVx1_ASAP7_75t_R i2(.A(n1), .Y(n2));
+  NAND2x1_ASAP7_75t_R i3(.A(n2), .B(b), .Y(n3));
+  NAND2x1_ASAP7_75t_R i4(.A(n3), .B(n1), .Y(y));
+  INVx1_ASAP7_75t_R i5(.A(n3), .Y(z));
+endmodule
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif("MSV2_PDK" not in os.environ, reason="needs liberty files")
+def test_cells_cost_what_opensta_says(tmp_path):
+    """At one activity of all nets. OpenSTA of 2019 counts half of C V^2 / 2 for a net's toggle; without a clock, a second's."""
+    if not timing.available():
+        pytest.skip("needs OpenSTA")
+    names = ["INVx1_ASAP7_75t_R", "NAND2x1_ASAP7_75t_R"]
+    cells = liberty.read_cells(find_files(ASAP7), names)
+    merged = tmp_path / "vdd.lib"
+    merged.write_text(_one_rail(find_files(ASAP7), names))
+    (tmp_path / "chain.v").write_text(CHAIN)
+    activity = 0.2
+    report = timing.run_sta("\n".join([
+        f"read_liberty {merged}", f"read_verilog {tmp_path / 'chain.v'}", "link_design chain",
+        "create_clock -name clk -period 1000 [get_ports clk]", "set_load 2.0 [all_outputs]",
+        f"set_input_transition {INPUT_SLEW} [all_inputs]", f"set_power_activity -global -activity {activity} -duty 0.5",
+        *(f"report_power -instances [get_cells i{i}] -digits 6" for i in range(1, 6)), ""]), tmp_path)
+    theirs = {name: (float(internal), float(switching)) for internal, switching, name in re.findall(
+        r"(?m)^\s*(\S+)\s+(\S+)\s+\S+\s+\S+\s+(i\d)$", report)}
+    numbers = {net: 2 + i for i, net in enumerate(("a", "b", "n1", "n2", "n3", "y", "z"))}
+    gates = [(name, kind, {pin: numbers[net] for pin, net in re.findall(r"\.(\w+)\((\w+)\)", pins)})
+             for kind, name, pins in re.findall(r"(?m)^  (\w+_R) (\w+)\((.*)\);$", CHAIN)]
+    netlists = Netlists(tmp_path)
+    netlists.add("chain", {net: ("output" if net in "yz" else "input", [n]) for net, n in numbers.items()},
+                 [(kind, pins) for _, kind, pins in gates])  # inner nets are ports that can be looked up, without a load
+    flat = Flattener(netlists.paths, cells).flatten("chain")
+    electrical, place = analyse(flat, cells, 2.0), {int(net): gate for gate, net in enumerate(flat.gate_output)}
+    for name, _, pins in gates:
+        net = next(int(flat.ports[net][0]) for net, n in numbers.items() if n == pins["Y"])
+        internal = activity * electrical.gate_energy[place[net]] * 1e-18
+        switching = activity * electrical.net_load[net] * VOLTAGE**2 / 2 * 1e-18
+        assert theirs[name][0] == pytest.approx(internal, rel=0.1), name
+        assert theirs[name][1] == pytest.approx(switching / 2, rel=0.03), name
+
+
+def _one_rail(paths: list[Path], names: list[str]) -> str:
+    """Some cells of a library, the energies of VDD alone; its first file's header and templates."""
+    parts = []
+    for path in paths:
+        text = gzip.open(path, "rt").read() if path.suffix == ".gz" else path.read_text()
+        starts = [(found[1], found.start()) for found in re.finditer(r"(?m)^  cell \((\w+)\) \{", text)]
+        parts += [text[: starts[0][1]]] * (not parts)
+        for (name, start), (_, end) in pairwise([*starts, ("", text.rstrip().rfind("}"))]):
+            if name in names:
+                parts.append(re.sub(
+                    r"(?ms)^      internal_power \(\) \{\n(?:(?!^      \}).)*?related_pg_pin : \"?VSS\"?;.*?^      \}\n", "",
+                    text[start:end]))
+    return "".join(parts) + "}\n"
