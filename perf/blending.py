@@ -26,10 +26,10 @@ layout = Layout(before.size)
  IN_FLIGHT, LEAVE_IN, LEAVE_OUT, STOP_LATENCY, HEADER_AT) = layout.words(
     "busy tile_at left second level blends at slot_valid slot_drain buffer buffer_drain stop_0 stop_1 ops skipped "
     "in_flight leave_in leave_out stop_latency header_at")
-(BLOCKS, CORES_X, CORES_Y, ROW_LATENCY, LEAVE_LATENCY, ISSUE, ISSUE_LEFT, ISSUE_DRAIN, ISSUE_AT, ROWS_FREE, WAIT, DRAIN_IN,
- DRAIN_OUT, DRAIN_ROWS, DRAIN_ROW, HALVES, BLOCK) = layout.words(
-    "blocks cores_x cores_y row_latency leave_latency issue issue_left issue_drain issue_at rows_free wait drain_in "
-    "drain_out drain_rows drain_row halves block")
+(BLOCKS, CORES_X, CORES_Y, ROW_LATENCY, LEAVE_LATENCY, ISSUE, ISSUE_LEFT, ISSUE_DRAIN, ISSUE_AT, ISSUED_AT, ROWS_FREE, WAIT,
+ DRAIN_IN, DRAIN_OUT, DRAIN_ROWS, DRAIN_ROW, HALVES) = layout.words(
+    "blocks cores_x cores_y row_latency leave_latency issue issue_left issue_drain issue_at issued_at rows_free wait "
+    "drain_in drain_out drain_rows drain_row halves")
 (WIDTH, HEIGHT, TILES_X, PIXEL_WORDS, FRAME_BASE, PACKED, PACKED_BEATS, PACKED_AT, SENDS, SEND_AT, TILE_OUT, ROW_OUT, PIXELS,
  RENDERED_TILES, ROWS_DONE) = layout.words(
     "width height tiles_x pixel_words frame_base packed packed_beats packed_at sends send_at tile_out row_out pixels "
@@ -92,12 +92,12 @@ def _slot(s, t, valid, drain):
 
 
 @step
-def step_setup(s, t, buffered, use, stop, tile_counts, tile_blend):
+def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
     """SetupUnit: headers and entries to slots; whether an entry is taken."""
     while s[LEAVE_OUT] != s[LEAVE_IN] and s[LEAVES + (s[LEAVE_OUT] & 7)] <= t:
         s[LEAVE_OUT] += 1
         s[IN_FLIGHT] -= 1
-    advance = buffered < 2
+    advance = waiting < 2
     if advance:
         s[BUFFER_DRAIN] |= (s[SLOT_DRAIN] >> _SETUP - 1) << s[BUFFER]
         s[BUFFER] += s[SLOT_VALID] >> _SETUP - 1
@@ -179,7 +179,7 @@ def step_issue(s, t):
             s[LEAVES + (s[LEAVE_IN] & 7)] = t + s[LEAVE_LATENCY]
             s[LEAVE_IN] += 1
     if left == 0:
-        s[ISSUE] = 0
+        s[ISSUE], s[ISSUED_AT] = 0, t
 
 
 @step
@@ -189,7 +189,14 @@ def load_issue(s, t):
         s[ISSUE], s[ISSUE_LEFT], s[ISSUE_DRAIN] = 1, s[BLOCKS], s[BUFFER_DRAIN] & 1
         s[BUFFER] -= 1
         s[BUFFER_DRAIN] >>= 1
-        s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 else 0)
+        s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 and s[ISSUED_AT] != t - 1 else 0)  # two stages, full while ops follow each other
+
+
+@step
+def buffered(s):
+    """Ops in the setup unit's buffer, of two; with several blocks the sequencer takes two more."""
+    waiting = s[BUFFER] + s[ISSUE]
+    return max(0, waiting - 2) if s[BLOCKS] > 1 else waiting
 
 
 @step

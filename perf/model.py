@@ -277,15 +277,14 @@ def _render(
         _set_warp(s, trace, config, where)
     times = np.full((8, len(plan.filled) + 1), -1, np.int64)
     tile_times = np.full((2, len(plan.drawn) + 1), -1, np.int64)
-    spilled = plan.chunk_spill != 0
     cycles = render.render_phase(
         s, config.merge_ways, eye.counts, plan.lasts, eye.rendered, written.page_beat, written.page_start,
         eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn],
         plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
-        np.zeros(len(plan.chunk_length), np.int64), plan.chunk_length[spilled], plan.chunk_last[spilled], plan.way_of,
-        trace.holes, times, tile_times, LIMIT)
+        np.zeros(len(plan.chunk_length), np.int64), plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
+        plan.job_out, plan.job_waits, plan.way_of, trace.holes, times, tile_times, LIMIT)
     events = {"ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
-              "spilled_entries": len(plan.way_of)}
+              "spilled_entries": int(plan.way_of.size)}
     return _Pass(
         {"render": int(cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES), s[bus.READS : bus.READS + bus.READERS].copy(),
         s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events, _timeline(plan, times, tile_times))

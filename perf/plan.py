@@ -100,7 +100,10 @@ class RenderPlan:
         group_end: (entries,) the entry is its group's last.
         missed: (entries,) its view is not in the cache. view: its view's beat.
         chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into.
-        way_of: of entries of spilled groups, the run that each lies in.
+        part_runs: runs of each spilled group. job_start, job_length, job_entries, job_out, job_waits: of each merge, its runs'
+            place among `job_length`, their lengths and sum, whether it goes out, and whether it waits for those before it to be
+            in memory.
+        way_of: of each entry of each merge, in order, the run that it comes from.
         ring_runs: runs that the spill region's ring holds; spill_beats: its size.
     """
 
@@ -114,6 +117,12 @@ class RenderPlan:
     chunk_length: np.ndarray
     chunk_spill: np.ndarray
     chunk_last: np.ndarray
+    part_runs: np.ndarray
+    job_start: np.ndarray
+    job_length: np.ndarray
+    job_entries: np.ndarray
+    job_out: np.ndarray
+    job_waits: np.ndarray
     way_of: np.ndarray
     ring_runs: int
     spill_beats: int
@@ -128,9 +137,6 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
         beta: merge threshold, None: automatic, 0: nothing is merged.
         largest: entries of the frame's largest group, of both eyes: the host makes room for two of them
             (tb.top.image.spill_beats).
-
-    Raises:
-        ValueError: a group has more runs than the machine merges at a time.
     """
     counts = eye.counts.astype(np.int64)
     groups = eye_groups(trace, eye, config, beta)
@@ -147,8 +153,6 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     ends = np.cumsum(chunks) - 1
     length[ends], last[ends] = sizes[filled] - (chunks - 1) * capacity, 1
     spill = np.repeat(chunks > 1, chunks).astype(np.uint8)
-    if chunks.max(initial=0) > config.merge_ways:
-        raise ValueError(f"groups must have at most {config.merge_ways} runs, not {int(chunks.max())!r}: more are not modelled")
     tile_of = np.repeat(np.arange(len(counts)), counts)
     first = np.concatenate(([0], np.cumsum(sizes)))[groups[tile_of]]
     place = np.concatenate(([0], np.cumsum(counts)))[tile_of] - first + eye.rank
@@ -156,10 +160,48 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     runs = -(-largest // capacity) if largest > capacity else 1
     level = eye.level[tile_of].astype(np.int64)
     view = (eye.splat.astype(np.int64) << trace.view_shift) + level
+    parts, run_of = chunks > 1, (place[large] // capacity).astype(np.int64)
+    merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last,
-        (place[large] // capacity).astype(np.int64), 2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
+        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last, chunks[parts], *merges,
+        2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
+
+
+def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray, ways: int) -> tuple[np.ndarray, ...]:
+    """`job_start` to `way_of` of a RenderPlan, as rtl.sort_tmu.merge_plan makes them.
+
+    Args:
+        run_of: (entries of spilled groups,) int64, in order: the chunk of its group that each lies in.
+        part_runs, part_entries: of each such group.
+        ways: runs that are merged at a time.
+    """
+    start, lengths, entries, out, waits, way_of = [0], [], [], [], [], [np.zeros(0, np.int64)]
+    firsts = np.cumsum(part_entries) - part_entries
+    for count, total, first in zip(part_runs.tolist(), part_entries.tolist(), firsts.tolist(), strict=True):
+        run = run_of[first : first + total].copy()
+        this, longer, fresh, made = list(range(count)), [], False, count
+        while True:
+            if not this:
+                this, longer, fresh = longer, [], True
+            left = len(this) + len(longer)
+            last = left <= ways
+            chosen = longer + this if last else this[: min(ways, left - ways + 1)]
+            place = np.full(made + 1, -1)
+            place[chosen] = np.arange(len(chosen))
+            way = place[run]
+            way_of.append(way[way >= 0])
+            lengths += np.bincount(way_of[-1], minlength=len(chosen)).tolist()
+            start.append(len(lengths))
+            entries.append(len(way_of[-1]))
+            out.append(last)
+            waits.append(last or fresh)
+            if last:
+                break
+            run[way >= 0] = made
+            this, longer, fresh, made = this[len(chosen) :], [*longer, made], False, made + 1
+    return (np.array(start, np.int64), np.array(lengths, np.int64), np.array(entries, np.int64), np.array(out, np.bool_),
+            np.array(waits, np.bool_), np.concatenate(way_of).astype(np.int64))
 
 
 def eye_groups(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None) -> np.ndarray:

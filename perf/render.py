@@ -76,8 +76,8 @@ def _rows(s, t, writer, tile_number, tile_times, fills):
 @phase
 def render_phase(
     s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
-    use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of, fills, times,
-    tile_times, limit,
+    use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start, job_length, job_entries,
+    job_out, job_waits, way_of, fills, times, tile_times, limit,
 ):
     """The phase RENDER; gives its cycles, -1 where they are not enough."""
     tiles = len(tile_counts)
@@ -87,7 +87,7 @@ def render_phase(
         reader, writer = bus.grant_read(s, reads), bus.grant_write(s, writes)
         swept = s[lists.SWEPT]
         list_before, head_before = swept - s[lists.LIST_TAKEN], swept - s[lists.HEAD_TAKEN]
-        levels, buffered = s[lists.LEVELS], s[blending.BUFFER] + s[blending.ISSUE]
+        levels, buffered = s[lists.LEVELS], blending.buffered(s)
         if blending.pixels_finished(s) and s[lists.WAIT_OUT] == tiles and warp.finished(s):
             return t + 1
         blending.load_issue(s, t)
@@ -105,8 +105,8 @@ def render_phase(
         sorter.step_run_writer(s, t, writer == W_SPILL)
         at = s[sorter.SORTED]
         if sorter.step_sort_out(
-            s, t, ways, reader == SPILL, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last,
-            way_of,
+            s, t, ways, reader == SPILL, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start,
+            job_length, job_entries, job_out, job_waits, way_of,
         ):
             _note(s, t, HANDING, group_end[at], times)
         room = sorter.sort_room(s)

@@ -22,16 +22,18 @@ layout = Layout(before.size)
     "active spilled")
 (PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
     "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
-(PARTS_THERE, PLAN_CHUNK, PLAN_RUNS, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, GIVEN, FREED, TURN, READ_FULL, FETCH_IN,
- FETCH_OUT, MERGE_RUNS, MERGE_LEFT, MERGED, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT, READING, HEADLESS) = layout.words(
-    "parts_there plan_chunk plan_runs plan_way plan_at planned started finished given freed turn read_full fetch_in "
-    "fetch_out merge_runs merge_left merged tree_in tree_out spill_base read_beat reading headless")
+(PARTS_THERE, OPEN_PART, PLANNING, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, PENDING, FREED, TURN, READ_FULL, FETCH_IN,
+ FETCH_OUT, MERGE_LEFT, MERGED, OUT_LEFT, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT, READING, HEADLESS, BACK_FULL, BACK_PLACE,
+ BACK_LAST) = layout.words(
+    "parts_there open_part planning plan_way plan_at planned started finished pending freed turn read_full fetch_in "
+    "fetch_out merge_left merged out_left tree_in tree_out spill_base read_beat reading headless back_full back_place "
+    "back_last")
 (H_IN, H_OUT, HALVES, FILLING, FILLED, SHOWING, NEXT, SOURCE, SOURCE_LAST, SOURCE_HALF) = layout.words(
     "h_in h_out halves filling filled showing next source source_last source_half")
 H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the ring lies behind all others
 
-_WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE = 32, 32, 32, 8
-"""RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output."""
+_WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE, _PENDING = 32, 32, 32, 8, 15
+"""RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output, merges not yet in memory."""
 Q_TIMES, Q_FENCE = layout.ring(_WRITER_QUEUE), layout.ring(_WRITER_QUEUE)
 WAY_LEFT, WAY_ROOM, WAY_IN, WAY_OUT, WAY_PLACE, WAY_ENTRIES, WAY_BASE = (layout.ring(_WAYS) for _ in range(7))
 WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
@@ -89,23 +91,30 @@ def step_sort_in(s, t, chunk_length, chunk_release):
 
 @step
 def step_run_writer(s, t, granted):
-    """RunWriter: the oldest beat, and its fence."""
+    """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
     at = s[QUEUE_OUT]
+    fence = s[Q_FENCE + (at & _WRITER_QUEUE - 1)]
     if granted:
         bus.write(s, W_SPILL, s[SPILL_BASE] + s[W_BEAT])
         s[W_BEAT] += 1
-        if s[Q_FENCE + (at & _WRITER_QUEUE - 1)]:
+        if fence:
             s[FENCED] = 1
         else:
             s[QUEUE_OUT] = at + 1
     elif s[FENCED] and s[WAITING + W_SPILL] == 0:
         s[FENCED] = 0
         s[QUEUE_OUT] = at + 1
-        s[PARTS_THERE] += 1
-    if s[PACK_FULL] and s[QUEUE_IN] - s[QUEUE_OUT] < _WRITER_QUEUE:
-        at = s[QUEUE_IN]
-        s[Q_TIMES + (at & _WRITER_QUEUE - 1)], s[Q_FENCE + (at & _WRITER_QUEUE - 1)] = t + 2, s[PACK_FENCE]
-        s[QUEUE_IN], s[PACK_FULL] = at + 1, 0
+        s[PARTS_THERE] += fence == 1
+        s[PENDING] -= fence == 2
+    at = s[QUEUE_IN]
+    if (s[BACK_FULL] or s[PACK_FULL]) and at - s[QUEUE_OUT] < _WRITER_QUEUE:
+        s[Q_TIMES + (at & _WRITER_QUEUE - 1)] = t + 2
+        s[Q_FENCE + (at & _WRITER_QUEUE - 1)] = 2 * s[BACK_LAST] if s[BACK_FULL] else s[PACK_FENCE]
+        s[QUEUE_IN] = at + 1
+        if s[BACK_FULL]:
+            s[BACK_FULL] = 0
+        else:
+            s[PACK_FULL] = 0
 
 
 @step
@@ -136,29 +145,31 @@ def _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release):
 
 
 @step
-def _plan(s, t, ways, run_length, run_last):
-    """MergePlan: runs of a part to their ways, two cycles each."""
-    if s[PLAN_RUNS] == 0:
-        if s[PARTS_THERE] and s[PLANNED] - s[FINISHED] < SORT_MERGES:
-            s[PARTS_THERE] -= 1
-            runs = 1
-            while run_last[s[PLAN_CHUNK] + runs - 1] == 0:
-                runs += 1
-            s[PLAN_RUNS], s[PLAN_WAY], s[PLAN_AT] = runs, 0, t + 4
-            s[PLANNED] += 1
+def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
+    """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each."""
+    job = s[PLANNED]
+    if s[PLANNING] == 0:
+        if s[OPEN_PART] == 0:
+            if s[PARTS_THERE]:
+                s[PARTS_THERE] -= 1
+                s[OPEN_PART], s[PLAN_AT] = 1, t + 2
+        elif t >= s[PLAN_AT] and job - s[FINISHED] < SORT_MERGES and s[PENDING] < (1 if job_waits[job] else _PENDING):
+            s[PENDING] += not job_out[job]
+            s[PLANNING], s[PLAN_WAY], s[PLAN_AT] = 1, 0, t + 2
         return
     way = s[PLAN_WAY]
     if t < s[PLAN_AT]:
         return
-    if way < s[PLAN_RUNS]:
+    if way < job_start[job + 1] - job_start[job]:
         if s[WAY_LEFT + way]:
             return
-        s[WAY_LEFT + way] = -(-run_length[s[PLAN_CHUNK] + way] // BEAT_ENTRIES)
+        s[WAY_LEFT + way] = -(-job_length[job_start[job] + way] // BEAT_ENTRIES)
         s[READING] += s[WAY_LEFT + way]
     s[PLAN_WAY], s[PLAN_AT] = way + 1, t + 2
     if way + 1 == ways:
-        s[PLAN_CHUNK] += s[PLAN_RUNS]
-        s[PLAN_RUNS] = 0
+        s[PLANNED], s[PLANNING] = job + 1, 0
+        if job_out[job]:
+            s[OPEN_PART] = 0
 
 
 @step
@@ -190,21 +201,20 @@ def _read_runs(s, t, ways, granted):
 
 
 @step
-def _merge(s, t, way_of, run_length, run_last):
+def _merge(s, t, way_of, job_start, job_length):
     """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
     if s[TREE_IN] - s[TREE_OUT] >= _TREE - 1:
         return
     if s[MERGE_LEFT] == 0:
-        if s[STARTED] == s[PLANNED]:
+        job = s[STARTED]
+        if job == s[PLANNED]:
             return
-        s[STARTED] += 1
-        runs, total = 0, 0
-        while runs == 0 or run_last[s[GIVEN] + runs - 1] == 0:
-            s[WAY_ENTRIES + runs] = run_length[s[GIVEN] + runs]
-            s[WAY_PLACE + runs] = 0
-            total += run_length[s[GIVEN] + runs]
-            runs += 1
-        s[MERGE_RUNS], s[MERGE_LEFT], s[HEADLESS] = runs, total, (1 << runs) - 1
+        s[STARTED] = job + 1
+        runs, total = job_start[job + 1] - job_start[job], 0
+        for way in range(runs):
+            s[WAY_ENTRIES + way], s[WAY_PLACE + way] = job_length[job_start[job] + way], 0
+            total += job_length[job_start[job] + way]
+        s[MERGE_LEFT], s[HEADLESS] = total, (1 << runs) - 1
     headless, way = s[HEADLESS], 0
     if headless:
         while headless >> way:
@@ -229,25 +239,54 @@ def _merge(s, t, way_of, run_length, run_last):
     s[TREE + (s[TREE_IN] & _TREE - 1)] = t + _TREE_LATENCY
     s[TREE_IN] += 1
     s[MERGE_LEFT] -= 1
-    if s[MERGE_LEFT] == 0:
-        s[GIVEN] += s[MERGE_RUNS]
 
 
 @step
-def _sorted(s, t, chunk_length, chunk_spill, chunk_release):
-    """Whether an entry is offered: 0, 1 from the chunk sorter, 2 from the merge tree."""
+def _tree_gives(s, t, job_entries):
+    """The tree's oldest entry is there: what is left of its merge, itself included; 0: none."""
+    if s[TREE_IN] == s[TREE_OUT] or s[TREE + (s[TREE_OUT] & _TREE - 1)] > t:
+        return 0
+    return s[OUT_LEFT] if s[OUT_LEFT] else job_entries[s[FINISHED]]
+
+
+@step
+def _take_merged(s, left):
+    """The tree's oldest entry leaves; `left` as `_tree_gives` says."""
+    s[TREE_OUT] += 1
+    s[OUT_LEFT] = left - 1
+    s[FINISHED] += left == 1
+
+
+@step
+def _merge_back(s, t, job_entries, job_out):
+    """An entry of a merge that goes back to memory into its beat."""
+    left = _tree_gives(s, t, job_entries)
+    if left == 0 or job_out[s[FINISHED]] or s[BACK_FULL]:
+        return
+    s[BACK_PLACE] += 1
+    s[BACK_LAST] = left == 1
+    if s[BACK_PLACE] == BEAT_ENTRIES or left == 1:
+        s[BACK_FULL], s[BACK_PLACE] = 1, 0
+    _take_merged(s, left)
+
+
+@step
+def _sorted(s, t, chunk_length, chunk_spill, chunk_release, job_entries, job_out):
+    """Whether an entry is offered: 0, -1 from the chunk sorter, else from the merge tree, as `_tree_gives`."""
     if s[ACTIVE]:
-        return 2 if s[TREE_IN] != s[TREE_OUT] and s[TREE + (s[TREE_OUT] & _TREE - 1)] <= t else 0
+        left = _tree_gives(s, t, job_entries)
+        return left if left and job_out[s[FINISHED]] else 0
     chunk = s[CHUNK_OUT]
-    return 1 if chunk < s[CHUNK_IN] and chunk_spill[chunk] == 0 and chunk_release[chunk] <= t else 0
+    return -1 if chunk < s[CHUNK_IN] and chunk_spill[chunk] == 0 and chunk_release[chunk] <= t else 0
 
 
 @step
 def step_sort_out(
-    s, t, ways, granted, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, run_length, run_last, way_of,
+    s, t, ways, granted, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start, job_length,
+    job_entries, job_out, job_waits, way_of,
 ):
     """What leaves the sorter for the hand-over; whether something did."""
-    offers = _sorted(s, t, chunk_length, chunk_spill, chunk_release)
+    offers = _sorted(s, t, chunk_length, chunk_spill, chunk_release, job_entries, job_out)
     moves = False
     if offers:
         moves = _hand_over(s, t, group_end[s[SORTED]])
@@ -256,27 +295,24 @@ def step_sort_out(
         else:
             s[BLOCKED_HANDOVER] += 1
     if moves:
-        if offers == 1:
+        if offers < 0:
             last = s[PLACE_OUT] + 1 == chunk_length[s[CHUNK_OUT]]
             s[PLACE_OUT] = 0 if last else s[PLACE_OUT] + 1
             s[CHUNK_OUT] += last
         else:
-            s[TREE_OUT] += 1
+            _take_merged(s, offers)
             s[SPILLED] -= 1
-            if group_end[s[SORTED]]:
-                s[FINISHED] += 1
-                s[USED] -= 1
-                while run_last[s[FREED]] == 0:
-                    s[FREED] += 1
-                    s[USED] -= 1
+            if offers == 1:
+                s[USED] -= part_runs[s[FREED]]
                 s[FREED] += 1
                 s[ACTIVE] = s[USED] != 0
         s[SORTED] += 1
     if s[RING_RUNS]:
+        _merge_back(s, t, job_entries, job_out)
         _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release)
-        _merge(s, t, way_of, run_length, run_last)
+        _merge(s, t, way_of, job_start, job_length)
         _read_runs(s, t, ways, granted)
-        _plan(s, t, ways, run_length, run_last)
+        _plan(s, t, ways, job_start, job_length, job_out, job_waits)
     return moves
 
 
