@@ -95,7 +95,7 @@ def timed(name: str, parts: Mapping[str, dict], settings: Settings) -> dict[str,
         return {"slack_ps": None, "zero_slack_ps": None, "derated_ps": None, "sta": None}
     netlists = [Path(part["netlist"]) for part in reversed(parts.values())]
     scratch = netlists[0].parent
-    key = hashlib.sha256(repr((netlists, settings)).encode()).hexdigest()[:16]
+    key = hashlib.sha256(repr(([path.parent.parent.name for path in netlists], settings.clock_ps)).encode()).hexdigest()[:16]
     cached = scratch / f"timing-{key}.json"
     if not cached.exists():
         found = timing.analyse(netlists, name, settings.clock_ps, *settings.library(), scratch, bool(parts[name]["memories"]))
@@ -118,7 +118,10 @@ def module_result(
     unit = UNITS.get(module)
     hinted = unit is not None and (settings.technology, settings.clock_ps) == HINTS
     blocks, below = unit.blocks if hinted else None, below if boxes else []
-    library = repr(settings.library()) if settings.technology != "generic" else None
+    library = None
+    if settings.technology != "generic":
+        technology, liberty = settings.library()
+        library = technology, liberty.name  # whose name holds its hash, wherever it lies
     tools = flow.version(), timing.available() and is_timed, _flow_source()
     inputs = source, settings.technology, settings.clock_ps, settings.memory_limit, blocks, library, tools
     kept = [_kept(settings, module, inputs, runs) for runs in dict.fromkeys((MOST_RUNS, settings.runs))]
