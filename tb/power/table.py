@@ -30,7 +30,7 @@ SIZED = {"pixel cores": "cores", "array rows": "cores", "projection_unit": "cull
 GATES = "gate-level simulation with delays, {scenes}; every output equal to golden"
 SETUP = "gate-level simulation with delays, {scenes}; every output equal to the RTL's"
 ARRAY = "gate-level simulation of the whole array with delays, {scenes}; every pixel equal to golden"
-DEFAULT = "clock and leakage of its netlist; activity: mean of the simulated units by area, each memory read and written once"
+DEFAULT = "clock and leakage of its netlist; activity: mean of the simulated units by area; memories work in every cycle"
 
 
 def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
@@ -56,7 +56,7 @@ def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
                 "name": row["unit"], "operation": operation, "dynamic_pj": round(dynamic, 5),
                 "switching_pj": round(nets * dynamic, 5), "clock_pj": row["clock_pj_per_cycle"],
                 "leakage_mw": row["leakage_mw"],
-                "memories": [{**memory, "reads": 1, "writes": 1} for memory in row["memories"]],
+                "memories": [{**memory, "reads": cycles, "writes": cycles} for memory in row["memories"]],
                 "source": DEFAULT, "scales_with": SIZED.get(row["unit"], "")})
     return units
 
