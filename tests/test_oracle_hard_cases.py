@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from golden_samples import splats, view
 
 from golden.oracle.ellipse import exponent
 from golden.oracle.project import project, project_covariance
@@ -16,31 +17,7 @@ from golden.scenes.gaze import Display, no_foveation
 from golden.scenes.model import GaussianModel
 from spec.errors import InputError
 
-SH_C0 = 0.28209479177387814
 SIZE = (64, 48)
-
-
-def view(width: int = SIZE[0], height: int = SIZE[1], **changes) -> Camera:
-    """A camera at the origin that looks along z, focal length 50 px."""
-    camera = Camera(np.eye(3), np.zeros(3), 50.0, 50.0, width / 2, height / 2, width, height)
-    return replace(camera, **changes)
-
-
-def splats(*means, scale=0.1, opacity=0.8, colour=(1, 1, 1), quat=(1, 0, 0, 0), levels=1) -> GaussianModel:
-    """Gaussians of given colour (per point or for all); `scale` is one, three, or (N, 3) standard deviations."""
-    n = len(means)
-    with np.errstate(divide="ignore"):
-        log_scales = np.log(np.broadcast_to(scale, (n, 3)).astype(float))
-    dc = (np.broadcast_to(colour, (n, 3)) - 0.5) / SH_C0
-    return GaussianModel(
-        means=np.array(means, float).reshape(n, 3),
-        log_scales=log_scales,
-        quats=np.broadcast_to(np.array(quat, float), (n, 4)).copy(),
-        opacity=np.broadcast_to(np.reshape(opacity, (-1, 1)), (n, levels)).astype(float),
-        sh_dc=np.repeat(dc[:, None], levels, axis=1),
-        sh_rest=np.zeros((n, 0, 3)),
-        quality_bound=np.full(n, levels, np.uint8),
-    )
 
 
 def checked(model: GaussianModel, camera: Camera, **options):

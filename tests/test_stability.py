@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from golden.stability.check import run, takes_part
+from golden.stability.check import Cell, run, takes_part
+from golden.stability.faults import FAULTS, caught, told
 from golden.stability.registry import CASES, case_named
 
 NUMBERS = set(range(1, 59)) - {53, 54, 55, 58}
@@ -28,3 +29,20 @@ def test_every_hard_case_is_there_once():
     assert case_named("banding") is case_named("20-banding")
     with pytest.raises(KeyError, match="'nothing' is not accepted"):
         case_named("nothing")
+
+
+QUICK_FAULTS = ("no near plane", "no clamp of the Jacobian", "no low-pass filter", "no cut at 1/255 in the array",
+                "ties by arrival, not by index", "a depth of 0 has no disparity", "frames without coverage pass")
+
+
+@pytest.mark.parametrize("fault", [
+    pytest.param(fault, id=f"{fault.column}: {fault.name}", marks=() if fault.name in QUICK_FAULTS else pytest.mark.long)
+    for fault in FAULTS])
+def test_seeded_fault_turns_its_case_red(fault):
+    run(case_named(fault.case), fault.column)
+    seen, words = caught(fault)
+    assert seen, words
+
+
+def test_a_crash_catches_no_fault():
+    assert told(Cell("FAIL")) and not told(Cell("FAIL", crashed=True)) and not told(Cell("pass"))

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("torch")
 
 from golden.stability.registry import CASES, case_named
-from golden.training.stability_gradients import run, takes_part
+from golden.training.stability_gradients import FAULTS, caught, run, takes_part
 
 QUICK = {1, 6, 9, 11, 14, 17, 18, 21, 23, 28, 32, 40}
 """Numbers of the cases of the quick tests."""
@@ -24,3 +24,9 @@ def test_case(case):
 def test_cases_without_a_part_say_why():
     assert all(case.absent["gradient"] for case in CASES if not takes_part(case))
     assert takes_part(case_named("alpha-one-backward")) and len(SHOWN) > 40
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_seeded_fault_turns_its_case_red(fault):
+    seen, words = caught(fault)
+    assert seen, words

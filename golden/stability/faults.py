@@ -81,8 +81,9 @@ def _groups_without_end(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarr
     return 2 * _merge(counts, tiles_x, beta)
 
 
-_merge, _disparity, _colours, _oracle_colours = (
-    sort_tmu.merge_tiles, warp_unit.raw_disparity, pipeline.splat_colours, oracle_project.colour_per_level)
+_merge, _disparity, _colours, _oracle_colours, _select = (
+    sort_tmu.merge_tiles, warp_unit.raw_disparity, pipeline.splat_colours, oracle_project.colour_per_level,
+    GaussianModel.select)
 
 
 def _wrapping_counters(hits: np.ndarray, tiles: int, count_bits: int) -> tuple[np.ndarray, bool, bool]:
@@ -106,6 +107,11 @@ def _clamped_first(config, words, registers, rows: np.ndarray) -> np.ndarray:
 
 def _oracle_clamped_first(model: GaussianModel, index: np.ndarray, eye: np.ndarray) -> np.ndarray:
     return _oracle_colours(replace(model, sh_dc=np.maximum(model.sh_dc, -0.5 / SH_C0)), index, eye)
+
+
+def _without_colours(self: GaussianModel, index: np.ndarray) -> GaussianModel:
+    model = _select(self, index)
+    return replace(model, sh_dc=self.sh_dc[: len(model)])
 
 
 def _unclipped_logit(opacity: np.ndarray) -> np.ndarray:
@@ -149,7 +155,8 @@ FAULTS = (
     Fault("broken rows are kept", "golden", "nan-position", replaced(_ALL)),
     Fault("infinite rows are kept", "golden", "infinite-fields", replaced(_ALL)),
     Fault("zero rotations are kept", "golden", "zero-quaternion", replaced(_ALL)),
-    Fault("broken rows are kept", "oracle", "fields-stay-aligned", replaced(_ALL)),
+    Fault("colours are not filtered with the rest", "oracle", "fields-stay-aligned",
+          replaced(("golden.scenes.model.GaussianModel.select", _without_colours))),
     Fault("nothing is not finite", "oracle", "nan-scale-or-rotation",
           replaced(("golden.oracle.project.finite_input", lambda model: np.ones(len(model), bool)))),
     Fault("no clamp of the Jacobian", "oracle", "needle-at-the-frustum",

@@ -37,13 +37,16 @@ def _permutations(renderer: Renderer) -> Shots:
     "equal depths go by index: the frame composited by hand; different ones: one frame, bit by bit", shots=_permutations,
     gradients=(Gradients("equal 0123", lit=(0, 1, 2, 3), compared=SMOOTH), Gradients("apart 3120", lit=(0, 1, 2, 3))))
 def EQUAL_DEPTHS(album, renderer, shots):
-    offset = 0.5 * 0.5 / (25 * 0.5 * 25 * 0.5 + 0.3)
-    alpha = 0.6 * np.exp(-offset)
-    weights = alpha * (1 - alpha) ** np.arange(4)
+    def weights_of(depths: np.ndarray) -> np.ndarray:
+        alpha = 0.6 * np.exp(-0.5 * 0.5 / ((50 * 0.5 / depths) ** 2 + 0.3))
+        return alpha * np.cumprod(np.append(1.0, 1 - alpha))[:-1]
+
+    by_index, by_depth = weights_of(np.full(4, 2.0)), weights_of(2 + 0.25 * np.arange(4))
+    close("apart", album["apart 0123"].image[16, 16], by_depth @ STACK, 2 * renderer.error)
     for name, seen in album.items():
         order = [int(digit) for digit in name.split()[1]]
         if name.startswith("equal"):
-            close(name, seen.image[16, 16], weights @ STACK[order], 2 * renderer.error)
+            close(name, seen.image[16, 16], by_index @ STACK[order], 2 * renderer.error)
         else:
             require(np.array_equal(seen.image, album["apart 0123"].image), f"{name}: the order of the input must not matter")
 

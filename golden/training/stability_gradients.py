@@ -174,7 +174,7 @@ def _leaking(blending: Blending, results: list[np.ndarray]) -> None:
 
 
 def _backwards(*lists: object) -> object:
-    return tile_lists(*lists[:3], -lists[3], *lists[4:])
+    return tile_lists(*lists[:3], 1 / lists[3], *lists[4:])
 
 
 FAULTS = (
