@@ -68,8 +68,13 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
     """A frame through the RTL, by its counters."""
     counts, config = counter_counts(frame), CONFIGS[frame["config"]]
-    report = frame_energy(counts, frame["frame_cycles"], config, table, clock_hz=1e6 * clock_mhz)
+    report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
+
+
+def counted_cycles(frame: Mapping[str, object]) -> int:
+    """Length of a frame through the RTL, without what a reset before it clears."""
+    return sum(frame[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))
 
 
 def read_frames(path: Path) -> list[dict[str, object]]:

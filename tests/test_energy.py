@@ -131,8 +131,9 @@ def test_report_of_a_frame_through_the_rtl(tmp_path):
     assert energy_report.main(["--frame", str(path), "--out", str(tmp_path)]) == 0
     content = json.loads((tmp_path / "energy.json").read_text())
     (found,) = content["frames"]
-    expected = frame_energy(counter_counts(frame), frame["frame_cycles"], PAPER, load_table())
+    expected = frame_energy(counter_counts(frame), energy_report.counted_cycles(frame), PAPER, load_table())
     assert found["total_mj"] == pytest.approx(expected.total_mj) and found["work"] == "RTL counters"
+    assert 0.9 * frame["frame_cycles"] < found["cycles"] < frame["frame_cycles"]
     assert found["counts"]["points"] == frame["events"]["points"]
     page = (tmp_path / "energy.md").read_text()
     assert content["commit"] in page and f"{expected.chip_mj:.3f}" in page
@@ -143,3 +144,17 @@ def test_report_of_a_frame_through_the_rtl(tmp_path):
         energy_report.main(["--frame", str(path), "--out", str(tmp_path)])
     with pytest.raises(InputError, match="CONFIG"):
         energy_report.main(["--config", "huge", "--out", str(tmp_path)])
+
+
+@pytest.mark.long
+def test_the_model_counts_what_the_machine_counted(tmp_path):
+    """The embedded frame of reports/machine.json, every count of it."""
+    rows = json.loads((TABLE.parent / "machine.json").read_text())["rows"]
+    frame = next(row for row in rows if row["scene"] == "embedded" and row["gaze"] and row["merge"] and row["pipeline"])
+    width, height = frame["size"]
+    gaze = ",".join(f"{x:g}" for x in frame["gaze"])
+    assert energy_report.main(["embedded", "--size", f"{width}x{height}", "--gaze", gaze, "--levels", str(frame["levels"]),
+                               "--out", str(tmp_path)]) == 0
+    (found,) = json.loads((tmp_path / "energy.json").read_text())["frames"]
+    assert WorkCounts(**found["counts"]) == counter_counts(frame)
+    assert found["cycles"] == pytest.approx(energy_report.counted_cycles(frame), rel=0.02)
