@@ -11,6 +11,7 @@ import numpy as np
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import culling, pipeline
 from golden.oracle.render import render as render_oracle
+from golden.render_effects import add_effect_arguments, work_for
 from golden.render_stereo import add_stereo_arguments, render_request, save_pictures, stereo_statistics, take_stereo_arguments
 from golden.scenes.files import atomic_output
 from golden.scenes.pictures import depth_picture, levels_picture, save_png
@@ -23,6 +24,7 @@ EXAMPLES = """examples:
   python golden/render.py truck.splat --size 640x360 --compare oracle
   python golden/render.py rock_sh3/ --gaze 320,180 --levels 4    foveated, nested random subsets
   python golden/render.py --stereo --ecc-thresh 27               two eyes: left.png, right.png, right_source.png
+  python golden/render.py truck.splat --effects all              every effect, on neutral data where the scene has none
   python golden/render.py scene.ply --camera view.json --dump entries --out build/render/view
 """
 
@@ -33,6 +35,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="golden/render.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
     add_stereo_arguments(parser)
+    add_effect_arguments(parser)
     parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
     parser.add_argument("--compare", metavar="oracle", help="render the float64 oracle too and report the difference")
     parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
@@ -89,14 +92,13 @@ def main(argv: Sequence[str] | None = None) -> None:
             raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
     take_stereo_arguments(args)
     request = resolve(args)
-    config, eyes = CONFIGS[args.config], None
-    if args.stereo:
-        eyes = render_request(args, request, config)
-        frame = eyes.source
-    else:
-        frame = pipeline.render(
-            request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    stats = frame_statistics(frame, request)
+    work = work_for(args, request, CONFIGS[args.config])
+    eyes = render_request(args, work) if args.stereo else None
+    frame = eyes.source if eyes else work.render()
+    if work.second_eye_forced:
+        work.add_eye(frame)
+    frame.seconds["quantise"] = work.prepare_s
+    stats = {**frame_statistics(frame, request), "effects": work.plan.record}
     if eyes:
         stats["stereo"] = stereo_statistics(args, request, eyes)
     if args.compare:
@@ -107,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         save_pictures(out, eyes)
     else:
         save_png(out / "frame.png", frame.image)
-        save_png(out / "depth.png", depth_picture(frame.depth))
+        if args.depth:
+            save_png(out / "depth.png", depth_picture(frame.depth))
     save_png(out / "levels.png", levels_picture(frame.image, request.foveation))
     if args.dump:
         with atomic_output(out / f"{args.dump}.npz") as file:

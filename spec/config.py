@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from spec.constants import MAX_LEVELS, SUPPORT_SIGMA, TILE
+from spec.constants import MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
 from spec.formats import SQ, UQ, Fixed, SmallFloat
 
 
@@ -104,7 +104,10 @@ class AcceleratorConfig:
         name: short name, used for folders and command lines.
         cores_x, cores_y: pixel cores of the array; both divide TILE, and an array smaller than a tile passes over it
             in blocks.
-        levels: foveation levels the machine supports; more than 1 adds the second accumulator bank and the blending unit.
+        levels: foveation levels the machine supports; more than 1, with `blend`, adds the second accumulator bank and the
+            blending unit.
+        sh_degree: highest degree of spherical harmonics, 0..3.
+        blend: tiles may blend two levels; of no account with 1 level.
         depth: depth sums present.
         support_sigma: Mahalanobis support radius, or None for alpha's cut alone.
         culling_units: culling and conversion units.
@@ -128,6 +131,8 @@ class AcceleratorConfig:
     cores_x: int = TILE
     cores_y: int = TILE
     levels: int = MAX_LEVELS
+    sh_degree: int = MAX_SH_DEGREE
+    blend: bool = True
     depth: bool = True
     support_sigma: float | None = SUPPORT_SIGMA
     culling_units: int = 8
@@ -151,7 +156,8 @@ class AcceleratorConfig:
         if not self.name.isidentifier():
             raise ValueError(f"name must be an identifier, not {self.name!r}")
         for name, low, high in (
-            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("culling_units", 1, 64),
+            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS),
+            ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, 64),
             ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE),
@@ -167,7 +173,7 @@ class AcceleratorConfig:
         for name in ("merge_ways", "splat_cache_lines", "warp_lanes"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("depth", "incremental", "counters", "stereo", "warp_veiled"):
+        for name in ("blend", "depth", "incremental", "counters", "stereo", "warp_veiled"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         if self.warp_fill not in WARP_FILLS:
@@ -192,7 +198,7 @@ class AcceleratorConfig:
     @property
     def level_banks(self) -> int:
         """Levels accumulated side by side: 2 where blend tiles exist."""
-        return 2 if self.levels > 1 else 1
+        return 2 if self.levels > 1 and self.blend else 1
 
     @property
     def banks(self) -> int:

@@ -12,6 +12,9 @@ TILE = 16
 MAX_LEVELS = 4
 """Foveation levels of a model (paper section 4.1)."""
 
+MAX_SH_DEGREE = 3
+"""Highest degree of spherical harmonics (3DGS)."""
+
 SH_C0 = 0.5 / math.sqrt(math.pi)
 """Degree-0 real spherical harmonic; colour = SH_C0 * dc + 0.5."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS
+from spec.constants import MAX_LEVELS, MAX_SH_DEGREE
 from spec.memory import frame_settings
 from spec.records import Field
 
@@ -68,6 +68,7 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         Limit("depth_scale", 0, top - 1, "not negative"),
         Limit("width", 1, config.row_width, "1..row_width"),
         Limit("height", 1, config.row_width, "1..row_width"),
+        *([Limit("sh_degree", 0, config.sh_degree, f"0..{config.sh_degree}")] if config.sh_degree < MAX_SH_DEGREE else []),
         Limit("view_shift", 0, shift, f"0..{shift}"),
         *([Limit("display", 1, 1, "1 where `stereo` is", where="stereo")] if config.stereo else []),
     )

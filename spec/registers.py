@@ -260,7 +260,8 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
     """What the identity registers of a machine read, by name."""
     parts = {
         "machine_array": (
-            config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo),
+            config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
+            config.sh_degree, config.blend),
         "machine_units": (
             config.culling_units, config.sorting_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width,),
@@ -283,7 +284,8 @@ _IDENTITY = (
         Bits("cores_x", 0, 8, "pixel cores of a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
         Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
         Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
-        Bits("stereo", 23, 1, "frames of two eyes"))),
+        Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
+        Bits("blend", 26, 1, "tiles may blend two levels, where there are levels"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("sorting_units", 8, 8, "sorting units"),
         Bits("merge_ways", 16, 8, "runs merged at a time"),

@@ -39,7 +39,7 @@ def render(*argv: object) -> None:
 def test_files_and_statistics(scene, tmp_path):
     render(scene, "--size", "70x45", "--compare", "oracle", "--dump", "entries", "--out", tmp_path)
     stats = json.loads((tmp_path / "stats.json").read_text())
-    for name in ("frame.png", "depth.png", "levels.png"):
+    for name in ("frame.png", "levels.png"):
         assert Image.open(tmp_path / name).size == (70, 45)
     assert stats["splats"] == 400
     assert stats["visible"] + sum(stats["culled"].values()) == 400

@@ -10,11 +10,11 @@ from spec.config import CONFIGS, DEFAULT, PAPER, TINY, AcceleratorConfig, Number
 from spec.formats import SmallFloat
 
 RANGES = {
-    "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "culling_units": (1, 64), "sorting_units": (1, 8),
-    "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24), "merge_ways": (2, 32),
-    "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
+    "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "sh_degree": (0, 3), "culling_units": (1, 64),
+    "sorting_units": (1, 8), "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
+    "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
 }
-FLAGS = ("depth", "incremental", "counters", "stereo", "warp_veiled")
+FLAGS = ("blend", "depth", "incremental", "counters", "stereo", "warp_veiled")
 POWERS_OF_TWO = ("merge_ways", "splat_cache_lines", "warp_lanes")
 
 

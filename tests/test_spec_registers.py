@@ -105,7 +105,7 @@ def test_identity_tells_machines_apart():
         values = registers.identity(config)
         assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
         assert all(0 <= value < 1 << 32 for value in values.values())
-    assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20
+    assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
     prints = {registers.fingerprint(c) for c in (TINY, DEFAULT, PAPER, PAPER.with_(depth=False))}
     assert len(prints) == 4 and registers.fingerprint(PAPER.with_(name="same")) == registers.fingerprint(PAPER)
 

@@ -53,7 +53,7 @@ BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
 
 FRAME_SOURCES = (
-    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "golden/render_stereo.py",
+    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "golden/render_*.py",
     "rtl/**/*.py", "tb/frame/*.py", "tb/top/[cdimp]*.py", "tb/top/memory.sv", "tb/common/emission.py", "tb/common/runner.py")
 """Whatever a frame through the machine and its numbers are made of."""
 
@@ -140,7 +140,7 @@ def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> 
     out = ROOT / "build" / "results" / f"frame-{key}"
     view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
     if not (out / "frame.json").exists():
-        run("-m", "tb.frame", scene_path(scene), "--out", str(out), *view, *options)
+        run("-m", "tb.frame", scene_path(scene), "--machine", "full", "--out", str(out), *view, *options)
     row = json.loads((out / "frame.json").read_text())
     return {"scene": Path(scene).stem, **{key: row[key] for key in FRAME_KEYS}}
 

@@ -1,4 +1,4 @@
-"""The array's kernels: tiles of int32 pixels, as docs/array.md defines them.
+"""The array's kernels: tiles of int32 pixels, as docs/array.md defines them; one with depth sums, one without.
 
 Pairs of a splat and a tile are set up in blocks, in float64, which LLVM makes vectors of; the pixels then go by rows of 16,
 each one vector. A tile's `state` is flat int32: for each row its transmittance, three colour sums and depth sum, side by side.
@@ -49,7 +49,6 @@ class ArrayConstants(NamedTuple):
     weight_drop: int
     colour_shift: int
     depth_shift: int
-    depth: bool
     plane_frac: int
     blend_frac: int
     segment_shift: int  # of the exponential's argument: what is above tells the segment, what is below the place in it
@@ -71,7 +70,7 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
         weight_drop=n.transmittance.frac_bits - n.weight.frac_bits,
         colour_shift=n.weight.frac_bits + n.colour.frac_bits - n.accumulator.frac_bits,
         depth_shift=n.weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits,
-        depth=config.depth, plane_frac=n.plane.frac_bits, blend_frac=n.blend_weight.frac_bits,
+        plane_frac=n.plane.frac_bits, blend_frac=n.blend_weight.frac_bits,
         segment_shift=(per_segment - 1).bit_length(), segment_rest=per_segment - 1,
         slope_shift=tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits,
     )
@@ -147,7 +146,7 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
         for c in range(3):
             pairs[_L1 + c * _BLOCK + j] = conic[i, c] * _power(conic_exp[i, c] - k.sig_bits + 1)
             pairs[_PAIR_RED + c * _BLOCK + j] = colour[i, level, c]
-        pairs[_PAIR_DEPTH + j] = depth[i] if k.depth else 0
+        pairs[_PAIR_DEPTH + j] = depth[i]
         opacity = log2_opacity[i, level]
         pairs[_OPACITY + j], pairs[_CUT + j] = opacity, max(opacity - k.support, k.cut_min)
         pairs[_FALLOFF + j] = pairs[_OPACITY + j] - pairs[_CUT + j]
@@ -155,8 +154,8 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
 
 
 @numba.njit(cache=True, inline="always")
-def _composite(state, pairs, j, least, segments, k):
-    """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`.
+def _composite(state, pairs, j, least, segments, k, far):
+    """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`; `far`: depth, too.
 
     `segments` give the mantissa negated, so that shifting it right rounds alpha up. What `through` is before it is masked, in
     pixels that are not active or have t >= 0, is of no account.
@@ -188,7 +187,8 @@ def _composite(state, pairs, j, least, segments, k):
         _add(state, at + _RED, weight * red, k.colour_shift)
         _add(state, at + _GREEN, weight * green, k.colour_shift)
         _add(state, at + _BLUE, weight * blue, k.colour_shift)
-        _add(state, at + _FAR, weight * depth, k.depth_shift)
+        if far:
+            _add(state, at + _FAR, weight * depth, k.depth_shift)
 
 
 @numba.njit(cache=True, inline="always")
@@ -215,8 +215,8 @@ def _stopped(state, k):
     return True
 
 
-@numba.njit(cache=True)
-def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
+@numba.njit(cache=True, inline="always")
+def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, far):
     """The pass of one level bank over one tile, into `state`. `pairs` is room for a block, finite numbers to begin with."""
     rows = state.reshape(TILE, _PLANES * TILE)
     rows[:] = 0
@@ -229,8 +229,18 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
         count, taken = _gather(pairs, splats, order, use, bank, taken, level, left, top, k)
         _set_up(pairs, k)
         for j in range(count):
-            _composite(state, pairs, j, least, segments, k)
+            _composite(state, pairs, j, least, segments, k, far)
     _composite_background(state, background, k)
+
+
+@numba.njit(cache=True)
+def _deep_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
+    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, True)
+
+
+@numba.njit(cache=True)
+def _flat_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
+    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, False)
 
 
 @numba.njit(cache=True, inline="always")
@@ -254,18 +264,29 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
                 rows[y, c + x] = a + (((b - a) * weight + (1 << k.blend_frac - 1)) >> k.blend_frac)
 
 
-@numba.njit(cache=True, nogil=True)
-def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
-    """Tiles begin..end of `work`, a `vrc_array.TileWork`, into colour, depth and transmittance, as `vrc_array.Pixels`."""
+@numba.njit(cache=True, inline="always")
+def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     pairs, state, outer_state = np.ones(_PAIR_ROWS * _BLOCK), np.empty(_STATE, np.int32), np.empty(_STATE, np.int32)
     rows, outer_rows = state.reshape(TILE, _PLANES * TILE), outer_state.reshape(TILE, _PLANES * TILE)
     for tile in range(begin, end):
         tile_x, tile_y, level, outer, blend = work.header[tile]
         order, use = work.order[work.start[tile] : work.start[tile + 1]], work.use[work.start[tile] : work.start[tile + 1]]
-        _bank(splats, order, use, 0, level, outer > 0, tile_x, tile_y, background, segments, k, pairs, state)
+        bank_pass(splats, order, use, 0, level, outer > 0, tile_x, tile_y, background, segments, k, pairs, state)
         if blend:
-            _bank(splats, order, use, 1, level + 1, True, tile_x, tile_y, background, segments, k, pairs, outer_state)
+            bank_pass(splats, order, use, 1, level + 1, True, tile_x, tile_y, background, segments, k, pairs, outer_state)
             _blend(rows, outer_rows, work.plane[tile], smoothstep, k)
         transmittance[tile], depth[tile] = rows[:, _T : _T + TILE], rows[:, _FAR : _FAR + TILE]
         colour[tile, :, :, 0], colour[tile, :, :, 1] = rows[:, _RED : _RED + TILE], rows[:, _GREEN : _GREEN + TILE]
         colour[tile, :, :, 2] = rows[:, _BLUE : _BLUE + TILE]
+
+
+@numba.njit(cache=True, nogil=True)
+def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
+    """Tiles begin..end of `work`, a `vrc_array.TileWork`, into colour, depth and transmittance, as `vrc_array.Pixels`."""
+    _render_tiles(_deep_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)
+
+
+@numba.njit(cache=True, nogil=True)
+def render_tiles_flat(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
+    """The same without depth sums, which are 0."""
+    _render_tiles(_flat_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)

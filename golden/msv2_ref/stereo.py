@@ -182,7 +182,7 @@ def render_stereo(
     model: GaussianModel | GaussianWords, pair: StereoPair, *, config: AcceleratorConfig, foveation: FoveationMap | None = None,
     threshold_deg: float = ECC_THRESHOLD_DEG, gaze: tuple[float, float] | None = None,
     gaze_target: tuple[float, float] | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    beta: int | None = None, obb: bool = False,
+    beta: int | None = None, obb: bool = False, source: pipeline.Frame | None = None,
 ) -> StereoFrame:
     """Renders a frame of two eyes.
 
@@ -195,6 +195,7 @@ def render_stereo(
         gaze: where the source eye looks, where `foveation` does not say it; None: at the frame's centre.
         gaze_target: where the target eye looks; None: at the same point, by the depth there.
         background, beta, obb: see `pipeline.render`.
+        source: the source eye's frame, where it is there already.
 
     Raises:
         ValueError: a machine without stereo.
@@ -210,8 +211,9 @@ def render_stereo(
         check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
     warpable_tiles(display, gaze, threshold_deg)  # refuses the threshold before anything is rendered
     words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
-    source = pipeline.render(words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb,
-                             baseline_px=float(pair.disparity(1.0)))
+    source = source or pipeline.render(
+        words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb,
+        baseline_px=float(pair.disparity(1.0)))
 
     warnings: list[str] = []
     if gaze_target is None:

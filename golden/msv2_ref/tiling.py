@@ -41,7 +41,7 @@ class TileEntries(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """What the tile test reads of the splats and of the frame."""
+    """What the tile test reads of the splats and of the frame; `plain`: all tiles are of level 1 and rendered, none blends."""
 
     mean2d: np.ndarray
     conic: np.ndarray
@@ -54,6 +54,13 @@ class _Scene(NamedTuple):
     width: int
     height: int
     obb: bool
+    plain: bool
+
+    @classmethod
+    def of(cls, *fields: object) -> _Scene:
+        """With `plain`, from all others."""
+        scene = cls(*fields, False)
+        return scene._replace(plain=bool(scene.rendered.all()) and not scene.header[:, :2].any())
 
 
 # A run is the stretch of a tile row, within a Gaussian's box, in which the tiles see it with one opacity. Runs go in blocks,
@@ -120,6 +127,12 @@ def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, cou
         i, first, last = runs[_SPLAT, n], runs[_BEGIN, n], runs[_END, n]
         if not obb:
             first, last = max(first, int(block[_FIRST + n])), min(last, int(block[_LAST + n]))
+        if scene.plain:
+            for tile in range(runs[_TILES, n] + first, runs[_TILES, n] + last + 1):
+                tile_of[at], splat_of[at], use_of[at] = tile, i, 1
+                counts[part, tile] += 1
+                at += 1
+            continue
         for tile in range(runs[_TILES, n] + first, runs[_TILES, n] + last + 1):
             level = header[tile, 0]
             if rendered[tile] and bound[i] >= level:
@@ -143,7 +156,8 @@ def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, 
         mx, my = float(mean2d[i, 0]), float(mean2d[i, 1])
         for row in range(box[i, 2], box[i, 3] + 1):
             known = -(1 << 30)
-            for column in range(box[i, 0], box[i, 1] + 1):
+            first, last = box[i, 0], box[i, 1]
+            for column in range(first, min(first, last) + 1 if scene.plain else last + 1):
                 tile = row * scene.tiles_x + column
                 level = header[tile, 0]
                 strongest = opacity[i, level]
@@ -157,7 +171,7 @@ def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, 
                     count = 0
                 known = strongest
                 runs[_SPLAT, count], runs[_TILES, count] = i, tile - column
-                runs[_BEGIN, count] = runs[_END, count] = column
+                runs[_BEGIN, count], runs[_END, count] = column, last if scene.plain else column
                 block[_MX + count], block[_MY + count], block[_ROW + count] = mx, my, row
                 block[_L1 + count], block[_L2 + count], block[_L3 + count] = conic[i, 0], conic[i, 1], conic[i, 2]
                 block[_LIMIT + count] = falloff_limit(strongest, k)
@@ -208,7 +222,7 @@ def tile_entries(
         rendered: (tiles,) bool: the others' pairs are dropped; None: all tiles are rendered.
     """
     rendered = np.ones(len(registers.header), bool) if rendered is None else rendered
-    return _entries(config, _Scene(
+    return _entries(config, _Scene.of(
         projected.mean2d, projected.conic, projected.box, np.ascontiguousarray(opacity), np.ascontiguousarray(bound),
         registers.header, rendered, registers.tiles_x, registers.width, registers.height, obb), splats)
 
@@ -246,7 +260,7 @@ def tile_test(
     rendered = np.ones(len(levels), bool) if rendered is None else rendered
     box = np.stack([splats[name] for name in ("first_x", "last_x", "first_y", "last_y")], 1)
     mean2d, opacity, bound = (np.ascontiguousarray(splats[name]) for name in ("mean2d", "log2_opacity", "bound"))
-    scene = _Scene(mean2d, config.formats.conic.to_float(splats["conic"]), box, opacity, bound,
+    scene = _Scene.of(mean2d, config.formats.conic.to_float(splats["conic"]), box, opacity, bound,
                    np.ascontiguousarray(levels, np.int64), rendered, -(-width // TILE), width, height, obb)
     found = _entries(config, scene, np.arange(len(splats), dtype=np.int32))
     tile = np.repeat(np.arange(len(levels)), np.diff(found.start))

@@ -93,8 +93,9 @@ def render(
     tiles = len(work.header)
     colour = np.empty((tiles, TILE, TILE, 3), np.int32)
     depth, transmittance = np.empty((tiles, TILE, TILE), np.int32), np.empty((tiles, TILE, TILE), np.int32)
+    kernel = array_kernel.render_tiles if config.depth else array_kernel.render_tiles_flat
     for_slices(
-        array_kernel.render_tiles, tiles, splats, work, np.asarray(background, np.int32), _mantissas(config),
+        kernel, tiles, splats, work, np.asarray(background, np.int32), _mantissas(config),
         tables.smoothstep_table(config.formats), array_kernel.array_constants(config), colour, depth, transmittance)
     return Pixels(colour, depth, transmittance)
 

@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("spec/*.py", "rtl/**/*.py", "golden/msv2_ref/*.py", "tb/frame/*.py", "tb/top/*.py", "tb/top/*.sv")
 """What the machine and its frames are made of: cycles are measured again where any of it has changed."""
 
-OPTIONS = ("--config", "paper")
+OPTIONS = ("--config", "paper", "--machine", "full")
 """Of every frame: the machine whose golden cycles are beside."""
 
 

@@ -70,7 +70,7 @@ class GeometryPhase(wiring.Component):
         m.submodules.loader = loader = TableLoader(self.config)
         m.submodules.projection = projection = ProjectionUnit(self.config)
         m.submodules.tile_test = tile_test = TileTest(self.config)
-        m.submodules.colour = colour = ColourUnit(self.config)
+        m.submodules.colour = colour = ColourUnit(self.config, sh_degree=self.config.sh_degree)
         m.submodules.writer = writer = EntryWriter(self.config)
         for unit in (reader, loader, projection, tile_test, colour, writer):
             connect_settings(m, self, unit)

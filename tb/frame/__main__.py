@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from golden.msv2_ref import pipeline
 from golden.msv2_ref.stereo import KINDS
+from golden.render_effects import Work, add_effect_arguments, work_for
 from golden.render_stereo import add_stereo_arguments, render_request, stereo_statistics, take_stereo_arguments
 from golden.scenes.pictures import save_png
-from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
-from spec.config import CONFIGS, AcceleratorConfig
+from golden.scenes.request import add_request_arguments, make_folder, resolve, write_json
+from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.records import COUNT_BITS
@@ -24,6 +24,9 @@ from tb.top import device
 from tb.top.memory import MemorySpeed
 
 PARTS = ("machine", "array")
+
+MACHINES = ("scene", "full")
+"""What the frame calls for and no more, or all of the configuration with the rest idle."""
 
 PIXELS = ("wide", "display")
 """Formats of the frame in memory: `spec.memory` FramePixel, DisplayPixel."""
@@ -52,6 +55,7 @@ examples:
   python -m tb.frame                                        the embedded scene
   python -m tb.frame truck.splat --size 256x144 --gaze 128,72 --levels 4
   python -m tb.frame --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
+  python -m tb.frame --effects all --pixels display         every effect, a second eye too, on neutral data
   python -m tb.frame --pixels display                       4 bytes a pixel instead of 16
   python -m tb.frame --stereo --ecc-thresh 27               two eyes, the second warped beyond 27 degrees
   python -m tb.frame --part array                           the golden renderer's entries through the array alone
@@ -63,8 +67,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m tb.frame", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser, size="256x144")
     add_stereo_arguments(parser)
+    add_effect_arguments(parser)
     parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    parser.add_argument("--machine", default="scene", metavar="scene|full",
+                        help="units for active effects only, or all of the configuration's (default: scene)")
     parser.add_argument("--part", default="machine", help=f"{' or '.join(PARTS)} (default: machine)")
     parser.add_argument("--pixels", help=f"{' or '.join(PIXELS)}: of the frame in memory (default: wide; of two eyes display)")
     parser.add_argument("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
@@ -111,7 +118,8 @@ def parse_switch(name: str, text: str) -> bool:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when a bit or a counter differs."""
     args = _arguments(argv)
-    choices = (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS), ("pixels", args.pixels, PIXELS))
+    choices = (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS), ("pixels", args.pixels, PIXELS),
+               ("machine", args.machine, MACHINES))
     for name, value, accepted in choices:
         if value not in accepted:
             raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
@@ -124,48 +132,51 @@ def main(argv: Sequence[str] | None = None) -> int:
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
     config = CONFIGS[args.config].with_(incremental=incremental)
     take_stereo_arguments(args)
-    request, out = resolve(args), make_folder(args.out or ROOT / "build" / "frame")
+    work = work_for(args, resolve(args), config, contention=speed.bytes_per_cycle is not None, full=args.machine == "full")
+    out = make_folder(args.out or ROOT / "build" / "frame")
     try:
-        numbers = (_two_eyes if args.stereo else _one_eye)(args, request, config, out, beta, speed, waves)
+        numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, beta, speed, waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
-    settings = {"config": config.name, "part": args.part, "pixels": args.pixels, "merge": merge, "pipeline": incremental,
-                "beta": beta}
-    write_json(out / "frame.json", {**request.record, **settings, **numbers})
+    settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels, "merge": merge,
+                "pipeline": incremental, "beta": beta, "effects": work.plan.record}
+    write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
     return _verdict(numbers, str(out))
 
 
 def _one_eye(
-    args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path, beta: int | None, speed: MemorySpeed,
-    waves: Waves | None,
+    args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
-    """The frame's numbers; its picture is saved."""
-    golden = pipeline.render(
-        request.model, request.camera, config=config, foveation=request.foveation, background=request.background, beta=beta)
+    """The frame's numbers; its picture is saved. A second eye is forced on frames for displays, as no other machine's are."""
+    golden = work.render(beta=beta)
     (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
     if args.part == "array":
-        numbers, rtl = simulate_frame(config, golden, out / "sim", waves)
+        numbers, rtl = simulate_frame(work.config, golden, out / "sim", waves)
         image = rtl.image
+    elif work.second_eye_forced and args.pixels == "display":
+        eyes = work.add_eye(golden, beta=beta)
+        numbers, result = simulate_eyes(eyes, device.machine(work.config), out / "sim", beta=beta, speed=speed, waves=waves)
+        image = picture(golden, result.pixels)
     else:
         numbers, pixels = simulate_machine(
-            golden, device.machine(config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display", waves=waves)
+            golden, device.machine(work.config), out / "sim", beta=beta, speed=speed, display=args.pixels == "display",
+            waves=waves)
         image = picture(golden, pixels)
     save_png(out / "frame.png", image)
     return numbers
 
 
 def _two_eyes(
-    args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path, beta: int | None, speed: MemorySpeed,
-    waves: Waves | None,
+    args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
     """Both eyes' numbers; their pictures are saved."""
-    golden = render_request(args, request, config, beta=beta)
+    golden = render_request(args, work, beta=beta)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
         golden, device.machine(golden.source.config), out / "sim", beta=beta, speed=speed, waves=waves)
     save_eyes(golden, result, out)
-    return {**numbers, "stereo": stereo_statistics(args, request, golden)}
+    return {**numbers, "stereo": stereo_statistics(args, work.request, golden)}
 
 
 def _verdict(numbers: dict, out: str) -> int:
