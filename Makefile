@@ -6,13 +6,13 @@ EXTRAS ?=
 
 option = $(if $($(1)),--$(2) "$($(1))")
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
-	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,EFFECTS,effects) $(call option,OUT,out)
 
 eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth report-area report-energy train tables-training table-ecc bench results stability docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth report-area report-energy train tables-training table-ecc table-effects bench results stability docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -29,12 +29,12 @@ tested:
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures
 	@$(RUN) -m tb.demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE OUT=; two eyes as in frame
-	@$(RUN) golden/render.py $(request) $(eyes) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+	@$(RUN) golden/render.py $(request) $(eyes) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump) $(if $(filter-out 0,$(DEPTH)),--depth)
 
-frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
+frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= EFFECTS= MACHINE=scene|full STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
 	@$(RUN) -m tb.frame $(request) $(eyes) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
-		$(call option,PIPELINE,pipeline) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
+		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
@@ -63,6 +63,9 @@ table-ecc: setup ## the threshold of selective warping: quality, work and cost o
 	@$(RUN) golden/table_ecc.py $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
 		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
+
+table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= OUT=
+	@$(RUN) -m tb.table_effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(call option,CONFIG,config) $(call option,OUT,out)
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)

@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     take_stereo_arguments(args)
     request = resolve(args)
     work = work_for(args, request, CONFIGS[args.config])
-    eyes = render_request(args, work) if args.stereo else None
+    eyes = render_request(args, request, work.config, work=work) if args.stereo else None
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:
         work.add_eye(frame)

@@ -11,6 +11,7 @@ from golden.render_effects import Work
 from golden.scenes.pictures import anaglyph, depth_picture, kinds_picture, save_png
 from golden.scenes.request import Request, parse_numbers
 from golden.scenes.stereo import EYES, scene_scale, stereo_pair
+from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES
 from spec.errors import InputError
 
@@ -51,18 +52,27 @@ def take_stereo_arguments(args: argparse.Namespace) -> None:
         args.gaze, args.gaze_target = args.gaze_right, left
 
 
-def render_request(args: argparse.Namespace, work: Work, *, beta: int | None = None) -> StereoFrame:
-    """The frame behind a request; warnings go to stderr. `beta` as in `pipeline.render`.
+def render_request(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, beta: int | None = None, work: Work | None = None,
+) -> StereoFrame:
+    """The frame behind a request; warnings go to stderr.
+
+    Args:
+        args: the command line's.
+        request: the resolved rest of it.
+        config: the machine, which gets stereo.
+        beta: as in `pipeline.render`.
+        work: the request as a plan of effects wants it; None: as it came.
 
     Raises:
         InputError: see `golden.scenes.stereo`.
     """
-    request = work.request
     units, assumed = scene_scale(request.model.name, args.units_per_metre)
     pair = stereo_pair(request.camera, ipd_metres=args.ipd, units_per_metre=units, source_eye=args.source)
     target = tuple(parse_numbers("gaze", args.gaze_target, 2)) if args.gaze_target else None
     frame = render_stereo(
-        work.words, pair, config=work.config, foveation=work.foveation, threshold_deg=args.ecc_thresh,
+        work.words if work else request.model, pair, config=config.with_(stereo=True),
+        foveation=work.foveation if work else request.foveation, threshold_deg=args.ecc_thresh,
         gaze_target=target, background=request.background, beta=beta)
     for warning in stereo_warnings(frame, assumed):
         print(f"warning: {warning}", file=sys.stderr)

@@ -171,7 +171,7 @@ def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
     """Both eyes' numbers; their pictures are saved."""
-    golden = render_request(args, work, beta=beta)
+    golden = render_request(args, work.request, work.config, beta=beta, work=work)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
         golden, device.machine(golden.source.config), out / "sim", beta=beta, speed=speed, waves=waves)

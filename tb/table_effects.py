@@ -1,0 +1,185 @@
+"""`make table-effects`: what a scene does not pay for: golden time, cycles and simulation time saved by each effect left out.
+
+For every frame, the golden renderer runs with what the frame calls for, then with each further effect forced beside it, then
+with all of them but a second eye, in turns on one thread; times are the medians of CPU time. The RTL runs the first and the
+last of these, each on the machine that has its effects and no others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from tqdm import tqdm
+
+from golden.msv2_ref import parallel
+from golden.render_effects import Work, work_for
+from golden.scenes.request import make_folder, resolve, write_json
+from spec.config import CONFIGS
+from spec.effects import EFFECTS
+from spec.errors import InputError, run_command_line
+from tb.common.runner import ROOT
+
+EXAMPLES = """examples:
+  python -m tb.table_effects                                   the embedded scene, with and without a gaze
+  python -m tb.table_effects truck.splat embedded@320,180      truck without a gaze, embedded with one; 640x360
+  python -m tb.table_effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
+"""
+
+BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender"))
+SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
+"""Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+
+RUNS = 9
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A scene and where it is looked at: None for no gaze."""
+
+    scene: str
+    gaze: str | None
+
+    @classmethod
+    def parse(cls, text: str) -> Frame:
+        """Of "SCENE" or "SCENE@X,Y"."""
+        scene, _, gaze = text.partition("@")
+        return cls(scene, gaze or None)
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return f"{Path(self.scene).stem}, {'gaze' if self.gaze else 'no gaze'}"
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tb.table_effects", description=__doc__, epilog=EXAMPLES,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=["embedded", "embedded@320,180"], metavar="SCENE[@X,Y]",
+                        help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
+    parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
+    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
+    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
+    args = parser.parse_args(argv)
+    if args.config not in CONFIGS:
+        raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    if args.runs < 1:
+        raise InputError(f"runs {args.runs} is not accepted: 1 or more is")
+    return args
+
+
+def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
+    """The frame with what it calls for ("auto"), with each effect more by its name, and with all but a second eye ("most")."""
+    given = SimpleNamespace(
+        scene=frame.scene, camera="orbit", size=args.size, gaze=frame.gaze or "none", levels=4 if frame.gaze else None,
+        background="0,0,0", seed=args.seed, stereo=False, depth=False, effects="auto")
+    request, config = resolve(given), CONFIGS["paper"]
+    found = {"auto": work_for(given, request, config)}
+    called = found["auto"].plan.called
+    for name, forced in {**SINGLE, "most": BUT_STEREO}.items():
+        if set(forced) - called:
+            given.effects = ",".join(effect for effect in EFFECTS if effect in {*forced, *called})
+            found[name] = work_for(given, request, config)
+    return found
+
+
+def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, float]:
+    """Median CPU seconds of each, taken in turns on one thread.
+
+    Raises:
+        ValueError: two of them gave different images.
+    """
+    threads, parallel.threads = parallel.threads, 1
+    try:
+        images = {name: work.render() for name, work in found.items()}  # compiles
+        for name, image in images.items():
+            if not np.array_equal(image.pixels.colour, images["auto"].pixels.colour):
+                raise ValueError(f"images must be equal, not those of auto and {name!r} of {label}")
+        seconds: dict[str, list[float]] = {name: [] for name in found}
+        for _ in tqdm(range(runs), desc=label, unit="run"):
+            for name, work in found.items():
+                begin = time.process_time()
+                work.render()
+                seconds[name].append(time.process_time() - begin)
+    finally:
+        parallel.threads = threads
+    return {name: statistics.median(times) for name, times in seconds.items()}
+
+
+def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -> dict[str, object]:
+    """What is kept of frame.json.
+
+    Raises:
+        InputError: the simulation fails.
+    """
+    view = ["--gaze", _scaled(frame.gaze, args.size, args.rtl), "--levels", "4"] if frame.gaze else []
+    command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, "--config", args.config,
+               "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+    if done.returncode:
+        raise InputError(f"{' '.join(command)} failed with exit status {done.returncode}")
+    row = json.loads((out / "frame.json").read_text())
+    return {key: row[key] for key in ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "dram_bytes")}
+
+
+def _scaled(gaze: str, size: str, to: str) -> str:
+    """The gaze in a frame of another size."""
+    at, old, new = ([float(part) for part in text.replace("x", ",").split(",")] for text in (gaze, size.lower(), to.lower()))
+    return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
+
+
+def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]:
+    """One frame's row."""
+    frame = Frame.parse(text)
+    found = works(args, frame)
+    seconds = golden_seconds(found, args.runs, frame.label)
+    most = seconds.get("most", seconds["auto"])
+    row: dict[str, object] = {
+        "frame": frame.label, "size": args.size, "effects": found["auto"].plan.record, "golden_ms": {
+            name: 1e3 * value for name, value in seconds.items()}, "golden_ratio": most / seconds["auto"]}
+    if args.rtl:
+        both = {name: simulated(args, frame, ",".join(sorted(found[name].plan.active | {"contention"})), out / f"rtl-{name}")
+                for name in ("auto", "most") if name in found}
+        auto, full = both["auto"], both.get("most", both["auto"])
+        row |= {"rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
+                "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["wall_s"] / auto["wall_s"]}
+    return row
+
+
+def table(rows: list[dict[str, object]]) -> str:
+    """The rows as Markdown."""
+    lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
+             + " | all but a second eye | golden | cycles | simulation |", "|---" * (len(SINGLE) + 7) + "|"]
+    for row in rows:
+        ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
+        single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
+        rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in ("cycles_ratio", "simulation_ratio")]
+        lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
+                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl]) + " |")
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command line's work."""
+    args = parse_arguments(argv)
+    out = make_folder(args.out)
+    rows = [measure(args, text, out) for text in args.scenes]
+    write_json(out / "effects.json", {"rows": rows})
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    run_command_line(main)
