@@ -325,7 +325,7 @@
    write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_TARGET_POSITION_2 0x1DCu
 
-/* disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.disparity_scale_frac`)
+/* disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)
    (only with stereo) (read, write): 24-bit unsigned */
 #define MSV2_DISPARITY_SCALE 0x1E0u
 

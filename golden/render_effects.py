@@ -85,5 +85,7 @@ def work_for(
     print("\n".join(plan.lines()))
     begin = time.perf_counter()
     words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
-    machine = config.with_(stereo="stereo" in plan.active) if full else plan.machine(config)
+    machine = plan.machine(config)
+    if full:
+        machine = config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth)
     return Work(request, plan, machine, words, foveation, time.perf_counter() - begin)

@@ -109,6 +109,7 @@ class AcceleratorConfig:
         sh_degree: highest degree of spherical harmonics, 0..3.
         blend: tiles may blend two levels; of no account with 1 level.
         depth: depth sums present.
+        fine_depth: their weights have all bits of the transmittance, as they have with `stereo` in any case.
         support_sigma: Mahalanobis support radius, or None for alpha's cut alone.
         culling_units: culling and conversion units.
         sorting_units: hierarchical sorting units.
@@ -134,6 +135,7 @@ class AcceleratorConfig:
     sh_degree: int = MAX_SH_DEGREE
     blend: bool = True
     depth: bool = True
+    fine_depth: bool = False
     support_sigma: float | None = SUPPORT_SIGMA
     culling_units: int = 8
     sorting_units: int = 1
@@ -173,7 +175,7 @@ class AcceleratorConfig:
         for name in ("merge_ways", "splat_cache_lines", "warp_lanes"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("blend", "depth", "incremental", "counters", "stereo", "warp_veiled"):
+        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         if self.warp_fill not in WARP_FILLS:
@@ -204,6 +206,11 @@ class AcceleratorConfig:
     def banks(self) -> int:
         """Accumulator banks of a pixel core: one per block and level, index `block * level_banks + level`."""
         return self.blocks * self.level_banks
+
+    @property
+    def depth_weight(self) -> Fixed:
+        """T * alpha as the depth sums see it: `weight`, or all of the transmittance where depth is what is asked for."""
+        return self.formats.transmittance if self.stereo or self.fine_depth else self.formats.weight
 
     @property
     def point_interval(self) -> int:

@@ -179,7 +179,7 @@ def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
         Field("source_right", uint(1), "the source eye is the right one"),
         Field("target_position", config.formats.view, "the target eye's centre relative to the model's origin", 3),
         Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
-              "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.disparity_scale_frac`)"),
+              "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)"),
         beat("target_tiles_base"), beat("target_frame_base"),
     )
 

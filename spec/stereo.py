@@ -1,7 +1,7 @@
 """Warping one eye's frame into the other's: formats, exact tests and records; docs/stereo.md has the arithmetic.
 
-A pixel's disparity is S w / d: w its coverage as its weights sum up, d its depth sum, both raw, and S the host's
-`disparity_scale`, the disparity in pixels of what lies at the far end of the depth scale, as a multiple of
+A pixel's disparity is S w / d: w its coverage, the largest transmittance less its own, d its depth sum, both raw, and S the
+host's `disparity_scale`, the disparity in pixels of what lies at the far end of the depth scale, as a multiple of
 2^-DISPARITY_SCALE_FRAC. The quotient is floored in units of 2^-DISPARITY_FRAC pixels.
 """
 
@@ -17,6 +17,9 @@ from spec.records import TILE_BITS, Field, Record, tile_index, uint
 DISPARITY_FRAC = 8
 """Fraction bits of a disparity: half an ulp is 1/512 pixel, far below what the depth's own rounding costs."""
 
+DISPARITY_SCALE_FRAC = 14
+"""Fraction bits of S, the disparity in pixels where depth saturates."""
+
 DISPARITY_SCALE_BITS = 24
 """Bits of the setting S. Above its largest value even the far end of the depth scale moves by more than 1,023 pixels."""
 
@@ -25,19 +28,14 @@ FILL_NEIGHBOURS = 5
 frame, `warp_fill` "interior" still asks for as many, and "majority" for more than half of those that exist."""
 
 
-def disparity_scale_frac(formats: NumberFormats) -> int:
-    """Fraction bits of S in pixels of disparity at full depth: 14. Dividing raw sums gives DISPARITY_FRAC fraction bits."""
-    return formats.depth_accumulator.frac_bits - formats.weight.frac_bits + DISPARITY_FRAC
+def disparity_drop(formats: NumberFormats) -> int:
+    """Lowest bits of S w that are dropped before the division, which then gives DISPARITY_FRAC fraction bits: 3."""
+    return DISPARITY_SCALE_FRAC + formats.transmittance.frac_bits - formats.depth_accumulator.frac_bits - DISPARITY_FRAC
 
 
 def disparity(config: AcceleratorConfig) -> Fixed:
     """Magnitude of a disparity in pixels. Saturates; what saturates is wider than any frame, so its pixel is dropped."""
     return UQ(config.row_width.bit_length(), DISPARITY_FRAC)
-
-
-def weight_shift(formats: NumberFormats) -> int:
-    """Bits of a raw transmittance below the ulp of `weight`: w = (largest T >> shift) - (T >> shift)."""
-    return formats.transmittance.frac_bits - formats.weight.frac_bits
 
 
 def background_transmittance(formats: NumberFormats) -> int:

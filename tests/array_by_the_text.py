@@ -119,7 +119,9 @@ class ArrayByTheText:
         for c in range(3):
             state[1 + c] += rs(w * op.colour[c], n.weight.frac_bits + n.colour.frac_bits - n.accumulator.frac_bits)
         if self.config.depth:
-            state[4] += rs(w * op.depth, n.weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits)
+            fine = self.config.depth_weight.frac_bits
+            d = n.transmittance.frac_bits - fine
+            state[4] += rs(((T >> d) - (after >> d)) * op.depth, fine + n.depth.frac_bits - n.depth_accumulator.frac_bits)
         if not op.last:
             state[0] = after
 

@@ -32,7 +32,7 @@ def pixels(disparity: np.ndarray, transmittance: np.ndarray | int = SOLID, seed:
     out = np.zeros(disparity.shape, frame_pixel(CONFIG).dtype)
     out["colour"] = np.random.default_rng(seed).integers(0, 1 << N.accumulator.frac_bits, (*disparity.shape, 3))
     out["transmittance"] = transmittance
-    weight = (N.transmittance.raw_max >> 3) - (out["transmittance"] >> 3)
+    weight = (N.transmittance.raw_max - out["transmittance"]) / 8
     with np.errstate(divide="ignore"):
         out["depth"] = np.minimum(np.round(SCALE * weight / (disparity * 256)), N.depth_accumulator.raw_max)
     return out
@@ -51,7 +51,7 @@ def by_hand(frame: np.ndarray, scale: int, right: bool, veiled: bool) -> tuple[n
         if 255 * (32768 - t) < 32768:
             columns[y, x] = x
         elif veiled or 2 * (32768 - t) >= 32768:
-            raw = most if d == 0 else min(most, scale * (4095 - t // 8) // d)
+            raw = most if d == 0 else min(most, scale * (32767 - t) // 8 // d)
             to = x + ((raw if right else -raw) + 128) // 256
             if 0 <= to < frame.shape[1]:
                 columns[y, x], keys[y, x] = to, raw + 1

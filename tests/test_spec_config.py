@@ -14,7 +14,7 @@ RANGES = {
     "sorting_units": (1, 8), "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
 }
-FLAGS = ("blend", "depth", "incremental", "counters", "stereo", "warp_veiled")
+FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled")
 POWERS_OF_TWO = ("merge_ways", "splat_cache_lines", "warp_lanes")
 
 

@@ -46,9 +46,10 @@ def test_refused_with_the_reason(wanted, called, says):
 def test_the_machine_has_what_is_active_and_no_more():
     bare = plan("auto").machine(PAPER)
     assert (bare.sh_degree, bare.levels, bare.blend, bare.depth, bare.stereo) == (0, 1, False, False, False)
+    assert not bare.fine_depth and plan("auto", "depth").machine(PAPER).fine_depth
     assert bare.level_banks == 1 and bare.name == "paper" and bare.culling_units == PAPER.culling_units
     everything = plan("all").machine(TINY)
-    assert everything == TINY.with_(stereo=True)
+    assert everything == TINY.with_(stereo=True, fine_depth=True)
     sharp = plan("auto", "levels").machine(TINY)
     assert sharp.levels == 4 and sharp.level_banks == 1
 

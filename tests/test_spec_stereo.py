@@ -73,5 +73,5 @@ def test_what_saturates_leaves_any_frame(width):
 
 def test_the_largest_scale_moves_everything_out_of_frames_of_1023_pixels():
     n = NumberFormats()
-    scale, most, weight = (1 << stereo.DISPARITY_SCALE_BITS) - 1, n.depth_accumulator.raw_max, n.weight.raw_max
-    assert scale * weight // most >> stereo.DISPARITY_FRAC >= 1023
+    scale, most, weight = (1 << stereo.DISPARITY_SCALE_BITS) - 1, n.depth_accumulator.raw_max, n.transmittance.raw_max
+    assert (scale * weight >> stereo.disparity_drop(n)) // most >> stereo.DISPARITY_FRAC >= 1023

@@ -47,6 +47,7 @@ class ArrayConstants(NamedTuple):
     t_max: int
     t_stop: int
     weight_drop: int
+    depth_drop: int  # of the depth sums' weight
     colour_shift: int
     depth_shift: int
     plane_frac: int
@@ -69,7 +70,8 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
         t_max=n.transmittance.raw_max, t_stop=tables.t_stop(n),
         weight_drop=n.transmittance.frac_bits - n.weight.frac_bits,
         colour_shift=n.weight.frac_bits + n.colour.frac_bits - n.accumulator.frac_bits,
-        depth_shift=n.weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits,
+        depth_drop=n.transmittance.frac_bits - config.depth_weight.frac_bits,
+        depth_shift=config.depth_weight.frac_bits + n.depth.frac_bits - n.depth_accumulator.frac_bits,
         plane_frac=n.plane.frac_bits, blend_frac=n.blend_weight.frac_bits,
         segment_shift=(per_segment - 1).bit_length(), segment_rest=per_segment - 1,
         slope_shift=tables.EXP2_SLOPE_FRAC + n.cut.frac_bits - n.alpha.frac_bits,
@@ -188,7 +190,7 @@ def _composite(state, pairs, j, least, segments, k, far):
         _add(state, at + _GREEN, weight * green, k.colour_shift)
         _add(state, at + _BLUE, weight * blue, k.colour_shift)
         if far:
-            _add(state, at + _FAR, weight * depth, k.depth_shift)
+            _add(state, at + _FAR, ((before >> k.depth_drop) - (after >> k.depth_drop)) * depth, k.depth_shift)
 
 
 @numba.njit(cache=True, inline="always")

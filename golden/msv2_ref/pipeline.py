@@ -70,11 +70,11 @@ class Frame:
     @property
     def depth(self) -> np.ndarray:
         """(height, width) float64 z in world units, NaN where the coverage is below one half."""
-        n, r = self.config.formats, self.registers
-        drop = n.transmittance.frac_bits - n.weight.frac_bits
+        n, r, weight = self.config.formats, self.registers, self.config.depth_weight
+        drop = n.transmittance.frac_bits - weight.frac_bits
         weights = (n.transmittance.raw_max >> drop) - (self.untiled(self.pixels.transmittance) >> drop)  # all that a pixel gave
         total = n.depth_accumulator.to_float(self.untiled(self.pixels.depth)) * r.depth_far
-        mean = total / n.weight.to_float(np.maximum(weights, 1))
+        mean = total / weight.to_float(np.maximum(weights, 1))
         return np.where(1 - self.transmittance >= COVERAGE_VALID, mean, np.nan)
 
     @property

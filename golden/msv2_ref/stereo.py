@@ -20,8 +20,8 @@ from spec.errors import InputError
 from spec.formats import Rounding
 from spec.stereo import (
     DISPARITY_SCALE_BITS,
+    DISPARITY_SCALE_FRAC,
     background_transmittance,
-    disparity_scale_frac,
     solid_transmittance,
 )
 
@@ -133,8 +133,8 @@ def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: floa
     """
     most = (1 << DISPARITY_SCALE_BITS) - 1
     pixels = float(pair.disparity(depth_far))
-    scale = int(np.floor(min(np.ldexp(pixels, disparity_scale_frac(config.formats)) + 0.5, 2.0 * most)))
-    if scale > most and pair.source.width > most >> disparity_scale_frac(config.formats):  # narrower: all leave it either way
+    scale = int(np.floor(min(np.ldexp(pixels, DISPARITY_SCALE_FRAC) + 0.5, 2.0 * most)))
+    if scale > most and pair.source.width > most >> DISPARITY_SCALE_FRAC:  # narrower: all leave it either way
         raise InputError(f"disparities of {pixels:.4g} pixels and more in frames {pair.source.width} wide are not accepted: "
                          f"check the IPD of {pair.baseline:g} world units")
     return min(scale, most)

@@ -19,10 +19,10 @@ from spec.stereo import (
     FILL_NEIGHBOURS,
     background_transmittance,
     disparity,
+    disparity_drop,
     strip_pixel,
     warp_pixel,
     warped_transmittance,
-    weight_shift,
 )
 
 HOLE, WARPED, BACKGROUND, FILLED = range(4)
@@ -56,10 +56,10 @@ class WarpedFrame:
 
 def raw_disparity(config: AcceleratorConfig, transmittance: np.ndarray, depth: np.ndarray, scale: int) -> np.ndarray:
     """int64 raw `disparity` of raw transmittances and depth sums (same shape): floor(S w / d), saturating, at d = 0 too."""
-    n, shift = config.formats, weight_shift(config.formats)
-    weight = (n.transmittance.raw_max >> shift) - (transmittance.astype(np.int64) >> shift)  # all that a pixel gave
+    weight = config.formats.transmittance.raw_max - transmittance.astype(np.int64)  # all that a pixel gave
     most = disparity(config).raw_max
-    return np.where(depth > 0, np.minimum(scale * weight // np.maximum(depth.astype(np.int64), 1), most), most)
+    numerator = scale * weight >> disparity_drop(config.formats)
+    return np.where(depth > 0, np.minimum(numerator // np.maximum(depth.astype(np.int64), 1), most), most)
 
 
 def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> np.ndarray:

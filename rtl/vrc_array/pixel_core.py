@@ -29,6 +29,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from spec.config import AcceleratorConfig, NumberFormats
+from spec.formats import Fixed
 from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
 
 
@@ -202,9 +203,9 @@ class PixelCore(wiring.Component):
             with m.If(op.write[b] & (op.first | (touch & ~op.last))):
                 m.d.sync += bank.eq(after | afresh.replicate(len(after)))
 
-        kept = Signal(n.weight.width, reset_less=True)
+        kept = Signal(self._finest.width, reset_less=True)
         touched = Signal(reset_less=True)
-        m.d.sync += [kept.eq(before >> n.transmittance.frac_bits - n.weight.frac_bits), touched.eq(touch | op.first)]
+        m.d.sync += [kept.eq(before >> n.transmittance.frac_bits - self._finest.frac_bits), touched.eq(touch | op.first)]
         for level in range(self.config.level_banks):
             blocks = slice(level, None, self.config.level_banks)
             m.d.comb += [
@@ -213,28 +214,41 @@ class PixelCore(wiring.Component):
             ]
         return banks, kept, touched
 
-    def _weigh(self, m: Module, banks: list[Signal], kept: Value, touched: Value) -> tuple[Signal, Signal]:
-        """Stage 3: the weight is what the op took from the bank; all that was left for the background, which leaves it."""
+    @property
+    def _finest(self) -> Fixed:
+        """The weight of the depth sums where there are any, else that of the colours."""
+        return self.config.depth_weight if self.config.depth else self.config.formats.weight
+
+    def _weigh(self, m: Module, banks: list[Signal], kept: Value, touched: Value) -> tuple[Signal, Signal, Signal]:
+        """Stage 3: the weight is what the op took from the bank; all that was left for the background, which leaves it.
+
+        Gives that of the colours, that of the depth, which may be finer, and whether the sums may change.
+        """
         n = self.config.formats
-        left = Signal(n.weight.width)
+        left = Signal(self._finest.width)
         weight = Signal(n.weight.width, reset_less=True)
         still_touched = Signal(reset_less=True)
-        drop = n.transmittance.frac_bits - n.weight.frac_bits
+        drop, finer = n.transmittance.frac_bits - self._finest.frac_bits, self._finest.frac_bits - n.weight.frac_bits
         m.d.comb += left.eq(select(self.weigh_op.read, [bank >> drop for bank in banks]))
-        m.d.sync += [weight.eq(kept - left), still_touched.eq(touched)]
-        return weight, still_touched
+        m.d.sync += [weight.eq((kept >> finer) - (left >> finer)), still_touched.eq(touched)]
+        if not finer:
+            return weight, weight, still_touched
+        fine = Signal(self._finest.width, reset_less=True)
+        m.d.sync += fine.eq(kept - left)
+        return weight, fine, still_touched
 
-    def _sums(self, m: Module, weight: Value, touched: Value) -> None:
+    def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> None:
         """Stage 4: colour and depth sums."""
         n, op = self.config.formats, self.sum_op
-        sums = [(op.colour[c], n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel]) for c in range(3)]
+        sums = [(weight, n.weight, op.colour[c], n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
+                for c in range(3)]
         if self.config.depth:
-            sums.append((op.depth, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
-        for s, (value, value_format, sum_format, outputs) in enumerate(sums):
-            shift = n.weight.frac_bits + value_format.frac_bits - sum_format.frac_bits
+            sums.append((fine, self._finest, op.depth, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
+        for s, (by, by_format, value, value_format, sum_format, outputs) in enumerate(sums):
+            shift = by_format.frac_bits + value_format.frac_bits - sum_format.frac_bits
             banks = [Signal(sum_format.width, name=f"sum{s}_{b}", reset_less=True) for b in range(self.config.banks)]
             total = Signal(sum_format.width + shift, name=f"total{s}")
-            m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + weight * value)
+            m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + by * value)
             for b, bank in enumerate(banks):
                 with m.If(op.write[b] & touched):
                     m.d.sync += bank.eq(total >> shift)

@@ -27,8 +27,8 @@ from spec.stereo import (
     DISPARITY_SCALE_BITS,
     background_transmittance,
     disparity,
+    disparity_drop,
     warped_transmittance,
-    weight_shift,
 )
 
 
@@ -56,8 +56,8 @@ def disparity_latency(config: AcceleratorConfig) -> int:
 def disparity_divider(config: AcceleratorConfig) -> Divider:
     """S w by d."""
     n = config.formats
-    return Divider(numerator_bits=DISPARITY_SCALE_BITS + n.weight.width, divisor_bits=n.depth_accumulator.width,
-                   quotient_bits=disparity(config).width)
+    return Divider(numerator_bits=DISPARITY_SCALE_BITS + n.transmittance.width - disparity_drop(n),
+                   divisor_bits=n.depth_accumulator.width, quotient_bits=disparity(config).width)
 
 
 class Disparity(wiring.Component):
@@ -123,14 +123,14 @@ class Disparity(wiring.Component):
     ) -> tuple[Staged, Staged]:
         """The raw disparity, the background's 0 by an odd number; whether it is too wide, which is known long before."""
         n = self.config.formats
-        weight = t.map(lambda t: (~t)[weight_shift(n) :])  # the first T, all ones, less the last
-        half = n.weight.width // 2
+        weight = t.map(lambda t: ~t)  # the first T, all ones, less the last
+        half, drop = n.transmittance.width // 2, disparity_drop(n)
         low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
         high = p.reg("high", lambda w, t: Mux(t >= background_transmittance(n), 0, w[half:]), weight, t)
 
         def whole(low: Value, high: Value, background: Value) -> Value:
             low = Mux(background, 0, low)
-            return Cat(low[:half], low[half:] + self.disparity_scale * high)
+            return Cat(low[:half], low[half:] + self.disparity_scale * high)[drop:]
 
         product = p.reg("product", whole, low, high, background)
         m.submodules.divider = divider = disparity_divider(self.config)
