@@ -178,11 +178,12 @@ def test_coordinates_at_the_ends_of_their_format():
 
 
 @pytest.mark.parametrize("config", [
-    TINY, DEFAULT.with_(depth=False), DEFAULT.with_(support_sigma=None), DEFAULT.with_(support_sigma=1.5),
+    TINY, DEFAULT.with_(depth=False), DEFAULT.with_(fine_depth=True),
+    DEFAULT.with_(support_sigma=None), DEFAULT.with_(support_sigma=1.5),
     DEFAULT.with_(formats=NumberFormats(transmittance=UQ(0, 16), weight=UQ(0, 14), accumulator=UQ(1, 12))),
     DEFAULT.with_(formats=NumberFormats(exp2_segments=8, alpha=UQ(1, 10))),
     DEFAULT.with_(formats=replace(N, plane=SQ(6, 10), blend_weight=UQ(1, 8))),
-], ids=["tiny", "no-depth", "no-support", "small-support", "finer", "8-segments", "plane"])
+], ids=["tiny", "no-depth", "fine-depth", "no-support", "small-support", "finer", "8-segments", "plane"])
 def test_other_configurations(config):
     rng = np.random.default_rng(11)
     headers = random_headers(rng, [20, 0, 20], config)

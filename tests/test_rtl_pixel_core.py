@@ -46,6 +46,7 @@ class Pixel:
     """State of one pixel in one bank, and docs/array.md's rules for it."""
 
     depth_present: bool
+    depth_weight_bits: int = N.weight.frac_bits
     transmittance: int = 0
     sums: list[int] = field(default_factory=lambda: [0] * 4)
 
@@ -59,9 +60,13 @@ class Pixel:
         after = round_shift(self.transmittance * ((1 << N.alpha.frac_bits) - alpha), N.alpha.frac_bits)
         drop = N.transmittance.frac_bits - N.weight.frac_bits
         weight = (self.transmittance >> drop) - (after >> drop)
-        for i, value in enumerate((*op.colour, op.depth if self.depth_present else 0)):
-            from_format, to = (N.colour, N.accumulator) if i < 3 else (N.depth, N.depth_accumulator)
-            self.sums[i] += round_shift(weight * value, N.weight.frac_bits + from_format.frac_bits - to.frac_bits)
+        for i, value in enumerate(op.colour):
+            self.sums[i] += round_shift(weight * value, N.weight.frac_bits + N.colour.frac_bits - N.accumulator.frac_bits)
+        if self.depth_present:
+            drop = N.transmittance.frac_bits - self.depth_weight_bits
+            weight = (self.transmittance >> drop) - (after >> drop)
+            self.sums[3] += round_shift(
+                weight * op.depth, self.depth_weight_bits + N.depth.frac_bits - N.depth_accumulator.frac_bits)
         if not op.last:
             self.transmittance = after
 
@@ -123,7 +128,7 @@ def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[t
     simulator.add_testbench(bench)
     simulator.run()
 
-    state = [[Pixel(config.depth) for _ in range(config.banks)] for _ in lanes]
+    state = [[Pixel(config.depth, config.depth_weight.frac_bits) for _ in range(config.banks)] for _ in lanes]
     expected, levels = [], config.level_banks
     for op in (op for op in ops if op.valid):
         for x in lanes:
@@ -179,10 +184,10 @@ def test_alpha_of_every_exponent(outer: int) -> None:
     check_alpha(outer, list(range(CUT_MIN - 3, 40)))
 
 
-@pytest.mark.parametrize("levels, depth", [(4, True), (4, False), (1, True)])
-def test_random_tiles(levels: int, depth: bool) -> None:
+@pytest.mark.parametrize("levels, depth, fine", [(4, True, False), (4, False, False), (1, True, False), (4, True, True)])
+def test_random_tiles(levels: int, depth: bool, fine: bool) -> None:
     """Tiles back to back, banks alternating, bubbles, stops, empty tiles; everything of every drain is compared."""
-    config = PLAIN.with_(levels=levels, depth=depth)
+    config = PLAIN.with_(levels=levels, depth=depth, fine_depth=fine)
     rng = random.Random(7)
     ops = [op for _ in range(TILES) for op in random_tile(rng, config)]
     expected, seen, _ = run(config, ops)

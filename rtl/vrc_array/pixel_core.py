@@ -141,8 +141,7 @@ class PixelCore(wiring.Component):
         m.d.comb += [self.exponent_below.eq(exponent + slope), self.slope_below.eq(slope + self.curve_yy)]
 
         keep, covered = self._alpha(m, exponent)
-        weight, touched = self._weigh(m, *self._blend(m, keep, covered))
-        self._sums(m, weight, touched)
+        self._sums(m, *self._weigh(m, *self._blend(m, keep, covered)))
         return m
 
     def _alpha(self, m: Module, exponent: Value) -> tuple[Signal, Signal]:
