@@ -27,7 +27,7 @@ LAW = {
 SPEC_MAY_USE = {"numpy"}
 HEAVY = {"torch", "torchvision", "gsplat", "odak"}
 HEAVY_PLACES = re.compile(
-    r"^(golden/training/|golden/train\.py$|golden/metrics/(ssim|banded|pyramid|pooling|hvsq|lpips|binocular)\.py$|bench/|[a-z]+/bench[^/]*"
+    r"^(golden/training/|golden/train\.py$|golden/stereo_rules\.py$|golden/stereo_tables/|golden/metrics/(ssim|banded|pyramid|pooling|hvsq|lpips|binocular)\.py$|bench/|[a-z]+/bench[^/]*"
     r"|tests/(test_(training|bench|metrics_)|training_)|tests/tools/)")
 LIGHT = ("tests/test_rtl_*.py", "tests/test_tb_*.py", "tests/test_golden_*.py", "tests/test_spec_*.py", "tests/test_synth*.py",
          "tb/**/*.py", "golden/render.py")

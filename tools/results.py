@@ -53,8 +53,9 @@ BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
 
 FRAME_SOURCES = (
-    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "golden/render_*.py",
-    "rtl/**/*.py", "tb/frame/*.py", "tb/top/[cdimp]*.py", "tb/top/memory.sv", "tb/common/emission.py", "tb/common/runner.py")
+    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "golden/metrics/image.py",
+    "golden/render_*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/[cdimp]*.py", "tb/top/memory.sv", "tb/common/__init__.py",
+    "tb/common/emission.py", "tb/common/library_objects.py", "tb/common/runner.py")
 """Whatever a frame through the machine and its numbers are made of."""
 
 FRAME_KEYS = (
