@@ -18,8 +18,8 @@ from golden.training.scene import load_training_scene
 from spec.errors import run_command_line
 
 VARIANTS: dict[str, dict[str, float]] = {
-    "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0}, "no fading": {"opacity_decay": 1.0},
-    "no coarse start": {"coarse_until": 0.0}}
+    "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0},
+    "no fading": {"opacity_decay": 1.0}}
 """What differs from the defaults of `DenseOptions`."""
 
 
@@ -59,8 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add("scene", nargs="?", default="embedded", metavar="SCENE", help="as of golden/train.py (default: embedded)")
     add("--size", metavar="WxH", help="size to train at")
-    add("--iterations", type=int, default=2000, help="of each dense training (default: 2000)")
-    add("--max-points", type=int, default=15_000, help="cap on the points (default: 15000)")
+    add("--iterations", type=int, default=1000, help="of each dense training (default: 1000)")
+    add("--max-points", type=int, default=10_000, help="cap on the points (default: 10000)")
     add("--seeds", type=int, default=2, help="number of seeds (default: 2)")
     add("--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (default: reports)")
     args = parser.parse_args(argv)
