@@ -12,7 +12,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth report-area report-energy train tables-training table-ecc table-effects bench results stability docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy train tables-training table-ecc table-effects bench results stability docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -46,6 +46,9 @@ synth: tested ## synthesis; UNIT=|CONFIG= STEREO=1 TECH=generic|asap7|nangate45|
 
 report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N MSV2_PDK=
 	@$(RUN) -m synth.area_report $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs)
+
+perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
+	@$(RUN) -m perf.validate $(if $(filter-out 0,$(RTL)),--rtl)
 
 report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= CLOCK_MHZ= FRAME=frame.json OUT=
 	@$(RUN) -m perf.energy_report $(request) $(eyes) $(call option,CONFIG,config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)

@@ -20,14 +20,15 @@ import golden
 
 _ROOT = Path(golden.__file__).resolve().parent.parent
 _KEPT = 4  # states whose compiled kernels are kept
+_SOURCES = ("blending", "bus", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs", "sorter",
+            "warp", "watch")  # modules of kernels, and of their constants
 
 
 @cache
 def _folder() -> Path | None:
     state = hashlib.sha256()
-    for folder in (_ROOT / "perf", _ROOT / "spec"):
-        for source in sorted(folder.rglob("*.py")):
-            state.update(source.read_bytes())
+    for source in (*(_ROOT / "perf" / f"{name}.py" for name in _SOURCES), *sorted((_ROOT / "spec").rglob("*.py"))):
+        state.update(source.read_bytes())
     folder = _ROOT / "build" / "numba-perf" / state.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)

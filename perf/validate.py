@@ -1,8 +1,8 @@
 """The model beside the RTL: reports/model.json and reports/model.md.
 
     python -m perf.validate             frames that the RTL has rendered: reports/frames.json, machine.json, model_rtl.json
-    python -m perf.validate --rtl       renders the frames of model_rtl.json through the RTL first (tb.frame; half an hour), and
-                                        one more to time both side by side
+    python -m perf.validate --rtl       renders the frames of model_rtl.json through the RTL first (tb.frame; half an hour, but
+                                        finished runs are kept), and one more to time both side by side
 
 Real scenes are looked for in MSV2_DATA; frames whose scene is not there are left out, and named.
 """
@@ -10,11 +10,11 @@ Real scenes are looked for in MSV2_DATA; frames whose scene is not there are lef
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -43,6 +43,10 @@ RTL_FRAMES = (
 
 TIMED = "embedded --size 128x128 --config paper"
 """The frame that both are timed with, one behind the other."""
+
+RTL_SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/*.py",
+               "tb/top/memory.sv")
+"""What they are made of."""
 
 PHASES = ("table", "geometry", "render")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
@@ -123,20 +127,30 @@ def _error(model: int, rtl: int) -> float:
     return (model - rtl) / rtl if rtl else float(model != 0)
 
 
-def rtl_frame(line: str, folder: Path) -> dict[str, object] | None:
-    """A frame through the RTL; None where its scene is not there.
+def rtl_folder(line: str) -> Path:
+    """Where a frame's RTL run is kept, for as long as nothing it is made of changes."""
+    state = hashlib.sha256(line.encode())
+    for pattern in RTL_SOURCES:
+        for source in sorted(ROOT.glob(pattern)):
+            state.update(source.read_bytes())
+    return BUILD / "rtl" / state.hexdigest()[:12]
+
+
+def rtl_frame(line: str, *, again: bool = False) -> dict[str, object] | None:
+    """A frame through the RTL, a finished run unless `again`; None where its scene is not there.
 
     Raises:
         InputError: the simulation fails.
     """
     name, *options = line.split()
-    scene = scene_path(name)
+    scene, folder = scene_path(name), rtl_folder(line)
     if scene is None:
         return None
-    command = [sys.executable, "-m", "tb.frame", scene, *options, "--out", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    if done.returncode:
-        raise InputError(f"{' '.join(command)} failed: {(done.stdout + done.stderr)[-2000:]}")
+    if again or not (folder / "frame.json").is_file():
+        command = [sys.executable, "-m", "tb.frame", scene, *options, "--out", str(folder)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        if done.returncode:
+            raise InputError(f"{' '.join(command)} failed: {(done.stdout + done.stderr)[-2000:]}")
     row = json.loads((folder / "frame.json").read_text())
     return {**{key: row[key] for key in _KEPT if key in row}, "scene": name}
 
@@ -144,8 +158,8 @@ def rtl_frame(line: str, folder: Path) -> dict[str, object] | None:
 def render_rtl() -> None:
     """The frames of reports/model_rtl.json, and how fast both are, one behind the other."""
     rows = []
-    for number, line in enumerate(RTL_FRAMES):
-        row = rtl_frame(line, BUILD / "rtl" / str(number))
+    for line in RTL_FRAMES:
+        row = rtl_frame(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
     write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": side_by_side()})
@@ -153,12 +167,9 @@ def render_rtl() -> None:
 
 def side_by_side() -> dict[str, object]:
     """A frame's cycles over seconds in the RTL and in the model, measured on the same machine in the same minute."""
-    row = rtl_frame(TIMED, BUILD / "rtl" / "timed")
-    seconds, cpu = [], []
-    for _ in range(5):
-        begin = time.process_time()
+    row, seconds = rtl_frame(TIMED, again=True), []
+    for _ in range(5):  # the first compiles or loads the kernels
         frame = model_row(row, EMBEDDED)[1]
-        cpu.append(time.process_time() - begin)
         seconds.append(frame.seconds)
     cycles = sum(frame.phases.values())
     model = cycles / min(seconds)
