@@ -70,10 +70,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     profiles, clipped = measure(args.scenes or default_scenes(), args.size, args.config)
     out = ROOT / "reports" if args.keep else Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "ranges.json", {"size": args.size, "config": args.config, "scenes": clipped,
-                                     "fields": [p.row for p in profiles.values()]})
+    fields = [p.row for p in profiles.values()]
+    write_json(out / "ranges.json", {"size": args.size, "config": args.config, "scenes": clipped, "fields": fields})
     (out / "ranges.md").write_text(markdown(profiles, clipped), encoding="utf-8")
-    picture(profiles, out / "ranges.png")
+    picture(fields, out / "ranges.png")
     tight = [f"{p.record}.{p.field}" for p in profiles.values() if p.at_low + p.at_high]
     print(f"{out / 'ranges.md'}: {len(profiles)} fields; with values at the format's limit: {', '.join(tight) or 'none'}")
     return 0

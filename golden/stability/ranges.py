@@ -5,7 +5,7 @@ So that nobody guesses a width. Values at the limit are those that saturated, an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,7 +79,7 @@ class Profile:
         """Bits to spare at the top: log2 of the format's largest magnitude over the largest seen; infinite where all are 0."""
         largest = max(abs(self.low), abs(self.high))
         most = float(self.format.to_float(self.format.raw_max)) if isinstance(self.format, Fixed) else self.format.max
-        return float(np.log2(most / largest)) if largest else np.inf
+        return max(float(np.log2(most / largest)), 0.0) if largest else np.inf  # -1 is a bit beyond 1 less an ulp
 
     @property
     def margin_below(self) -> float | None:
@@ -189,8 +189,12 @@ def _share(part: int, count: int) -> str:
     return "0" if not part else f"{part} ({100 * part / count:.2g} %)"
 
 
-def picture(profiles: Profiles, path: Path) -> bool:
-    """Bits to spare by field, those at a limit in red; False without matplotlib."""
+SHOWN_BITS = 16
+"""Bits to spare beyond which a bar of the picture ends."""
+
+
+def picture(fields: Sequence[Mapping[str, object]], path: Path) -> bool:
+    """Bits to spare by field of ranges.json; dots where values lie at the format's limit. False without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -198,18 +202,25 @@ def picture(profiles: Profiles, path: Path) -> bool:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    shown = [p for p in profiles.values() if np.isfinite(p.margin)]
+    shown = [f for f in fields if f["margin_bits"] is not None]
+    places = range(len(shown))
     figure, axes = plt.subplots(figsize=(8, 0.17 * len(shown) + 1))
-    colours = ["#c8402f" if p.at_low + p.at_high else "#49708a" for p in shown]
-    axes.barh(range(len(shown)), [p.margin for p in shown], color=colours, height=0.7)
-    axes.set_yticks(range(len(shown)), [f"{p.record}.{p.field}  {p.format}" for p in shown], fontsize=6)
+    axes.barh(places, [min(f["margin_bits"], SHOWN_BITS) for f in shown], color="#49708a", height=0.7)
+    for place, f in zip(places, shown, strict=True):
+        if f["margin_bits"] > SHOWN_BITS:
+            axes.text(SHOWN_BITS, place, f" {f['margin_bits']:.0f}", fontsize=6, va="center")
+        if f["at_min"] + f["at_max"]:
+            axes.plot(0, place, "o", color="#c8402f", markersize=5, clip_on=False)
+            share = 100 * (f["at_min"] + f["at_max"]) / f["count"]
+            axes.text(0.3, place, f"{share:.2g} % at the limit", fontsize=6, va="center", color="#c8402f")
+    axes.set_yticks(places, [f"{f['record']}.{f['field']}  {f['format']}" for f in shown], fontsize=6)
     axes.invert_yaxis()
-    axes.set_xscale("symlog", linthresh=8)
-    axes.set_xlabel("bits to spare above the largest value seen (red: some values lie at the format's limit)")
+    axes.set_xlabel("bits to spare above the largest value seen", fontsize=8)
+    axes.tick_params(axis="x", labelsize=7)
+    axes.margins(y=0.01)
     axes.grid(axis="x", linewidth=0.4)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
     return True
