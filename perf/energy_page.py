@@ -15,6 +15,7 @@ OTHERS = (
 """Published energies of a frame, and why they are not like for like."""
 
 _COLUMNS = (*CHIP, "dram", "assumed")
+_SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], table: Table) -> str:
@@ -55,8 +56,10 @@ def as_markdown(content: dict[str, object], table: Table) -> str:
     seen = {}
     for row in (row for frame in content["frames"] for row in frame["rows"] if row["part"] in ("sram", "dram")):
         seen.setdefault(row["operation"], row)
-    lines += [f"| {row['operation']} | {row['coefficient_pj']:.3f} | {row['node']} | {row['source']} | {row['scaling']} |"
-              for row in seen.values()]
+    for row in seen.values():
+        made = content["coefficients"][row["coefficient"]]
+        cells = row["operation"], f"{row['coefficient_pj']:.3f}", made["node"], made["source"], made["scaling"]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -66,7 +69,7 @@ def _name(frame: dict[str, object]) -> str:
 
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
-    """Bars of the chip's units, memories and DRAM, frame by frame; False where matplotlib is not installed."""
+    """Bars of the frames: their energy by part, and the chip's by unit; False where matplotlib is not installed."""
     try:
         import matplotlib
     except ImportError:
@@ -74,18 +77,23 @@ def plot(frames: list[dict[str, object]], path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, len(frames), figsize=(1.5 + 4 * len(frames), 6), squeeze=False)
-    colours = dict(zip(_COLUMNS, ("tab:blue", "tab:cyan", "tab:gray", "tab:green", "tab:red", "lightgray"), strict=True))
-    for axis, frame in zip(axes[0], frames, strict=True):
-        units = sorted(frame["by_unit_mj"], key=lambda unit: sum(frame["by_unit_mj"][unit].values()))
-        left = [0.0] * len(units)
-        for part in _COLUMNS:
-            widths = [frame["by_unit_mj"][unit][part] for unit in units]
-            axis.barh(units, widths, left=left, color=colours[part], label=part)
+    chip = [{unit: sum(parts[part] for part in CHIP) for unit, parts in frame["by_unit_mj"].items()} for frame in frames]
+    largest = sorted(chip[0], key=lambda unit: -sum(one.get(unit, 0.0) / sum(one.values()) for one in chip))[:_SHOWN]
+    shares = [{unit: one.get(unit, 0.0) / sum(one.values()) for unit in largest} for one in chip]
+    shares = [{**one, "others": 1 - sum(one.values())} for one in shares]
+    figure, axes = pyplot.subplots(1, 2, figsize=(15, 1.8 + 0.5 * len(frames)))
+    labels = [f"{_name(frame)}\n{frame['work']}" for frame in frames]
+    for axis, rows, title in ((axes[0], [frame["by_part_mj"] for frame in frames], "mJ a frame, 16 nm; DRAM as it is"),
+                              (axes[1], shares, "share of the chip's energy, without what is assumed")):
+        left = [0.0] * len(frames)
+        for number, name in enumerate(rows[0]):
+            widths = [row[name] for row in rows]
+            axis.barh(labels, widths, left=left, label=name, color=pyplot.get_cmap("tab20")(number))
             left = [a + b for a, b in zip(left, widths, strict=True)]
-        axis.set_title(_name(frame))
-        axis.set_xlabel("mJ a frame, 16 nm")
-    axes[0][0].legend(loc="lower right")
+        axis.invert_yaxis()
+        axis.set_title(title)
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
+    axes[1].set_yticks([])
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     pyplot.close(figure)

@@ -130,12 +130,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("\n".join(map(summary, frames)), flush=True)
     args.out.mkdir(parents=True, exist_ok=True)
     content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
-               "frames": frames, "others": OTHERS}
+               "coefficients": coefficients(frames), "frames": frames, "others": OTHERS}
     write_json(args.out / "energy.json", content)
     (args.out / "energy.md").write_text(as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
     print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
     return 0
+
+
+def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
+    """Node, source and scaling of the rows' coefficients, each once; rows get `coefficient`, the place there, instead."""
+    places: dict[tuple[str, str, str], int] = {}
+    for frame in frames:
+        for row in frame["rows"]:
+            made = row.pop("node"), row.pop("source"), row.pop("scaling")
+            row["coefficient"] = places.setdefault(made, len(places))
+    return [dict(zip(("node", "source", "scaling"), made, strict=True)) for made in places]
 
 
 def summary(frame: dict[str, object]) -> str:
