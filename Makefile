@@ -40,12 +40,12 @@ sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top
 	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
 		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT=|CONFIG= STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N, liberty folder in MSV2_PDK
+synth: tested ## synthesis; UNIT=|CONFIG= STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N, liberty folder in MSV2_PDK
 	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,CONFIG,config) $(if $(filter-out 0,$(STEREO)),--stereo) \
-		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,OUT,out)
+		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
-report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N MSV2_PDK=
-	@$(RUN) -m synth.area_report $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs)
+report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N RUNS=N MSV2_PDK=
+	@$(RUN) -m synth.area_report $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs) $(call option,RUNS,runs)
 
 perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
 	@$(RUN) -m perf.validate $(if $(filter-out 0,$(RTL)),--rtl)
