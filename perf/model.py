@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -155,7 +156,7 @@ def simulate(
     if two and display is False:
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
     display, beta, begin = bool(two or display), (beta if merge else 0), time.perf_counter()
-    written = [eye_lists(eye) for eye in trace.eyes]
+    written = [_lists(eye) for eye in trace.eyes]
     largest = largest_group(trace, config, beta)
     plans = [render_plan(trace, eye, config, beta, largest) for eye in trace.eyes]
     where = memory_map(trace, config, display, max(w.beats for w in written), plans[0].spill_beats)
@@ -163,6 +164,9 @@ def simulate(
     for number, (eye, made, plan) in enumerate(zip(trace.eyes, written, plans, strict=True)):
         passes.append(_eye(trace, eye, number, config, memory, beta, display, made, plan, where))
     return _together(trace, config, passes, plans, time.perf_counter() - begin)
+
+
+_lists = lru_cache(maxsize=4)(eye_lists)  # a trace is simulated on machine after machine
 
 
 def _memory(s: np.ndarray, memory: MemoryModel) -> None:

@@ -38,7 +38,7 @@ VERSION = 1
 """Of the files; others are made anew."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EyeTrace:
     """One eye's pass.
 
