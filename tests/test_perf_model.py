@@ -82,8 +82,8 @@ def test_less_memory_never_makes_a_frame_faster(small):
 def test_channels_of_dram_keep_their_bandwidth_and_never_beat_it(small):
     """A run of beats keeps all channels busy but for refreshes; no frame moves more than they can.
 
-    A channel's refresh takes 6 % of the time; answers are in order, so that the other three, whose refreshes come at other times,
-    go on for as long as 128 beats in flight let them, and no more.
+    A channel's refresh takes 6 % of the time; answers are in order, so that the other three, whose refreshes come at other
+    times, go on for as long as 128 beats in flight let them, and no more.
     """
     peak = dram.CHANNELS * BEAT_BYTES / dram.Lpddr3().burst
     only_points = culled(small, 20_000)
