@@ -14,7 +14,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from golden.scenes.embedded import embedded_cameras  # noqa: E402
+from golden.scenes.embedded import cached_embedded_model, embedded_cameras  # noqa: E402
 from golden.scenes.load import load_model, load_scene  # noqa: E402
 from golden.scenes.save import save_model  # noqa: E402
 from golden.train import main, parse_arguments  # noqa: E402
@@ -23,6 +23,7 @@ from golden.training import dense as dense_module  # noqa: E402
 from golden.training import run as run_module  # noqa: E402
 from golden.training.checkpoint import Checkpoints  # noqa: E402
 from golden.training.evaluate import evaluate  # noqa: E402
+from golden.training.gaussians import from_model  # noqa: E402
 from golden.training.recipe import RESULTS, Recipe, plan  # noqa: E402
 from golden.training.scene import load_training_scene  # noqa: E402
 from spec.errors import InputError  # noqa: E402
@@ -193,6 +194,11 @@ def test_no_cuda_no_torch_no_folder(tmp_path, monkeypatch):
         train()
 
 
+def scene_model():
+    """A few Gaussians of the embedded scene."""
+    return from_model(cached_embedded_model(200))
+
+
 def test_recipes(tmp_path):
     scene = load_training_scene("embedded", (48, 48))
     default = Recipe("H", None, True, 1000, 500, 0)
@@ -210,6 +216,13 @@ def test_recipes(tmp_path):
     assert [run_module.run_name("fern", r) for r in (
         default, replace(default, variant="M"), replace(default, baseline="smfr", enhancement=False))] == [
         "fern", "fern-M", "fern-smfr-v1"]
+    wide = replace(default, pooling_width=1237)
+    assert default.pooling is None and wide.pooling == (1.0, 3.0, 7.0, 12.0)
+    assert run_module.run_name("fern", wide) == "fern-pooled1237"
+    assert [planned.make({"prune": scene_model(), "dense": scene_model()}).pooling for planned in plan(wide, scene, "cpu")
+            if planned.name == "finetune"] == [1.0]
+    with pytest.raises(InputError, match="pooling-width 0"):
+        replace(default, pooling_width=0)
 
 
 @pytest.mark.parametrize("argv", [
