@@ -29,7 +29,7 @@ from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
 from spec.stereo import disparity
 
-LIMIT = 1 << 40
+LIMIT = 1 << 31
 """Cycles after which a phase is given up."""
 
 GEOMETRY_STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
@@ -169,6 +169,17 @@ def simulate(
 _lists = lru_cache(maxsize=4)(eye_lists)  # a trace is simulated on machine after machine
 
 
+def _finished(phase: str, cycles: int) -> int:
+    """The cycles of a phase that has ended.
+
+    Raises:
+        RuntimeError: it has not.
+    """
+    if cycles < 0:
+        raise RuntimeError(f"{phase} must end within {LIMIT} cycles")
+    return int(cycles)
+
+
 def _memory(s: np.ndarray, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
     bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
@@ -198,7 +209,7 @@ def _eye(
 def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
     s = np.zeros(dram.layout.size, np.int64)
     _memory(s, memory)
-    return int(geometry.table_phase(s, len(eye.counts), base, LIMIT))
+    return _finished("TABLE", geometry.table_phase(s, len(eye.counts), base, LIMIT))
 
 
 def _counts(s: np.ndarray, first: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -225,8 +236,8 @@ def _geometry(
         where.colour + survivor * beats, where.geometry, written.begins, writes,
         constants.colour_steps(config, trace.sh_degree), LIMIT)
     return _Pass(
-        {"geometry": int(cycles)}, _counts(s, geometry.WATCHED, GEOMETRY_STAGES), s[bus.READS : bus.READS + bus.READERS].copy(),
-        s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), {}, []), int(counted)
+        {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, geometry.WATCHED, GEOMETRY_STAGES),
+        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), {}, []), int(counted)
 
 
 def _set_array(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
@@ -290,8 +301,8 @@ def _render(
     events = {"ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
               "spilled_entries": int(plan.way_of.size)}
     return _Pass(
-        {"render": int(cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES), s[bus.READS : bus.READS + bus.READERS].copy(),
-        s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events, _timeline(plan, times, tile_times))
+        {"render": _finished("RENDER", cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES),
+        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events, _timeline(plan, times, tile_times))
 
 
 def _timeline(plan: RenderPlan, times: np.ndarray, tile_times: np.ndarray) -> list[tuple[str, int, int, int]]:

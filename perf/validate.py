@@ -159,12 +159,12 @@ def rtl_frame(line: str, *, again: bool = False) -> dict[str, object] | None:
 
 def render_rtl() -> None:
     """The frames of reports/model_rtl.json, and how fast both are, one behind the other."""
-    rows = []
+    rows, speed = [], side_by_side()
     for line in RTL_FRAMES:
         row = rtl_frame(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
-    write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": side_by_side()})
+        write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed})
 
 
 def side_by_side() -> dict[str, object]:

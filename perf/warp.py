@@ -21,7 +21,7 @@ layout = Layout(before.size)
     "present done row write lanes depth settle_cycles start_latency queue_depth target_base moving settle to_take full "
     "scans written strip scan_at group slots q_in q_out q_left strips")
 LANE_ROWS, LANE_LEFT, LANE_IN, LANE_OUT = (layout.ring(TILE) for _ in range(4))
-_QUEUED = 64  # rows of a lane
+_QUEUED = 128  # rows of a lane, at most
 LANE_PIXELS = layout.ring(TILE * _QUEUED)
 Q_BEATS, Q_ADDRESS = layout.ring(16), layout.ring(16)
 
