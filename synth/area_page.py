@@ -24,7 +24,7 @@ def page(report: dict) -> str:
     build = report["builds"]["1ghz"]
     intro = (
         f"Commit {report['commit']}; {build['config']}, two eyes, row width {build['row_width']:,}; {build['node']}, cells "
-        f"{build['cell_list']}; modules made up to {build['runs']} times; written by `make report-area`. How it is found, and "
+        f"{build['cell_list']}; at most {build['runs']} runs of a module; written by `make report-area`. How it is found, and "
         "what is not in it: [area.md](../docs/area.md). mm² are at 16 nm, scaled from the library's node by the factors of "
         f"{report['scaling_source']}.")
     sections = {
