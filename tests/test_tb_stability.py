@@ -13,7 +13,7 @@ from spec.registers import ErrorCode
 from tb.common.runner import ROOT
 from tb.stability import __main__ as command
 from tb.stability import faults, rtl, streams
-from tb.stability.report import FaultRow, Result, Row, markdown, table
+from tb.stability.report import FaultRow, Result, Row, added, markdown, table
 from tb.top.planned import PlannedFrame
 
 
@@ -44,6 +44,17 @@ def test_a_fault_that_nobody_notices_is_told():
     assert result.missed == 1 and result.record["seeded_faults_caught"] == 0
     assert any(line.startswith("not caught: no guard") for line in table(result))
     assert "| no guard | oracle | 01-point-at-the-camera | NO |" in markdown(result)
+
+
+def test_columns_are_added_to_those_of_before(tmp_path):
+    case = "near-plane-ulp"
+    assert command.main(["--case", case, "--columns", "oracle", "--out", str(tmp_path)]) == 0
+    assert command.main(["--case", case, "--columns", "golden", "--out", str(tmp_path), "--add"]) == 0
+    found = json.loads((tmp_path / "stability.json").read_text())
+    assert found["columns"] == ["oracle", "golden"] and found["cases"] == 1
+    before = {**found, "faults": [{"name": "x", "column": "rtl", "case": case, "caught": True, "words": ""}]}
+    again = added(command.CASES, before, Result([], [FaultRow("x", "rtl", case, False, "no")], 1.0))
+    assert [fault.caught for fault in again.faults] == [False] and set(again.rows[0].cells) == {"oracle", "golden"}
 
 
 def test_wrong_arguments_are_refused(tmp_path):

@@ -21,7 +21,7 @@ from spec.errors import InputError, run_command_line
 from tb.common.runner import ROOT
 from tb.stability import faults as rtl_faults
 from tb.stability import rtl, streams
-from tb.stability.report import FaultRow, Result, Row, table, write
+from tb.stability.report import FaultRow, Result, Row, added, read_record, table, write
 from tb.stability.streams import MachineCase
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
@@ -37,6 +37,7 @@ examples:
   python -m tb.stability                                     everything
   python -m tb.stability --columns oracle,golden --no-faults    in a minute, without a simulator
   python -m tb.stability --case 06-needle-at-the-frustum     one case, everywhere
+  python -m tb.stability --columns rtl --add                 the machine, beside what other columns gave before
 """
 
 
@@ -105,6 +106,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--columns", default=",".join(COLUMNS), help="of oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
+    parser.add_argument("--add", action="store_true", help="to the results in the output folder: what is not run now stays")
     parser.add_argument("--keep", action="store_true", help="write the results into reports/ as well")
     return parser.parse_args(argv)
 
@@ -122,6 +124,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise InputError(f"case {missing[0]!r} is not accepted: choose one of {', '.join(case.id for case in CASES)}")
     chosen = [case for case in CASES if not args.case or {case.name, case.id} & set(args.case)]
     result = run(chosen, columns, not (args.no_faults or args.case), Path(args.out))
+    if args.add:
+        result = added(CASES, read_record(Path(args.out)), result)
     print("\n".join(table(result)))
     write(result, Path(args.out))
     if args.keep:

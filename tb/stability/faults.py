@@ -50,7 +50,7 @@ def _view(value: float) -> int:
 
 
 FAULTS = (
-    RtlFault("no near plane", "point-at-the-camera", "shot", {"near": _view(1e-30)}),
+    RtlFault("no near plane", "depth-near-zero", "shot", {"near": _view(1e-30)}),
     RtlFault("near plane an ulp too near", "near-plane-ulp", "shot", {"near": _view(0.25) - 1}),
     RtlFault("no clamp of the Jacobian", "needle-at-the-frustum", "+1.5", {"limits_1": _view(1e30)}),
     RtlFault("principal point forgotten", "principal-point", "odd", {"centre_0": 32 << MACHINE.formats.mean2d.frac_bits}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -77,6 +78,26 @@ class Result:
     def columns(self) -> tuple[str, ...]:
         """Those that were run."""
         return tuple(name for name in COLUMNS if any(name in row.cells for row in self.rows))
+
+
+def read_record(folder: Path) -> dict[str, object]:
+    """What stability.json of a folder says; empty where there is none."""
+    path = folder / "stability.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def added(cases: Sequence[Case], before: Mapping[str, object], now: Result) -> Result:
+    """A result beside one of before: cells and faults of columns that were not run now stay as they were."""
+    new = {row.case.id: row.cells for row in now.rows}
+    rows = []
+    for case in cases:
+        old = before.get("results", {}).get(case.id, {}).get("columns", {})
+        cells = {name: Cell(**values) for name, values in old.items()} | dict(new.get(case.id, {}))
+        if cells:
+            rows.append(Row(case, cells))
+    run = {(fault.column, fault.name) for fault in now.faults}
+    faults = [FaultRow(**fault) for fault in before.get("faults", ()) if (fault["column"], fault["name"]) not in run]
+    return Result(rows, [*faults, *now.faults], now.seconds + before.get("seconds", 0.0))
 
 
 def _error(row: Row) -> str:
