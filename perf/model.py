@@ -302,7 +302,8 @@ def _render(
               "spilled_entries": int(plan.way_of.size)}
     return _Pass(
         {"render": _finished("RENDER", cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES),
-        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events, _timeline(plan, times, tile_times))
+        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events,
+        _timeline(plan, times, tile_times))
 
 
 def _timeline(plan: RenderPlan, times: np.ndarray, tile_times: np.ndarray) -> list[tuple[str, int, int, int]]:
