@@ -236,7 +236,7 @@ def _memory_rows(design: Design, parts: dict[str, dict], technology: str) -> Ite
             continue
         for module, count in [(name, 1), *sorted(shared_in(design, name).items())]:
             for store in parts[module]["stores"]:
-                inner = re.sub(r"\$flatten\\|\$auto\$[^.]*|\$\d+", "", store["name"]).strip(".") or "table"
+                inner = re.sub(r"\$flatten\\|\$auto\$\S*|\$\d+", "", store["name"]).strip(".") or "table"
                 inner = inner if module == name else f"{module}.{inner}"
                 yield _memory_row(".".join(filter(None, (path, inner))), path or TOP, group, count, store, technology)
 
