@@ -83,6 +83,8 @@ class FrameCycles:
         stages: by the names of `spec.registers.stages`.
         reads, writes: bytes by client.
         entries, groups, ops, skipped, fetch_misses, spilled_entries: events of the frame.
+        activates, refreshes: commands of the LPDDR3 channels, of the phases but TABLE; 0 with other memories. Reads and writes
+            are a burst a beat.
         utilisation: share of the rendering phase's cycles in which the array takes an entry or issues an op, whichever is more;
             of memory's bandwidth that is used in each phase.
         timeline: (stage, eye, group, first cycle, last cycle); group -1: a phase.
@@ -101,6 +103,8 @@ class FrameCycles:
     skipped: int
     fetch_misses: int
     spilled_entries: int
+    activates: int
+    refreshes: int
     utilisation: dict[str, float]
     timeline: list[tuple[str, int, int, int, int]] = field(repr=False)
     seconds: float = 0.0
@@ -199,17 +203,23 @@ def _eye(
     cycles = {"clear": trace.tiles_y + 1, "table": table, **shapes.cycles, **drawn.cycles}
     reads = shapes.reads + drawn.reads
     reads[bus.TILES] += (len(eye.counts) + 3) // 4
+    events = drawn.events | {name: count + drawn.events[name] for name, count in shapes.events.items()}
     at = cycles["clear"] + table
     ends = [("geometry", -1, at, at + cycles["geometry"])]
     ends += [("render", -1, at + cycles["geometry"], at + cycles["geometry"] + cycles["render"])]
     ends += [(stage, group, a + at + cycles["geometry"], b + at + cycles["geometry"]) for stage, group, a, b in drawn.timeline]
-    return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, drawn.events, ends)
+    return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, events, ends)
 
 
 def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
     s = np.zeros(dram.layout.size, np.int64)
     _memory(s, memory)
     return _finished("TABLE", geometry.table_phase(s, len(eye.counts), base, LIMIT))
+
+
+def _commands(s: np.ndarray) -> dict[str, int]:
+    """What the DRAM's channels did in a phase."""
+    return {"activates": int(s[dram.ACTS]), "refreshes": int(s[dram.REFRESHES])}
 
 
 def _counts(s: np.ndarray, first: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -237,7 +247,8 @@ def _geometry(
         constants.colour_steps(config, trace.sh_degree), LIMIT)
     return _Pass(
         {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, geometry.WATCHED, GEOMETRY_STAGES),
-        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), {}, []), int(counted)
+        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(),
+        _commands(s), []), int(counted)
 
 
 def _set_array(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
@@ -298,8 +309,9 @@ def _render(
         plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
         np.zeros(len(plan.chunk_length), np.int64), plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
         plan.job_out, plan.job_waits, plan.way_of, trace.holes, times, tile_times, LIMIT)
-    events = {"ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
-              "spilled_entries": int(plan.way_of.size)}
+    events = _commands(s) | {
+        "ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
+        "spilled_entries": int(plan.way_of.size)}
     return _Pass(
         {"render": _finished("RENDER", cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES),
         s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events,
