@@ -12,7 +12,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy train tables-training table-ecc table-effects bench results stability docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy report-performance report train tables-training table-ecc table-effects bench results stability docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -52,6 +52,12 @@ perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders
 
 report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= CLOCK_MHZ= FRAME=frame.json OUT=
 	@$(RUN) -m perf.energy_report $(request) $(eyes) $(call option,CONFIG,config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
+
+report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
+	@$(RUN) -m perf.report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+
+report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
+	@$(RUN) tools/report.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
 
 train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= DEVICE= RESUME=1 OUT=
 	@$(RUN) golden/train.py $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
