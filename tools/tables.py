@@ -19,6 +19,7 @@ from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.vrc_array import blend, expand, row, setup, splat_fetch
 from spec.config import DEFAULT, PAPER
 from spec.constants import TILE
+from tools.report_tables import REPORT_TABLES
 from tools.training_tables import TRAINING_TABLES
 
 AREA_7_TO_16_NM = 1 / 0.31
@@ -291,7 +292,7 @@ def time_table(reports: Reports) -> str:
 TABLES: dict[str, Callable[[Reports], str | None]] = {
     "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
     "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
-    "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES,
+    "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
 }
 """By name; None where a table's report is not there: what the README has stays."""
 

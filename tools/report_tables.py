@@ -1,0 +1,109 @@
+"""The README's tables of the cycle model, of area and energy, of two eyes, and of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
+
+
+def _table(header: list[str], rows: Iterable[list[str]]) -> str:
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, ["---"] * len(header), *rows])
+
+
+def model_table(reports: dict[str, dict]) -> str | None:
+    """Model against RTL: in total, by phase, by stage."""
+    if "model" not in reports:
+        return None
+    s = reports["model"]["summary"]
+    rows = [["total", f"{100 * s['model_error_total']:.2f} %", f"{100 * s['mean_error_total']:.2f} %", "-"]]
+    rows += [[f"phase {name}", f"{100 * worst:.2f} %", "-", "-"] for name, worst in s["phases"].items()]
+    rows += [[f"stage {name}", f"{100 * e['worst']:.2f} %", f"{100 * e['mean']:.2f} %", f"{100 * e['within_5_percent']:.0f} %"]
+             for name, e in s["stages"].items()]
+    return _table([f"cycles, {s['frames']} frames", "worst error", "mean", "frames within 5 %"], rows)
+
+
+def depths_table(reports: dict[str, dict]) -> str | None:
+    """Disparities and depths against the oracle, the worst view of each scene."""
+    if "accuracy_stereo" not in reports:
+        return None
+    rows = {}
+    for row in reports["accuracy_stereo"]["rows"]:
+        worst = rows.setdefault(row["scene"], row)
+        if row["within_budget"] < worst["within_budget"]:
+            rows[row["scene"]] = row
+    return _table(["scene, worst view", "levels", "disparities within 1/8 px", "depths within 0.2 %", "median error of depth"], [
+        [f"{scene}, {r['camera']}", str(r["levels"]), f"{100 * r['within_budget']:.3f} %", f"{100 * r['depth_within']:.2f} %",
+         f"{100 * r['depth_error_p50']:.4f} %"] for scene, r in rows.items()])
+
+
+def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> str | None:
+    """Two eyes at one threshold: mean over the poses of each scene."""
+    if "table_ecc" not in reports:
+        return None
+    rows = []
+    for scene in reports["table_ecc"]["scenes"]:
+        found = [(p, t) for p in scene["poses"] for t in p["thresholds"] if t["threshold_deg"] == threshold_deg]
+        if not found:
+            continue
+
+        def mean(value: Callable, found: list = found) -> float:
+            return sum(value(p, t) for p, t in found) / len(found)
+
+        size = "x".join(map(str, found[0][0]["size"]))
+        rows.append([
+            f"{scene['scene']}, {size}, {scene['levels']}",
+            f"{100 * mean(lambda p, t: t['entries']['floor_share']):.1f} %",
+            f"{100 * mean(lambda p, t: t['tiles']['holes'] / t['tiles']['all']):.1f} %",
+            f"{mean(lambda p, t: t['cycles']['total'] / p['rendered']['cycles']['source']):.2f}",
+            f"{mean(lambda p, t: t['cycles']['total'] / p['rendered']['cycles']['total']):.3f}",
+            f"{mean(lambda p, t: t['cycles']['overhead']):.3f}",
+            f"{1e5 * mean(lambda p, t: t['hvsq']['dense']['mean']):.2f} "
+            f"({1e5 * mean(lambda p, t: p['rendered']['hvsq']['dense']['mean']):.2f})",
+        ])
+    return _table(["scene", "floor: entries in foveal tiles", "tiles rendered for holes", "cycles of one eye", "of two eyes",
+                   "warping costs", "binocular HVSQ 1e-5 (both rendered)"], rows)
+
+
+def effects_table(reports: dict[str, dict]) -> str | None:
+    """What frames do not pay for."""
+    if "effects" not in reports:
+        return None
+    rows = []
+    for row in reports["effects"]["rows"]:
+        ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
+        single = [f"{ms[n] - ms['auto']:+.1f}" if n in ms else "called for" for n in SINGLE_EFFECTS]
+        rtl = [f"{row[n]:.2f}x" if n in row else "-" for n in ("cycles_ratio", "simulation_ratio")]
+        rows.append([f"{row['frame']}, {row['size']}", ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
+                     f"{row['golden_ratio']:.2f}x", *rtl])
+    return _table(["frame", "called for", "golden, ms", *(f"+ {n}" for n in SINGLE_EFFECTS), "all but a second eye: golden",
+                   "cycles", "simulation"], rows)
+
+
+def area_table(reports: dict[str, dict]) -> str | None:
+    """The paper's machine and ours at 16 nm, by part."""
+    if "area" not in reports:
+        return None
+    area = reports["area"]
+    build, split, paper = area["builds"]["1ghz"], area["split"], area["paper"]
+    rows = [[name, f"{paper['split'][name]:.2f}", f"{split[name]:.3f}"] for name in paper["split"]]
+    rows += [["all", f"{paper['mm2_16nm']:.2f}", f"{build['mm2_16nm']:.3f}"],
+             ["all but the warp unit's memories", "-", f"{build['mm2_16nm_without_warp_memories']:.3f}"],
+             ["a core of the array, um²", f"{paper['core_um2_16nm']:,}", f"{build['core_um2_16nm']:,.0f}"]]
+    return _table(["mm² at 16 nm", "paper", "ours, by scaling"], rows)
+
+
+def energy_table(reports: dict[str, dict]) -> str | None:
+    """Energy of frames."""
+    if "energy" not in reports:
+        return None
+    rows = []
+    for f in reports["energy"]["frames"]:
+        size = f["size"] if isinstance(f["size"], str) else "x".join(map(str, f["size"]))
+        rows.append([f"{f['scene']}, {size}, {f['levels']} level{'s' if f['levels'] > 1 else ''}", f["work"], f"{f['cycles']:,}",
+                     f"{f['chip_mj']:.3f}", f"{f['dram_mj']:.3f}", f"{f['assumed_mj']:.3f}", f"{f['total_mj']:.3f}"])
+    return _table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
+
+
+REPORT_TABLES = {"area": area_table, "energy": energy_table, "model": model_table, "depths": depths_table, "threshold": threshold_table, "effects": effects_table}
+"""By name; None where a report is not there."""
