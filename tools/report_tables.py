@@ -100,10 +100,12 @@ def energy_table(reports: dict[str, dict]) -> str | None:
     rows = []
     for f in reports["energy"]["frames"]:
         size = f["size"] if isinstance(f["size"], str) else "x".join(map(str, f["size"]))
-        rows.append([f"{f['scene']}, {size}, {f['levels']} level{'s' if f['levels'] > 1 else ''}", f["work"], f"{f['cycles']:,}",
-                     f"{f['chip_mj']:.3f}", f"{f['dram_mj']:.3f}", f"{f['assumed_mj']:.3f}", f"{f['total_mj']:.3f}"])
+        levels = f"{f['levels']} level{'s' if f['levels'] > 1 else ''}"
+        rows.append([f"{f['scene']}, {size}, {levels}", f["work"], f"{f['cycles']:,}", f"{f['chip_mj']:.3f}",
+                     f"{f['dram_mj']:.3f}", f"{f['assumed_mj']:.3f}", f"{f['total_mj']:.3f}"])
     return _table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
 
 
-REPORT_TABLES = {"area": area_table, "energy": energy_table, "model": model_table, "depths": depths_table, "threshold": threshold_table, "effects": effects_table}
+REPORT_TABLES = {"area": area_table, "energy": energy_table, "model": model_table, "depths": depths_table,
+                 "threshold": threshold_table, "effects": effects_table}
 """By name; None where a report is not there."""
