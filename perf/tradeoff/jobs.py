@@ -1,0 +1,62 @@
+"""Independent pieces of work over processes of this machine, or over a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from importlib.util import find_spec
+from typing import Any
+
+from spec.errors import InputError
+
+
+def run_all(
+    work: Callable[..., Any], calls: Sequence[tuple[object, ...]], *, jobs: int = 1, scheduler: str | None = None,
+) -> Iterator[tuple[int, Any]]:
+    """(index, result) of `work(*call)` for every call, as they are done.
+
+    Args:
+        work: importable wherever it runs; on a cluster the workers need this project and see the same paths.
+        calls: arguments.
+        jobs: processes; 1 works in this one.
+        scheduler: address of a Dask scheduler, as tcp://HOST:PORT; then `jobs` means nothing.
+
+    Raises:
+        InputError: a scheduler without Dask installed, or one that does not answer; not that many processes.
+    """
+    if jobs < 1:
+        raise InputError(f"jobs {jobs} is not accepted: 1 or more is")
+    if scheduler is not None:
+        yield from _on_cluster(work, calls, scheduler)
+    elif jobs == 1 or len(calls) < 2:
+        for index, call in enumerate(calls):
+            yield index, work(*call)
+    else:
+        for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+            os.environ.setdefault(name, "1")  # of the processes: as many threads each would wait for each other
+        with ProcessPoolExecutor(min(jobs, len(calls)), mp_context=multiprocessing.get_context("spawn")) as pool:
+            pending = {pool.submit(work, *call): index for index, call in enumerate(calls)}
+            try:
+                for done in as_completed(pending):
+                    yield pending[done], done.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+def _on_cluster(work: Callable[..., Any], calls: Sequence[tuple[object, ...]], scheduler: str) -> Iterator[tuple[int, Any]]:
+    if find_spec("distributed") is None:
+        raise InputError(f"scheduler {scheduler!r} is not accepted: Dask is not installed; pip install -e '.[cluster]', or "
+                         "leave the scheduler out to work on this machine")
+    import distributed
+
+    try:
+        client = distributed.Client(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"scheduler {scheduler!r} is not accepted ({error}): the address of one that runs is") from error
+    with client:
+        pending = {client.submit(work, *call, pure=False): index for index, call in enumerate(calls)}
+        for done in distributed.as_completed(list(pending)):
+            yield pending[done], done.result()

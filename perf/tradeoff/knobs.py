@@ -1,0 +1,135 @@
+"""The settings that are swept: one knob at a time around the default machine, and combinations of them.
+
+Not among them, because they are constants of the semantics (`spec.constants`) and no parameters of a machine: ALPHA_MIN, the
+alpha below which a pixel skips a splat, and T_STOP, the transmittance below which it stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, replace
+
+from spec.config import PAPER, AcceleratorConfig, NumberFormats
+from spec.constants import MAX_LEVELS, REGION_START_DEG
+from spec.formats import UQ, SmallFloat
+
+CONSTANTS = ("ALPHA_MIN", "T_STOP")
+"""Thresholds that no machine can change."""
+
+DEFAULT = "default"
+BOTH_RENDERED = 180.0
+"""A threshold beyond which no tile lies: nothing is warped."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A point of the sweep.
+
+    Attributes:
+        knob, value: its name; of the default machine DEFAULT and "".
+        config: the machine.
+        sh_degree: highest degree in use; None: the model's.
+        levels: foveation, gazed at the frame's middle; 1: none.
+        obb: bounding boxes instead of the exact tile test; in the golden renderer and the cycle model, not in the RTL.
+        threshold_deg: of a frame of two eyes; None: one eye.
+        variant: name of the model in use; "": the scene's.
+        parts: (knob, value) of a combination.
+    """
+
+    knob: str = DEFAULT
+    value: str = ""
+    config: AcceleratorConfig = field(default_factory=lambda: PAPER)
+    sh_degree: int | None = None
+    levels: int = 1
+    obb: bool = False
+    threshold_deg: float | None = None
+    variant: str = ""
+    parts: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Knob and value."""
+        return f"{self.knob} {self.value}".strip()
+
+    @property
+    def in_rtl(self) -> bool:
+        """Whether the machine can be built."""
+        return not self.obb
+
+
+def word_bits(config: AcceleratorConfig) -> int:
+    """Bits of all formats, and the segments: the smaller of two machines that are as fast has fewer."""
+    return sum(value if isinstance(value, int) else value.width
+               for value in (getattr(config.formats, f.name) for f in fields(NumberFormats)))
+
+
+def _formats(setting: Setting, **changes: object) -> Setting:
+    return replace(setting, config=setting.config.with_(formats=replace(setting.config.formats, **changes)))
+
+
+def _significand(setting: Setting, name: str, bits: int) -> Setting:
+    now: SmallFloat = getattr(setting.config.formats, name)
+    return _formats(setting, **{name: replace(now, sig_bits=bits)})
+
+
+def _view(setting: Setting, bits: int) -> Setting:
+    """Means cannot be longer than the view format; the sort key counts its ulps, in no more bits than an entry has for it."""
+    formats = setting.config.formats
+    position = replace(formats.position, sig_bits=min(bits, formats.position.sig_bits))
+    key = UQ(min(bits + 4, NumberFormats().depth_key.int_bits), 0)
+    return _formats(setting, view=replace(formats.view, sig_bits=bits), position=position, depth_key=key)
+
+
+def _support(setting: Setting, sigma: float | None) -> Setting:
+    return replace(setting, config=setting.config.with_(support_sigma=sigma))
+
+
+Change = Callable[[Setting], Setting]
+
+WORDS: dict[str, dict[str, Change]] = {
+    "exponent segments": {str(n): lambda s, n=n: _formats(s, exp2_segments=n) for n in (2, 4, 8, 32)},
+    "transmittance bits": {str(n): lambda s, n=n: _formats(s, transmittance=UQ(0, n)) for n in (12, 13, 14, 16, 18)},
+    "colour bits": {str(n + 1): lambda s, n=n: _formats(s, colour=UQ(1, n)) for n in (5, 6, 7, 8, 10, 11)},
+    "depth key bits": {str(n): lambda s, n=n: _formats(s, depth_key=UQ(n, 0)) for n in (20, 21, 22, 23)},
+    "view significand": {str(n): lambda s, n=n: _view(s, n) for n in (14, 16, 18, 22)},
+    "work significand": {str(n): lambda s, n=n: _significand(s, "work", n) for n in (10, 12, 14, 16, 20)},
+    "conic significand": {str(n): lambda s, n=n: _significand(s, "conic", n) for n in (8, 10, 12, 14)},
+}
+"""Word lengths by knob; those of the default are left out."""
+
+
+def changes(sh_degree: int, levels_named: str) -> dict[str, dict[str, Change]]:
+    """Every knob of one eye's machine for a model of an SH degree."""
+    return {
+        "levels": {levels_named: lambda s: replace(s, levels=MAX_LEVELS)},
+        "support radius": {name: lambda s, r=r: _support(s, r)
+                           for name, r in (("2", 2.0), ("2.5", 2.5), ("3.5", 3.5), ("alpha's cut", None))},
+        "SH degree": {str(d): lambda s, d=d: replace(s, sh_degree=d) for d in range(sh_degree)},
+        "tile test": {"OBB": lambda s: replace(s, obb=True)},
+        **WORDS,
+    }
+
+
+def applied(knob: str, value: str, change: Change, to: Setting | None = None) -> Setting:
+    """One change of the default or of another setting."""
+    made = change(to or Setting())
+    return replace(made, knob=knob, value=value, config=made.config.with_(name="tradeoff"))
+
+
+def single(sh_degree: int, levels_named: str, variants: Iterable[str]) -> list[Setting]:
+    """The default and every knob's settings; of two eyes, both rendered first."""
+    out = [Setting()]
+    for knob, settings in changes(sh_degree, levels_named).items():
+        out += [applied(knob, value, change) for value, change in settings.items()]
+    stereo = PAPER.with_(stereo=True)
+    eyes = [(BOTH_RENDERED, "both rendered"), *((float(t), f"{t:g} degrees") for t in reversed(REGION_START_DEG))]
+    out += [Setting("ecc_thresh", name, stereo, threshold_deg=threshold) for threshold, name in eyes]
+    return out + [Setting("variant", name, levels=MAX_LEVELS, variant=name) for name in variants]
+
+
+def combined(name: str, parts: Iterable[tuple[str, str]], sh_degree: int, levels_named: str) -> Setting:
+    """Several knobs' settings at once."""
+    known, made, parts = changes(sh_degree, levels_named), Setting(), tuple(parts)
+    for knob, value in parts:
+        made = applied(knob, value, known[knob][value], made)
+    return replace(made, knob="combination", value=name, parts=parts)

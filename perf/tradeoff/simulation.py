@@ -1,0 +1,97 @@
+"""What simulating costs: oracle, float32 kernel, integer renderer, cycle model and RTL on the same frame."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from golden import bench_float
+from golden.metrics.image import max_abs_error, psnr_vs
+from golden.msv2_ref import pipeline
+from golden.msv2_ref.quantise import quantise_model
+from golden.oracle.render import render as render_oracle
+from perf.model import simulate
+from perf.trace import trace_of
+from perf.tradeoff.scene import SceneRequest, load
+from spec.config import CONFIGS
+
+Row = dict[str, object]
+ROOT = Path(__file__).resolve().parents[2]
+REPEATS = 3
+
+
+def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
+    """Least wall time in seconds of some calls, and the last result; a call before them compiles."""
+    result, best = work(), float("inf")
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        result = work()
+        best = min(best, time.perf_counter() - begin)
+    return best, result
+
+
+def renderers(request: SceneRequest, config_name: str, *, rtl: bool, folder: Path) -> list[Row]:
+    """A row for each way to render the first view, level 1.
+
+    Wall times are of this machine as it is: beside other work they are upper bounds. `cycle_error` is relative to the RTL's
+    cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
+
+    Args:
+        rtl: renders the frame through the RTL as well (minutes, and a build at the first time).
+        folder: of the RTL's output.
+    """
+    scene, config = load(request), CONFIGS[config_name]
+    camera, model = scene.cameras[0], scene.model("", 1, None)
+    rows: list[Row] = []
+
+    begin = time.perf_counter()
+    ideal = render_oracle(model, camera).image
+    rows.append(_row("oracle", "float64, to be read", time.perf_counter() - begin, ideal, ideal))
+    kept = bench_float.prepare(model)
+    seconds, frame = best_of(lambda: bench_float.render(kept, camera))
+    rows.append(_row("float kernel", "float32, numba", seconds, frame.image.astype(np.float64), ideal))
+    words = quantise_model(config, model)
+    seconds, golden = best_of(lambda: pipeline.render(words, camera, config=config))
+    rows.append(_row("integer golden", "every bit of the RTL", seconds, golden.image, ideal))
+
+    more, frame = best_of(lambda: simulate(trace_of(golden), config))
+    row = _row("cycle model", "golden, its trace, and the model", seconds + more, golden.image, ideal)
+    row["cycles"] = frame.total - frame.phases["clear"]  # tb.frame's phases are without it
+    rows.append(row)
+    if rtl:
+        found = _rtl(request, config_name, folder)
+        other = _row("RTL", f"Verilator, bit exact: {found['bit_exact']}", found["wall_s"], golden.image, ideal)
+        other["cycles"] = found["table_cycles"] + found["geometry_cycles"] + found["render_cycles"]
+        row["cycle_error"] = row["cycles"] / other["cycles"] - 1
+        other["cycle_error"] = 0.0
+        rows.append(other)
+    else:
+        row["cycle_error"], row["cycle_error_of"] = _worst_known(), "worst frame of reports/model.json"
+    return rows
+
+
+def _row(name: str, what: str, seconds: float, image: np.ndarray, ideal: np.ndarray) -> Row:
+    return {"name": name, "what": what, "wall_s": seconds, "psnr_oracle_db": min(psnr_vs(image, ideal), 200.0),
+            "max_abs_error": max_abs_error(image, ideal), "cycles": None, "cycle_error": None}
+
+
+def _worst_known() -> float | None:
+    path = ROOT / "reports" / "model.json"
+    if not path.exists():
+        return None
+    rows = json.loads(path.read_text()).get("rows", [])
+    return max((abs(row["total"]["error"]) for row in rows), default=None)
+
+
+def _rtl(request: SceneRequest, config_name: str, folder: Path) -> Row:
+    """frame.json of the first view, which is what the same command line shows."""
+    command = [sys.executable, "-m", "tb.frame", request.path, "--size", request.size, "--config", config_name,
+               "--out", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True)
+    return json.loads((folder / "frame.json").read_text())
