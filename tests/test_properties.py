@@ -27,7 +27,7 @@ from spec.config import TINY
 from spec.memory import frame_pixel
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
-QUICK = settings(max_examples=25, derandomize=True, deadline=None, database=None, suppress_health_check=SLOW)
+QUICK = settings(max_examples=15, derandomize=True, deadline=None, database=None, suppress_health_check=SLOW)
 LONG = settings(QUICK, max_examples=400)
 N = TINY.formats
 
@@ -177,6 +177,7 @@ def test_many_gazes_hold(model, size, gaze, fov):
     gazes_hold(model, size, gaze, fov)
 
 
+@pytest.mark.long
 def test_a_seeded_fault_shrinks_to_one_splat():
     """Without the near plane's cull some drawn model fails, and what is reported is a single point behind the camera."""
     camera = Camera(np.eye(3), np.zeros(3), 30.0, 30.0, 8.0, 8.0, 16, 16)
