@@ -30,6 +30,7 @@ from perf.reports.machines import BANDWIDTHS, BASE, BOTH, CLOCK_HZ, MACHINES, Ru
 from perf.reports.page import page
 from perf.reports.pictures import draw
 from perf.reports.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
+from perf.reports.tiles import tile_granular
 from spec.config import PAPER
 from spec.errors import run_command_line
 
@@ -75,7 +76,7 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
         "name": frame.name, "scene": frame.scene, "trained": frame.trained, "subject": frame.subject,
         "points": frame.frame.points, "entries": frame.frame.entries, "runs": rows(runs),
         "target_rendered": float(frame.warped.eyes[1].rendered.mean()),
-        "memory_share": base.dram_bytes / (BANDWIDTHS[0] * base.cycles),
+        "memory_share": base.dram_bytes / (BANDWIDTHS[0] * base.cycles), "tile_granular": tile_granular(frame.frame.eyes[0]),
         "tiles": dict(zip(("least", "quarter", "median", "three_quarters", "most"), quartiles.tolist(), strict=True))
         | {"mean": float(counts.mean()), "across": frame.frame.tiles_x, "counts": counts.tolist()}}
 
@@ -116,9 +117,11 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
                      "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
                                   for name, f in shown.items()]},
         "full_hd": list(full_hd()) if hd else [], "chip_129": summary.CHIP_129,
-        "scaled_clock": 1 / areas["delay_to_16nm"] if areas else None, "gpu_published": gpu.PUBLISHED,
+        "scaled_clock": 1 / areas["delay_to_16nm"] if areas else None,
+        "reached_ghz": areas["builds"]["1ghz"].get("clock_ghz_zero_slack") if areas else None, "gpu_published": gpu.PUBLISHED,
         "gpu_model": f"{gpu.CORES} cores at {gpu.CLOCK_HZ / 1e9:g} GHz, {gpu.BYTES_PER_S / 1e9:g} GB/s, {gpu.PAIR_FLOPS} "
-                     f"operations a pixel and splat, {gpu.POINT_FLOPS} a point; kernels in turn, each at its bound",
+                     f"operations a pixel and splat, {gpu.POINT_FLOPS} a point; kernels in turn, each at its bound. Its memory "
+                     f"is {gpu.BYTES_PER_S / (BANDWIDTHS[0] * CLOCK_HZ):.2f} times as fast as ours",
     }, shown
 
 

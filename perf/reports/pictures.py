@@ -60,7 +60,7 @@ def _tiles(pyplot, content: Mapping):
         axis.set_axis_off()
     axis = figure.add_subplot(grid[lines, :])
     axis.boxplot([np.maximum(frame["tiles"]["counts"], 1) for frame in frames], whis=(0, 100))
-    axis.set_xticks(range(1, len(frames) + 1), [frame["name"] for frame in frames])
+    axis.set_xticks(range(1, len(frames) + 1), [frame["name"] for frame in frames], rotation=15)
     axis.set_yscale("log")
     axis.set_ylabel("splats in a tile (none as 1)")
     return figure
@@ -73,10 +73,11 @@ def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
     width = max(f.phases["render"] for f in timelines.values())
     colours = pyplot.get_cmap("tab20").colors
     for axis, (name, frame) in zip(axes[:, 0], timelines.items(), strict=True):
-        for stage, _, group, first, last in frame.timeline:
-            if group >= 0 and stage in STAGES:
-                axis.broken_barh([(first - begins[name], last - first + 1)], (STAGES.index(stage) - 0.4, 0.8),
-                                 color=colours[group % len(colours)], linewidth=0)
+        for place, stage in enumerate(STAGES):
+            bars = [(group, first - begins[name], last - first + 1) for found, _, group, first, last in frame.timeline
+                    if found == stage and group >= 0]
+            axis.broken_barh([bar[1:] for bar in bars], (place - 0.4, 0.8), linewidth=0,
+                             facecolors=[colours[bar[0] % len(colours)] for bar in bars])
         axis.set_yticks(range(len(STAGES)), STAGES)
         axis.invert_yaxis()
         axis.set_xlim(0, width)
@@ -89,7 +90,7 @@ def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
 def _bars(pyplot, content: Mapping):
     """Speedup and energy over base, every frame and the geomean."""
     names = [frame["name"] for frame in content["frames"]] + ["geomean"]
-    figure, axes = pyplot.subplots(2, len(BANDWIDTHS), figsize=(8 * len(BANDWIDTHS), 8), squeeze=False)
+    figure, axes = pyplot.subplots(2, len(BANDWIDTHS), figsize=(8 * len(BANDWIDTHS), 9), squeeze=False)
     for column, bandwidth in enumerate(BANDWIDTHS):
         for axis, key, shown, label in ((axes[0, column], "speedup", SHOWN, "speed over base"),
                                         (axes[1, column], "energy_ratio", SHOWN[: len(MACHINES) + 1],
@@ -103,10 +104,10 @@ def _bars(pyplot, content: Mapping):
                 axis.bar(np.arange(len(names)) + (i - len(shown) / 2) * width, values, width, label=machine,
                          hatch="//" if machine == GPU else None)
             axis.axhline(1, color="black", linewidth=0.5)
-            axis.set_xticks(range(len(names)), names, rotation=15)
+            axis.set_xticks(range(len(names)), names, rotation=30, ha="right")
             axis.set_ylabel(label)
             axis.set_title("unlimited memory" if bandwidth is None else f"{bandwidth:g} B a cycle")
-    axes[0, 0].legend(fontsize=7)
+    axes[0, 0].legend(fontsize=8, ncols=4, loc="lower left", bbox_to_anchor=(0, 1.08))
     return figure
 
 

@@ -61,12 +61,15 @@ def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequ
     eyes = [mean_of(rows, TWO_BOTH, bandwidth) for bandwidth in BANDWIDTHS]
     share = 1 - sum(r["render"] / r["cycles"] for r in _found(frames, BOTH.name, None)) / len(frames)
     bound = sum(frame["memory_share"] for frame in frames) / len(frames)
-    limited = f"memory moves {100 * bound:.0f} % of what it could at {DRAM_BYTES_PER_CYCLE:g} B a cycle"
+    waits = geomean(frame["tile_granular"]["waiting"] / frame["tile_granular"]["never_waiting"] for frame in frames)
+    limited = (f"memory moves {100 * bound:.0f} % of what it could at {DRAM_BYTES_PER_CYCLE:g} B a cycle. With buffers of one "
+               f"tile between sorting and array, as the paper draws its base, a base would take {waits:.2f} of what never "
+               "waits; in ours, the 64 KB before and in the sorter hold many tiles at a time")
     alone = [w["speedup"] / e["speedup"] for w, e in zip(warping, eyes, strict=True)]
     found = [
         ("rendering: merging + pipelining over base", PAPER["speedup"], [r["speedup_render"] for r in both],
          f"our base keeps its array busy {100 * base[1]['array']:.0f} % of the rendering phase without the limit "
-         f"({100 * base[0]['array']:.0f} % with it), so that little is left to win; {limited}"),
+         f"({100 * base[0]['array']:.0f} % with it); {limited}"),
         ("frame: the same", PAPER["speedup"], [r["speedup"] for r in both],
          f"geometry is {100 * share:.0f} % of a frame without the limit, a phase before the rendering that neither changes"),
         ("chip and memory's energy: the same", PAPER["energy"], [r["energy_ratio"] for r in both],
@@ -74,7 +77,7 @@ def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequ
          "the same memories"),
         ("two eyes: with warping, over base with both rendered", PAPER["speedup_warping"], [r["speedup"] for r in warping],
          f"of it warping alone {alone[0]:.2f} ({alone[1]:.2f} without the limit): geometry of the second eye is not spared, "
-         "and tiles with holes are rendered again. The paper counts the foveated model's gains in it too"),
+         "and tiles with holes are rendered again. The paper's has the gain of its opacity enhancement in it"),
         ("energy: the same", PAPER["energy_warping"], [r["energy_ratio"] for r in warping], "the same"),
         ("base over the mobile GPU", PAPER["gpu_base"], [1 / r["speedup"] for r in gpu],
          "the paper measured a GPU; ours is its roofline, which no GPU reaches: not like for like"),
@@ -98,7 +101,8 @@ def goals(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequence[Ma
         out.append({"goal": f"merging + pipelining over base in rendering, {where}", "wanted": 1.13, "found": mean,
                     "frames": len(frames)})
         if equal:
-            mean = geomean(e["speedup"] for e in equal if e["bytes_per_cycle"] == bandwidth)
-            out.append({"goal": f"over GSCore-like at equal area, {where}", "wanted": OVER_GSCORE_GOAL, "found": mean,
-                        "frames": len(frames)})
+            for key, what in (("speedup", "frame"), ("speedup_render", "rendering phase")):
+                mean = geomean(e[key] for e in equal if e["bytes_per_cycle"] == bandwidth)
+                out.append({"goal": f"over GSCore-like at equal area, {what}, {where}", "wanted": OVER_GSCORE_GOAL,
+                            "found": mean, "frames": len(frames)})
     return [goal | {"reached": goal["found"] >= goal["wanted"]} for goal in out]
