@@ -12,7 +12,7 @@ eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy report-performance report train tables-training table-ecc table-effects bench results stability docs test test-long lint
+.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy report-performance report train tables-training table-ecc table-effects tradeoff bench results stability docs test test-long lint
 
 help: ## this list
 	@$(PYTHON) tools/make_help.py
@@ -75,6 +75,10 @@ table-ecc: setup ## the threshold of selective warping: quality, work and cost o
 
 table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= OUT=
 	@$(RUN) -m tb.table_effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(call option,CONFIG,config) $(call option,OUT,out)
+
+tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
+	@$(RUN) -m perf.tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \
+		$(if $(filter-out 0,$(RTL)),--rtl) $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
 
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
 	@$(RUN) golden/bench.py $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
