@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
+import os
 import shutil
 import subprocess
 import sys
@@ -101,9 +101,9 @@ def summary(performance: Mapping, energy: Mapping, area: Mapping | None, model: 
         "speedup": speedup, "goals": performance["goals"], "full_hd": performance["full_hd"]}
 
 
-def chapter(text: str) -> str:
+def chapter(text: str, out: Path) -> str:
     """A report's page as a chapter: links into the project lead out of the report's folder."""
-    return re.sub(r"\]\(\.\./", "](../../", text.strip())
+    return text.strip().replace("](../", f"]({Path(os.path.relpath(ROOT, out)).as_posix()}/")
 
 
 def markdown(content: Mapping, chapters: Sequence[str]) -> str:
@@ -128,7 +128,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     gather(args, out)
     content = summary(read(out / "performance.json"), read(out / "energy.json"), read(out / "area.json"), read(MODEL))
     write_json(out / "report.json", content)
-    text = markdown(content, [chapter((out / f"{name}.md").read_text()) for name in PARTS if (out / f"{name}.md").is_file()])
+    pages = [out / f"{name}.md" for name in PARTS]
+    text = markdown(content, [chapter(path.read_text(), out) for path in pages if path.is_file()])
     for name, made in (("report.md", text), ("report.html", page("Report", text))):
         with atomic_output(out / name) as file:
             file.write(made.encode())

@@ -161,22 +161,28 @@ def _bandwidth(pyplot, content: Mapping):
 
 
 def _sweeps(pyplot, content: Mapping):
-    """Cycles of the rendering phase over each thing that is changed; of the frame where geometry depends on it."""
+    """Cycles over those of the paper's machine with automatic beta: a colour a frame, dashed without memory's limit.
+
+    Of the rendering phase; of the frame where geometry depends on what is changed.
+    """
     rows = content["sweeps"]
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows) if name != "beta, double buffers"]
     figure, axes = pyplot.subplots(1, len(names), figsize=(4.2 * len(names), 4))
-    styles = dict(zip(BANDWIDTHS, ("-", "--"), strict=True))
+    whole = {(r["frame"], r["bytes_per_cycle"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
     for axis, name in zip(axes, names, strict=True):
-        for frame in dict.fromkeys(row["frame"] for row in rows):
-            for sweep in (name, name.replace("line", "double")) if name.startswith("beta") else (name,):
-                for bandwidth, style in styles.items():
-                    found = [dict(r, value=max(1, r["value"])) for r in rows if r["value"] is not None and
-                             (r["frame"], r["sweep"], r["bytes_per_cycle"]) == (frame, sweep, bandwidth)]
+        key = "cycles" if "units" in name else "render"
+        for colour, frame in enumerate(dict.fromkeys(row["frame"] for row in rows)):
+            for sweep in dict.fromkeys((name, name.replace("line buffers", "double buffers"))):
+                for bandwidth, style in zip(BANDWIDTHS, ("-", "--"), strict=True):
+                    found = [dict(r, value=max(1, r["value"]), shown=r[key] / whole[frame, bandwidth][key])
+                             for r in rows if r["value"] is not None
+                             and (r["frame"], r["sweep"], r["bytes_per_cycle"]) == (frame, sweep, bandwidth)]
                     label = ", ".join((frame, *["double buffers"] * ("double" in sweep), *["unlimited"] * (bandwidth is None)))
-                    _lines(axis, found, "value", "cycles" if "units" in name else "render", label, linestyle=style)
+                    _lines(axis, found, "value", "shown", label, linestyle=style, color=f"C{colour}",
+                           markersize=3 if "double" in sweep else 6)
         axis.set_xscale("log", base=2)
-        axis.set_xlabel(name.partition(",")[0] if name.startswith("beta") else name)
-        axis.set_ylabel("cycles of the frame" if "units" in name else "cycles of the rendering phase")
+        axis.set_xlabel(name.partition(",")[0] + " in entries (none as 1)" if name.startswith("beta") else name)
+        axis.set_ylabel(f"cycles of the {'frame' if key == 'cycles' else 'rendering phase'} over the paper's machine's")
         axis.set_ylim(bottom=0)
-    axes[0].legend(fontsize=6)
+    axes[0].legend(fontsize=6, loc="lower left")
     return figure
