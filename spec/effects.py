@@ -74,7 +74,7 @@ class EffectPlan:
         levels = config.levels if "levels" in self.active else 1
         return config.with_(
             sh_degree=self.sh_degree, levels=levels, blend="blend" in self.active, depth="depth" in self.active,
-            fine_depth="depth" in self.active, stereo="stereo" in self.active)
+            fine_depth="depth" in self.active and "stereo" not in self.active, stereo="stereo" in self.active)
 
     @property
     def record(self) -> dict[str, object]:

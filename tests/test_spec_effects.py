@@ -49,7 +49,7 @@ def test_the_machine_has_what_is_active_and_no_more():
     assert not bare.fine_depth and plan("auto", "depth").machine(PAPER).fine_depth
     assert bare.level_banks == 1 and bare.name == "paper" and bare.culling_units == PAPER.culling_units
     everything = plan("all").machine(TINY)
-    assert everything == TINY.with_(stereo=True, fine_depth=True)
+    assert everything == TINY.with_(stereo=True)
     sharp = plan("auto", "levels").machine(TINY)
     assert sharp.levels == 4 and sharp.level_banks == 1
 

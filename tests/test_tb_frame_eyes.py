@@ -28,7 +28,7 @@ def result_of(frame):
     registers |= {**stereo_events(frame), "cycles_total": 9000, "cycles_target": 2000, "cycles_geometry": 3000,
                   "cycles_render": 1_000_000, "read_beats": 70, "write_beats": 80, "read_beats_views": 60,
                   "write_beats_warp": 9000, "write_beats_frame": 20, "ops": 12_000, "warp_busy": 30}
-    return FrameResult(source, ErrorCode.NONE, True, registers, 1_010_000, 70, 80, 100, 1.0, (), target)
+    return FrameResult(source, ErrorCode.NONE, True, registers, 1_010_000, 70, 80, 100, 1.0, 1.0, (), target)
 
 
 @pytest.fixture

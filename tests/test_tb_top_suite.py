@@ -48,7 +48,7 @@ def right_result(item):
     frame = item.frame
     pixels = FramePixels(*(frame.untiled(getattr(frame.pixels, name)).astype(np.int64) for name in FramePixels._fields))
     registers = {**expected_events(frame), "read_beats": 5, "write_beats": 6}
-    return FrameResult(pixels, ErrorCode.NONE, True, registers, 100, 5, 6, 11, 0.1, ())
+    return FrameResult(pixels, ErrorCode.NONE, True, registers, 100, 5, 6, 11, 0.1, 0.1, ())
 
 
 def test_every_kind_of_wrong_result_is_told(plans):
@@ -113,7 +113,7 @@ def test_every_kind_of_wrong_result_of_two_eyes_is_told(stereo_plans):
     eyes = [DisplayPixels(*(pixels[name].astype(np.int64) for name in DisplayPixels._fields))
             for pixels in (frame.source_pixels, frame.target_pixels)]
     registers = {**stereo_events(frame), "read_beats": 5, "write_beats": 6}
-    right = FrameResult(eyes[0], ErrorCode.NONE, True, registers, 100, 5, 6, 11, 0.1, (), eyes[1])
+    right = FrameResult(eyes[0], ErrorCode.NONE, True, registers, 100, 5, 6, 11, 0.1, 0.1, (), eyes[1])
     assert problems(item, right) == []
     colour = eyes[1].colour.copy()
     colour[3, 18, 2] ^= 1

@@ -32,7 +32,8 @@ def depths_table(reports: dict[str, dict]) -> str | None:
         worst = rows.setdefault(row["scene"], row)
         if row["within_budget"] < worst["within_budget"]:
             rows[row["scene"]] = row
-    return _table(["scene, worst view", "levels", "disparities within 1/8 px", "depths within 0.2 %", "median error of depth"], [
+    header = ["scene, worst view", "levels", "disparities within 1/8 px", "depths within 0.2 %", "median error of depth"]
+    return _table(header, [
         [f"{scene}, {r['camera']}", str(r["levels"]), f"{100 * r['within_budget']:.3f} %", f"{100 * r['depth_within']:.2f} %",
          f"{100 * r['depth_error_p50']:.4f} %"] for scene, r in rows.items()])
 

@@ -99,7 +99,8 @@ def performance(
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in READ_CLIENTS},
             "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in write_clients(config)}},
         "memory_busy_cycles": result.busy, "latency": speed.latency, "bytes_per_cycle": speed.bytes_per_cycle,
-        "wall_s": round(result.seconds, 3), "cycles_per_s": round(result.cycles / result.seconds)}
+        "wall_s": round(result.seconds, 3), "cpu_s": round(result.cpu_seconds, 3),
+        "cycles_per_s": round(result.cycles / result.seconds)}
 
 
 def _beats(registers: Mapping[str, int], way: str, clients: tuple[str, ...]) -> int:

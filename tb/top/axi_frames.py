@@ -60,6 +60,7 @@ async def _frame(dut: object, ram: AxiRam, host: AxiLiteMaster, orders: dict, fr
         ram.write(BEAT_BYTES * first, rows[:, ::-1].tobytes())
     await ClockCycles(dut.clk, 2)
     clock = time.perf_counter()
+    cpu = time.process_time()
     for address, value in frame["writes"]:
         await _write(host, address, value)
     started, end = get_sim_time("ns"), "cut off"
@@ -71,6 +72,7 @@ async def _frame(dut: object, ram: AxiRam, host: AxiLiteMaster, orders: dict, fr
     else:
         await ClockCycles(dut.clk, frame["cut"])
     cycles, seconds = round((get_sim_time("ns") - started) / CLOCK_NS), time.perf_counter() - clock
+    cpu_seconds = time.process_time() - cpu
     registers = {}
     if end != "cut off":
         registers = {name: await _read(host, address) for name, address in orders["reads"].items()}
@@ -78,8 +80,8 @@ async def _frame(dut: object, ram: AxiRam, host: AxiLiteMaster, orders: dict, fr
             await _write(host, address, value)
     number, first, beats = frame["dump"]
     (folder / f"{number}.dump").write_bytes(ram.read(BEAT_BYTES * first, BEAT_BYTES * beats))
-    return {"end": end, "cycles": cycles, "seconds": seconds, "registers": registers, "errors": 0, "reads": 0, "writes": 0,
-            "busy": 0}
+    return {"end": end, "cycles": cycles, "seconds": seconds, "cpu_seconds": cpu_seconds, "registers": registers,
+            "errors": 0, "reads": 0, "writes": 0, "busy": 0}
 
 
 async def _write(host: AxiLiteMaster, address: int, value: int) -> None:

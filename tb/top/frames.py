@@ -102,6 +102,7 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
     await FallingEdge(dut.clk)
     before = _numbers(dut)
     begin, clock = get_sim_time("ns"), time.perf_counter()
+    cpu = time.process_time()
     for address, value in frame["writes"]:
         await lite.write(address, value)
     started, end = get_sim_time("ns"), "cut off"
@@ -115,6 +116,7 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
     else:
         await ClockCycles(dut.clk, frame["cut"])
     cycles, seconds = (get_sim_time("ns") - started) / CLOCK_NS, time.perf_counter() - clock
+    cpu_seconds = time.process_time() - cpu
     after = _numbers(dut)
     registers = {name: await lite.read(address) for name, address in orders["reads"].items()} if end != "cut off" else {}
     for address, value in frame["last_writes"]:
@@ -123,7 +125,7 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
     await _transfer(dut, dut.dump, *frame["dump"])
     return {
         "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS), "seconds": seconds,
-        "registers": registers, "errors": after["errors"],
+        "cpu_seconds": cpu_seconds, "registers": registers, "errors": after["errors"],
         **{name: (after[name] - before[name]) % (1 << 32) for name in _COUNTERS}}
 
 

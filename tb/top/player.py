@@ -58,7 +58,7 @@ class FrameResult:
         cycles: from the start's answer to the interrupt.
         reads, writes: beats that memory saw.
         busy: cycles in which memory had a beat to move.
-        seconds: wall time.
+        seconds, cpu_seconds: of the simulation, wall and the processor's.
         errors: broken rules, in words.
         target: the target eye's frame, of frames of two.
     """
@@ -72,6 +72,7 @@ class FrameResult:
     writes: int
     busy: int
     seconds: float
+    cpu_seconds: float
     errors: tuple[str, ...]
     target: DisplayPixels | None = None
 
@@ -212,4 +213,4 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
     return FrameResult(
         run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
-        item["busy"], item["seconds"], tuple(errors), run.image.target_frame(dump))
+        item["busy"], item["seconds"], item["cpu_seconds"], tuple(errors), run.image.target_frame(dump))
