@@ -1,4 +1,4 @@
-"""The README's tables of training, made of reports/training.json; needs no torch."""
+"""The README's tables of training, made of reports/training*.json; needs no torch."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ Reports = Mapping[str, Mapping[str, Any]]
 PICTURE = "![latency of pruned versions against points and intersections; HVSQ of levels against points](reports/training.png)"
 
 
+def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
+    """Of all reports of training, in the order of their names; None where there are none."""
+    names = [name for name in sorted(reports) if name.startswith("training")]
+    return [scene for name in names for scene in reports[name]["scenes"]] if names else None
+
+
 def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[[Reports], str | None]:
     """A table of each scene that has `key`, under its name; None where training was not measured at all."""
     def text(reports: Reports) -> str | None:
-        if "training" not in reports:
+        every = _scenes(reports)
+        if every is None:
             return None
-        scenes = [scene for scene in reports["training"]["scenes"] if key in scene]
+        scenes = [scene for scene in every if key in scene]
         if not scenes:
             return "(not measured yet)"
         return "\n".join(f"**{tables_text.scene_title(scene)}**\n\n{shown(scene)}" for scene in scenes)
@@ -26,7 +33,8 @@ def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[
 
 
 def _targets(reports: Reports) -> str | None:
-    return tables_text.targets_table(reports["training"]["scenes"]) if "training" in reports else None
+    scenes = _scenes(reports)
+    return None if scenes is None else tables_text.targets_table(scenes)
 
 
 def _latency(reports: Reports) -> str | None:
