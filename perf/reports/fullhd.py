@@ -45,6 +45,6 @@ def quality(scene: str) -> str:
         kind = "synthetic" if scene == EMBEDDED else "captured"
         return f"{kind} model as it is; levels are random subsets, without training"
     found = json.loads(report.read_text())
-    return (f"trained at {'x'.join(map(str, found['size']))}: level 1 {found['psnr_l1']:.2f} dB, "
-            f"{found['psnr_l1'] - found['psnr_dense']:+.2f} dB to its dense model of {found['points']['dense']:,} points, on test "
-            f"views of {Path(found['scene']).name}")
+    size, loss = "x".join(map(str, found["size"])), found["psnr_l1"] - found["psnr_dense"]
+    return (f"trained at {size}: level 1 {found['psnr_l1']:.2f} dB, {loss:+.2f} dB to its dense model of "
+            f"{found['points']['dense']:,} points, on test views of {Path(found['scene']).name}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from perf.reports.machines import BANDWIDTHS, BASE, BOTH, GPU, GSCORE, MACHINES, TWO_BASE, TWO_BOTH, WARPING
+from perf.reports.summary import geomean
 
 COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
@@ -120,16 +121,22 @@ def _gscore(content: Mapping) -> str:
         return ("No reports/area.json is there (`make report-area`), so areas are not known; at the published size the machine "
                 "is in the tables of speed.")
     rows = [(e["frame"], _where(e["bytes_per_cycle"]), f"{e['ours_cycles']:,}", f"{e['gscore_cycles']:,}",
-             _number(e["speedup"]), _number(e["speedup_render"]),
+             _number(e["speedup"]), _number(e["speedup_render"]), _number(e["speedup_over_large"]),
              *(f"{e[key] / 1e6:.2f}" for key in ("ours_dram_bytes", "gscore_dram_bytes")))
             for e in content["equal_area"]]
-    e = content["equal_area"][0]
-    return table(("frame", "memory", "ours, cycles", "GSCore-like", "speedup", "in rendering", "ours, MB", "GSCore-like, MB"),
+    first, means = content["equal_area"][0], []
+    for bandwidth in BANDWIDTHS:
+        mine = [e for e in content["equal_area"] if e["bytes_per_cycle"] == bandwidth]
+        frame, render, large = (geomean(e[key] for e in mine) for key in ("speedup", "speedup_render", "speedup_over_large"))
+        means.append(f"{_where(bandwidth)}: {frame:.2f}, in rendering {render:.2f}, over the large one {large:.2f}")
+    return table(("frame", "memory", "ours, cycles", "GSCore-like", "speedup", "in rendering",
+                  f"over GSCore-like of {first['large_mm2_16nm']:g} mm²", "ours, MB", "GSCore-like, MB"),
                  rows, left=2) + (
-        f"\n\nOurs for one eye takes {e['mm2_16nm']:.3f} mm² at 16 nm ({content['area_source']}); GSCore is scaled to that, "
-        f"{e['factor']:.2f} times the published units. Scaled machines of ours are of the report's groups: array with cores, "
-        "culling and colour with units, all else and memories as they are; an array larger than a tile is not modelled, so "
-        "the curve ends at the paper's resources.")
+        f"\n\nGeomeans, {'; '.join(means)}.\n\n"
+        f"Ours for one eye takes {first['mm2_16nm']:.3f} mm² at 16 nm ({content['area_source']}); GSCore is scaled to that, "
+        f"{first['factor']:.2f} times the published units. Scaled machines of ours are of the report's groups: array with "
+        "cores, culling and colour with units, all else and memories as they are; an array larger than a tile is not modelled, "
+        "so the curve ends at the paper's resources.")
 
 
 def _gpu(content: Mapping) -> str:
