@@ -167,7 +167,7 @@ def _sweeps(pyplot, content: Mapping):
     """
     rows = content["sweeps"]
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows) if name != "beta, double buffers"]
-    figure, axes = pyplot.subplots(1, len(names), figsize=(4.2 * len(names), 4))
+    figure, axes = pyplot.subplots(1, len(names), figsize=(4.2 * len(names), 4.5))
     whole = {(r["frame"], r["bytes_per_cycle"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
     for axis, name in zip(axes, names, strict=True):
         key = "cycles" if "units" in name else "render"
@@ -182,7 +182,8 @@ def _sweeps(pyplot, content: Mapping):
                            markersize=3 if "double" in sweep else 6)
         axis.set_xscale("log", base=2)
         axis.set_xlabel(name.partition(",")[0] + " in entries (none as 1)" if name.startswith("beta") else name)
-        axis.set_ylabel(f"cycles of the {'frame' if key == 'cycles' else 'rendering phase'} over the paper's machine's")
-        axis.set_ylim(bottom=0)
-    axes[0].legend(fontsize=6, loc="lower left")
+        axis.set_title(f"cycles of the {'frame' if key == 'cycles' else 'rendering phase'}", fontsize=10)
+        axis.set_ylim(0.9, max(1.15, axis.get_ylim()[1]))
+    axes[0].set_ylabel("over the paper's resources, beta automatic")
+    axes[0].legend(fontsize=6, loc="upper left")
     return figure
