@@ -13,6 +13,7 @@ import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -243,7 +244,18 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width)
-    return hashlib.sha256(repr((VERSION, asked, files, machine)).encode()).hexdigest()[:16]
+    return hashlib.sha256(repr((VERSION, asked, files, machine, _sources())).encode()).hexdigest()[:16]
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """What golden frames and their traces are made of: a change makes all traces anew."""
+    state, root = hashlib.sha256(), Path(__file__).resolve().parent.parent
+    for pattern in ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/render_stereo.py", "perf/trace.py",
+                    "perf/runs.py", "perf/stops.py"):
+        for source in sorted(root.glob(pattern)):
+            state.update(source.read_bytes())
+    return state.hexdigest()
 
 
 def save_trace(trace: FrameTrace, path: Path) -> None:

@@ -37,7 +37,6 @@ RTL_FRAMES = (
     "embedded --size 160x96 --config default",
     "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4",
     "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4",
-    "truck.splat --size 256x144 --config default --stereo --gaze 128,72 --levels 4",
 )
 """What the other reports do not have: two eyes, a smaller machine."""
 
