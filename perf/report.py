@@ -73,7 +73,7 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
     quartiles = np.percentile(counts, (0, 25, 50, 75, 100))
     base = next(r for r in runs if (r.machine, r.bytes_per_cycle) == (BASE.name, BANDWIDTHS[0]))
     return {
-        "name": frame.name, "scene": frame.scene, "trained": frame.trained, "subject": frame.subject,
+        "name": frame.name, "scene": frame.scene, "trained": frame.trained, "subject": {**frame.subject, "scene": frame.scene},
         "points": frame.frame.points, "entries": frame.frame.entries, "runs": rows(runs),
         "target_rendered": float(frame.warped.eyes[1].rendered.mean()),
         "memory_share": base.dram_bytes / (BANDWIDTHS[0] * base.cycles), "tile_granular": tile_granular(frame.frame.eyes[0]),

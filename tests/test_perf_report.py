@@ -17,6 +17,7 @@ from perf.trace import trace_of
 from spec.config import PAPER
 from spec.errors import InputError
 from tools import html_page
+from tools.report import main as whole_report
 from tools.report import markdown
 from tools.report import summary as together
 
@@ -165,6 +166,15 @@ def test_the_whole_report(content, areas):
                                                     "unlimited": {"frame": pytest.approx(1), "render": pytest.approx(1)}}
     assert found["energy_mj_per_frame"]["random"][machines.BOTH.name] > 0
     assert "0.440 mm²" in markdown(found, []) and "no reports/area.json" in markdown(together(content, energy, None, None), [])
+
+
+@pytest.mark.long
+def test_the_command_writes_all_of_it(tmp_path):
+    assert whole_report(["embedded", "--size", "64x48", "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "report.json").read_text())
+    assert {"area_mm2_16nm", "energy_mj_per_frame", "model_error_total", "speedup", "commit", "config"} <= set(found)
+    for name in ("area", "energy", "performance"):
+        assert (tmp_path / f"{name}.json").is_file() and f'href="{name}.json"' in (tmp_path / "report.html").read_text()
 
 
 def test_scenes_that_are_not_there_are_named():

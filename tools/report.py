@@ -61,6 +61,7 @@ def git(*command: str) -> str:
 
 def gather(args: argparse.Namespace, out: Path) -> None:
     """The three reports, into the folder."""
+    out = Path(os.path.relpath(out, ROOT))
     run("-m", "perf.report", *args.scene, "--size", args.size, "--out", str(out))
     width, height = (int(n) for n in args.size.lower().split("x"))
     gaze = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4") if args.scene else ()
@@ -69,7 +70,7 @@ def gather(args: argparse.Namespace, out: Path) -> None:
         run("-m", "synth.area_report", "--out", str(out))
         return
     for path in REPORTS.glob("area.*"):
-        shutil.copyfile(path, out / path.name)
+        shutil.copyfile(path, ROOT / out / path.name)
 
 
 def read(path: Path) -> dict | None:
