@@ -148,7 +148,7 @@ def rtl_frame(line: str, *, again: bool = False) -> dict[str, object] | None:
     if scene is None:
         return None
     if again or not (folder / "frame.json").is_file():
-        command = [sys.executable, "-m", "tb.frame", scene, *options, "--out", str(folder)]
+        command = [sys.executable, "-m", "tb.frame", scene, "--machine", "full", *options, "--out", str(folder)]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
         if done.returncode:
             raise InputError(f"{' '.join(command)} failed: {(done.stdout + done.stderr)[-2000:]}")

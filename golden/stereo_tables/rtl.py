@@ -71,7 +71,7 @@ def _simulate(
 ) -> dict[str, object]:
     save_model(model, folder / "model.ply")
     save_camera(camera, folder / "camera.json")
-    command = [sys.executable, "-m", "tb.frame", str((folder / "model.ply").resolve()), "--camera",
+    command = [sys.executable, "-m", "tb.frame", str((folder / "model.ply").resolve()), "--machine", "full", "--camera",
                str((folder / "camera.json").resolve()), "--size", f"{camera.width}x{camera.height}", "--gaze", _point(gaze),
                "--levels", str(model.levels), "--config", "paper", "--out", str(folder.resolve()), *options]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

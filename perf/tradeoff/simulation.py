@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,15 @@ from golden.msv2_ref.quantise import quantise_model
 from golden.oracle.render import render as render_oracle
 from perf.model import simulate
 from perf.trace import trace_of
-from perf.tradeoff.scene import SceneRequest, load
+from perf.tradeoff.scene import SceneRequest, load, run_scene
 from spec.config import CONFIGS
+from spec.errors import InputError
 
 Row = dict[str, object]
 ROOT = Path(__file__).resolve().parents[2]
 REPEATS = 3
+RTL_SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/*.py")
+"""What a frame through the RTL is made of."""
 
 
 def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
@@ -36,15 +39,14 @@ def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, 
     return best, result
 
 
-def renderers(request: SceneRequest, config_name: str, *, rtl: bool, folder: Path) -> list[Row]:
+def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object] | None = None) -> list[Row]:
     """A row for each way to render the first view, level 1.
 
     Wall times are of this machine as it is: beside other work they are upper bounds. `cycle_error` is relative to the RTL's
     cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
 
     Args:
-        rtl: renders the frame through the RTL as well (minutes, and a build at the first time).
-        folder: of the RTL's output.
+        rtl: `rtl_frame` of the same request and machine.
     """
     scene, config = load(request), CONFIGS[config_name]
     camera, model = scene.cameras[0], scene.model("", 1, None)
@@ -65,9 +67,8 @@ def renderers(request: SceneRequest, config_name: str, *, rtl: bool, folder: Pat
     row["cycles"] = frame.total - frame.phases["clear"]  # tb.frame's phases are without it
     rows.append(row)
     if rtl:
-        found = _rtl(request, config_name, folder)
-        other = _row("RTL", f"Verilator, bit exact: {found['bit_exact']}", found["wall_s"], golden.image, ideal)
-        other["cycles"] = found["table_cycles"] + found["geometry_cycles"] + found["render_cycles"]
+        other = _row("RTL", f"Verilator, bit exact: {rtl['bit_exact']}", rtl["wall_s"], golden.image, ideal)
+        other["cycles"] = rtl["table_cycles"] + rtl["geometry_cycles"] + rtl["render_cycles"]
         row["cycle_error"] = row["cycles"] / other["cycles"] - 1
         other["cycle_error"] = 0.0
         rows.append(other)
@@ -89,9 +90,18 @@ def _worst_known() -> float | None:
     return max((abs(row["total"]["error"]) for row in rows), default=None)
 
 
-def _rtl(request: SceneRequest, config_name: str, folder: Path) -> Row:
-    """frame.json of the first view, which is what the same command line shows."""
-    command = [sys.executable, "-m", "tb.frame", request.path, "--size", request.size, "--config", config_name,
-               "--out", str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True)
+def rtl_frame(request: SceneRequest, config_name: str) -> Row:
+    """frame.json of the first view through the RTL (minutes, and a build at the first time).
+
+    Raises:
+        InputError: the RTL did not give the golden renderer's bits, or did not finish; a run's folder, whose views the RTL's
+            command line cannot name.
+    """
+    if run_scene(request.path):
+        raise InputError(f"{request.path} is not accepted with --rtl: a model is, or embedded")
+    folder = Path(request.work) / "rtl" / config_name
+    command = [sys.executable, "-m", "tb.frame", request.path, "--machine", "full", "--camera", "0", "--size", request.size,
+               "--config", config_name, "--out", str(folder.resolve())]
+    if subprocess.run(command, cwd=ROOT, check=False).returncode:
+        raise InputError(f"{' '.join(command[1:])} is not accepted: the RTL did not match, see above")
     return json.loads((folder / "frame.json").read_text())
