@@ -107,6 +107,34 @@ def energy_table(reports: dict[str, dict]) -> str | None:
     return _table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
 
 
-REPORT_TABLES = {"area": area_table, "energy": energy_table, "model": model_table, "depths": depths_table,
-                 "threshold": threshold_table, "effects": effects_table}
+def performance_table(reports: dict[str, dict]) -> str | None:
+    """The paper's speedups and ours."""
+    if "performance" not in reports:
+        return None
+    return _table(["geomean", "paper", "ours, 25.6 B a cycle", "ours, unlimited memory", "why they differ"], [
+        [r["what"], f"{r['paper']:.2f}", *(f"{r['ours'][memory]:.2f}" for memory in ("paper_bandwidth", "unlimited")), r["why"]]
+        for r in reports["performance"]["beside_paper"]])
+
+
+def full_hd_table(reports: dict[str, dict]) -> str | None:
+    """Full HD frames beside a published chip."""
+    if "performance" not in reports:
+        return None
+    p = reports["performance"]
+    rows = []
+    for f in p["full_hd"]:
+        rate = f["frames_per_s"]
+        rows.append([f"{f['frame']}, {f['points']:,} points; {f['quality']}", f["memory"], f"{rate:,.0f}",
+                     f"{rate * p['scaled_clock']:,.0f}", f"{f['chip_mj']:.2f}", f"{f['dram_mj']:.2f}"])
+    chip = p["chip_129"]
+    rows.append([f"{chip['design']}, {chip['node']}, silicon; model {chip['model']}", "its own",
+                 f"{chip['frames_per_s']:,.0f}", "-", f"{chip['chip_mj']:.2f}", "-"])
+    header = ["1920x1080, four levels", "memory", "frames/s at 1 GHz", f"at {p['scaled_clock']:g} GHz", "chip, mJ", "DRAM, mJ"]
+    return _table(header, rows)
+
+
+REPORT_TABLES = {
+    "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table, "model": model_table,
+    "depths": depths_table, "threshold": threshold_table, "effects": effects_table,
+}
 """By name; None where a report is not there."""
