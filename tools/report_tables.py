@@ -134,7 +134,8 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
 
 
 REPORT_TABLES = {
-    "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table, "model": model_table,
+    "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
+    "model": model_table,
     "depths": depths_table, "threshold": threshold_table, "effects": effects_table,
 }
 """By name; None where a report is not there."""
