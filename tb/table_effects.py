@@ -23,7 +23,9 @@ from tqdm import tqdm
 
 from golden.msv2_ref import parallel
 from golden.render_effects import Work, work_for
+from golden.scenes.files import atomic_output
 from golden.scenes.request import make_folder, resolve, write_json
+from perf.energy import counter_counts, frame_energy, load_table
 from spec.config import CONFIGS
 from spec.effects import EFFECTS
 from spec.errors import InputError, run_command_line
@@ -38,6 +40,9 @@ EXAMPLES = """examples:
 BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender"))
 SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
 """Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+
+RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio")
+"""Of the RTL: all effects but a second eye over those that are called for."""
 
 RUNS = 9
 
@@ -133,7 +138,8 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
         raise InputError(f"{' '.join(command)} failed with exit status {done.returncode}")
     row = json.loads((out / "frame.json").read_text())
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
-    return {key: row[key] for key in kept}
+    spent = frame_energy(counter_counts(row), row["cycles"], CONFIGS[args.config], load_table())
+    return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
 
 
 def _scaled(gaze: str, size: str, to: str) -> str:
@@ -155,7 +161,8 @@ def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]
         both = {name: simulated(args, frame, ",".join(sorted(found[name].plan.active | {"contention"})), out / f"rtl-{name}")
                 for name in ("auto", "most") if name in found}
         auto, full = both["auto"], both.get("most", both["auto"])
-        row |= {"rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
+        energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
+        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
                 "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
     return row
 
@@ -163,14 +170,39 @@ def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]
 def table(rows: list[dict[str, object]]) -> str:
     """The rows as Markdown."""
     lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
-             + " | all but a second eye | golden | cycles | simulation |", "|---" * (len(SINGLE) + 7) + "|"]
+             + " | all but a second eye | golden | cycles | energy | simulation |", "|---" * (len(SINGLE) + 8) + "|"]
     for row in rows:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
-        rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in ("cycles_ratio", "simulation_ratio")]
+        rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS]
         lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
                                         f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl]) + " |")
     return "\n".join(lines)
+
+
+def draw(rows: list[dict[str, object]], path: Path) -> None:
+    """Bars of what each frame saves, in times; nothing where matplotlib is not installed."""
+    try:
+        import matplotlib
+    except ImportError:
+        print("no picture: matplotlib is not installed (make setup EXTRAS=train)")
+        return
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = ("golden_ratio", *RATIOS)
+    figure, axes = pyplot.subplots(figsize=(8, 3.5), layout="constrained")
+    for i, name in enumerate(names):
+        bars = axes.bar([x + 0.2 * (i - 1.5) for x in range(len(rows))], [row.get(name, 0) for row in rows], 0.18,
+                        label=name.removesuffix("_ratio"))
+        axes.bar_label(bars, fmt="%.2f", fontsize=7)
+    axes.axhline(1, color="grey", linewidth=0.8)
+    axes.set_xticks(range(len(rows)), [row["frame"] for row in rows])
+    axes.set_ylabel("all but a second eye / called for")
+    axes.legend(ncols=len(names), fontsize=8)
+    with atomic_output(path) as file:
+        figure.savefig(file, format="png", dpi=120)
+    pyplot.close(figure)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -179,6 +211,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     out = make_folder(args.out)
     rows = [measure(args, text, out) for text in args.scenes]
     write_json(out / "effects.json", {"rows": rows})
+    with atomic_output(out / "effects.md") as file:
+        file.write(f"# What scenes do not pay for\n\n{__doc__.partition(':')[2].strip()}\n\n{table(rows)}\n".encode())
+    draw(rows, out / "effects.png")
     print(table(rows))
 
 

@@ -74,11 +74,11 @@ def effects_table(reports: dict[str, dict]) -> str | None:
     for row in reports["effects"]["rows"]:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[n] - ms['auto']:+.1f}" if n in ms else "called for" for n in SINGLE_EFFECTS]
-        rtl = [f"{row[n]:.2f}x" if n in row else "-" for n in ("cycles_ratio", "simulation_ratio")]
+        rtl = [f"{row[n]:.2f}x" if n in row else "-" for n in ("cycles_ratio", "energy_ratio", "simulation_ratio")]
         rows.append([f"{row['frame']}, {row['size']}", ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
                      f"{row['golden_ratio']:.2f}x", *rtl])
     return _table(["frame", "called for", "golden, ms", *(f"+ {n}" for n in SINGLE_EFFECTS), "all but a second eye: golden",
-                   "cycles", "simulation"], rows)
+                   "cycles", "energy", "simulation"], rows)
 
 
 def area_table(reports: dict[str, dict]) -> str | None:
