@@ -20,7 +20,7 @@ from perf.tradeoff.choose import BUDGETS, candidate_parts, frontier, recommended
 from perf.tradeoff.jobs import run_all
 from perf.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from perf.tradeoff.scene import SceneRequest, load
-from spec.config import PAPER
+from spec.config import CONFIGS, PAPER
 from spec.errors import InputError, run_command_line
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,6 +69,8 @@ def scene_request(args: argparse.Namespace) -> SceneRequest:
     Raises:
         InputError: a size, variant or scale that is none.
     """
+    if args.rtl_config not in CONFIGS:
+        raise InputError(f"config {args.rtl_config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
     parse_size(args.size)
     parse_size(args.rtl_size)
     variants = [tuple(text.split("=", 1)) for text in args.variant]
@@ -104,11 +106,11 @@ def sweep(
 
 def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argparse.Namespace) -> list[dict[str, Any]]:
     """Settings with what they are worth, what they cost, and what they break."""
-    identity = load(request).identity
+    scene = load(request)
     made = fingerprint(measure.SOURCES), fingerprint(hard.SOURCES)
-    measured = sweep(tried, [(request, s) for s in settings],
-                     [fingerprint((), made[0], identity, request.size, request.units_per_metre, s) for s in settings], args,
-                     "frames")
+    measured = sweep(measure.tried, [(request, s) for s in settings],
+                     [fingerprint((), made[0], scene.identity(s.variant), request.size, request.units_per_metre, s)
+                      for s in settings], args, "frames")
     cases = sweep(hard.hard_cases, [(s,) for s in settings], [fingerprint((), made[1], hard.identity(s)) for s in settings],
                   args, "hard")
     area = report.known_area(ROOT / "reports" / "area.json")
@@ -121,14 +123,6 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
             "word_bits": word_bits(setting.config), "area_mm2": area if same and not setting.obb else None,
             **quality, **stable})
     return rows
-
-
-def tried(request: SceneRequest, setting: Setting) -> dict[str, Any]:
-    """`measure`, or the reason why a setting cannot be."""
-    try:
-        return measure.measure(request, setting)
-    except (ValueError, AssertionError, OverflowError) as failure:  # formats that do not fit together are a finding
-        return {"error": f"{type(failure).__name__}: {failure}"}
 
 
 def marked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -172,12 +166,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     request, out = scene_request(args), make_folder(args.out)
     rows = machine(request, args)
     small = SceneRequest(args.scene, args.rtl_size if args.rtl else args.size, 1, work=args.work)
-    simulated = simulation.renderers(small, args.rtl_config, rtl=args.rtl, folder=Path(args.work) / "rtl")
-    scene = load(request)
+    scene, played = load(request), None
+    if args.rtl:
+        key = fingerprint(simulation.RTL_SOURCES, load(small).identity(), small.size, args.rtl_config)
+        played = sweep(simulation.rtl_frame, [(small, args.rtl_config)], [key], args, "rtl")[0]
+    simulated = simulation.renderers(small, args.rtl_config, played)
     content = {
         "scene": Path(args.scene).stem, "size": args.size, "views": args.views, "photographs": scene.photographs is not None,
         "levels": scene.levels_named, "points": len(scene.leveled[""]), "machine": rows,
         "recommended": {b.name: recommended(rows, b) for b in BUDGETS},
+        "recommended_in_rtl": {b.name: recommended([row for row in rows if row["in_rtl"]], b) for b in BUDGETS},
         "presets": {b.preset: b.name for b in BUDGETS if b.preset},
         "simulation": {"size": small.size, "config": args.rtl_config, "rows": simulated},
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
@@ -34,16 +35,22 @@ def run_all(
         for index, call in enumerate(calls):
             yield index, work(*call)
     else:
-        for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-            os.environ.setdefault(name, "1")  # of the processes: as many threads each would wait for each other
-        with ProcessPoolExecutor(min(jobs, len(calls)), mp_context=multiprocessing.get_context("spawn")) as pool:
-            pending = {pool.submit(work, *call): index for index, call in enumerate(calls)}
-            try:
-                for done in as_completed(pending):
-                    yield pending[done], done.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        pending = {_pool(jobs).submit(work, *call): index for index, call in enumerate(calls)}
+        try:
+            for done in as_completed(pending):
+                yield pending[done], done.result()
+        except BaseException:
+            _pool(jobs).shutdown(wait=False, cancel_futures=True)
+            _pool.cache_clear()
+            raise
+
+
+@cache
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    """Processes that stay: what they have loaded and compiled serves the next calls."""
+    for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # of the processes: as many threads each would wait for each other
+    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
 
 
 def _on_cluster(work: Callable[..., Any], calls: Sequence[tuple[object, ...]], scheduler: str) -> Iterator[tuple[int, Any]]:

@@ -53,8 +53,8 @@ class Setting:
 
     @property
     def in_rtl(self) -> bool:
-        """Whether the machine can be built."""
-        return not self.obb
+        """Whether it is of machines whose RTL is bit-exact: the default's formats, and no bounding boxes."""
+        return not self.obb and self.config.formats == PAPER.formats
 
 
 def word_bits(config: AcceleratorConfig) -> int:
@@ -80,6 +80,15 @@ def _view(setting: Setting, bits: int) -> Setting:
     return _formats(setting, view=replace(formats.view, sig_bits=bits), position=position, depth_key=key)
 
 
+def _conic(setting: Setting, bits: int) -> Setting:
+    """The factor is the conic's significand; exponents have no more fraction bits than it, and more than the cut."""
+    formats, fraction = setting.config.formats, bits - 1
+    grid = {name: replace(getattr(formats, name), frac_bits=min(fraction, getattr(formats, name).frac_bits))
+            for name in ("exponent", "slope", "curvature")}
+    conic, factor = replace(formats.conic, sig_bits=bits), replace(formats.factor, frac_bits=fraction)
+    return _formats(setting, conic=conic, factor=factor, **grid)
+
+
 def _support(setting: Setting, sigma: float | None) -> Setting:
     return replace(setting, config=setting.config.with_(support_sigma=sigma))
 
@@ -87,13 +96,13 @@ def _support(setting: Setting, sigma: float | None) -> Setting:
 Change = Callable[[Setting], Setting]
 
 WORDS: dict[str, dict[str, Change]] = {
-    "exponent segments": {str(n): lambda s, n=n: _formats(s, exp2_segments=n) for n in (2, 4, 8, 32)},
+    "exponent segments": {str(n): lambda s, n=n: _formats(s, exp2_segments=n) for n in (2, 4, 8)},
     "transmittance bits": {str(n): lambda s, n=n: _formats(s, transmittance=UQ(0, n)) for n in (12, 13, 14, 16, 18)},
     "colour bits": {str(n + 1): lambda s, n=n: _formats(s, colour=UQ(1, n)) for n in (5, 6, 7, 8, 10, 11)},
     "depth key bits": {str(n): lambda s, n=n: _formats(s, depth_key=UQ(n, 0)) for n in (20, 21, 22, 23)},
     "view significand": {str(n): lambda s, n=n: _view(s, n) for n in (14, 16, 18, 22)},
     "work significand": {str(n): lambda s, n=n: _significand(s, "work", n) for n in (10, 12, 14, 16, 20)},
-    "conic significand": {str(n): lambda s, n=n: _significand(s, "conic", n) for n in (8, 10, 12, 14)},
+    "conic significand": {str(n): lambda s, n=n: _conic(s, n) for n in (12, 13, 14, 15, 18)},
 }
 """Word lengths by knob; those of the default are left out."""
 

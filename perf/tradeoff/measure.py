@@ -43,6 +43,14 @@ def measure(request: SceneRequest, setting: Setting) -> dict[str, object]:
     return {name: _mean([row[name] for row in rows]) for name in rows[0]}
 
 
+def tried(request: SceneRequest, setting: Setting) -> dict[str, object]:
+    """`measure`, or the reason why a setting cannot be."""
+    try:
+        return measure(request, setting)
+    except (ValueError, AssertionError, OverflowError) as failure:  # formats that do not fit together are a finding
+        return {"error": f"{type(failure).__name__}: {failure}"}
+
+
 def _mean(values: Iterable[object]) -> object:
     values = list(values)
     if isinstance(values[0], list):

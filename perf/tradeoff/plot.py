@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import matplotlib
 from matplotlib.axes import Axes
 
 from golden.scenes.files import atomic_output
-from perf.tradeoff.knobs import DEFAULT
+from perf.tradeoff.knobs import DEFAULT, WORDS
 
 matplotlib.use("Agg")
 
@@ -24,7 +24,8 @@ def save(picture: str, content: Mapping[str, Any], path: Path) -> None:
     """A PNG of one of `report.PICTURES`."""
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, 2, figsize=(13, 5.2), constrained_layout=True)
+    count = 3 if picture == "machine" else 2
+    figure, axes = pyplot.subplots(1, count, figsize=(6.5 * count, 5.2), constrained_layout=True)
     {"machine": _machine, "simulation": _simulation, "training": _training}[picture](axes, content)
     with atomic_output(path) as file:
         figure.savefig(file, format="png", dpi=100)
@@ -33,38 +34,48 @@ def save(picture: str, content: Mapping[str, Any], path: Path) -> None:
 
 def _machine(axes: list[Axes], content: Mapping[str, Any]) -> None:
     rows = [row for row in content["machine"] if not row.get("error")]
-    one = [row for row in rows if row["threshold_deg"] is None]
-    _scatter(axes[0], one, lambda row: max(row["loss_db"], LEAST_LOSS) if row["loss_db"] is not None else None)
+    one = [row for row in rows if row["threshold_deg"] is None and row["loss_db"] is not None]
+    knobs = list(dict.fromkeys(row["knob"] for row in rows))
+    _scatter(axes[0], one, knobs, "cycles", lambda row: max(row["loss_db"], LEAST_LOSS))
     front = sorted((row for row in one if row["pareto"]), key=lambda row: row["cycles"])
     axes[0].step([row["cycles"] for row in front], [max(row["loss_db"], LEAST_LOSS) for row in front], where="post",
                  color="k", linewidth=1, label="frontier")
-    axes[0].set_yscale("log")
+    words = [row for row in one if row["knob"] in (DEFAULT, "combination", *WORDS)]
+    _scatter(axes[2], words, knobs, "word_bits", lambda row: max(row["loss_db"], LEAST_LOSS))
     judged_by = "against photographs" if content["photographs"] else "photographs assumed"
-    axes[0].set_ylabel(f"loss of PSNR, dB, {judged_by}")
+    for axis in (axes[0], axes[2]):
+        axis.set_yscale("log")
+        axis.set_ylabel(f"loss of PSNR, dB, {judged_by}")
     judged = [row for row in rows if row["hvsq_change"] is not None]
-    _scatter(axes[1], judged, lambda row: 100 * row["hvsq_change"])
+    _scatter(axes[1], judged, knobs, "cycles", lambda row: 100 * row["hvsq_change"])
     axes[1].set_yscale("symlog", linthresh=1)
     axes[1].set_ylabel("change of HVSQ, %")
     for axis in axes:
         axis.set_xlabel("cycles a frame (model); hollow, crossed: breaks a hard case")
-        axis.set_xscale("log")
         axis.grid(alpha=0.3)
+    for axis in axes[:2]:
+        axis.set_xscale("log")
+    axes[2].set_xlabel("bits of all formats and segments, word lengths alone")
     axes[0].legend(fontsize=7, ncol=2)
     axes[0].set_title(f"{content['scene']}, {content['size']}", fontsize=10)
 
 
-def _scatter(axis: Axes, rows: list[Mapping[str, Any]], loss: Any) -> None:
+def _scatter(
+    axis: Axes, rows: list[Mapping[str, Any]], knobs: list[str], cost: str, loss: Callable[[Mapping[str, Any]], float],
+) -> None:
     """A mark a knob; what breaks a hard case hollow with a red cross on it."""
-    for number, knob in enumerate(dict.fromkeys(row["knob"] for row in rows)):
-        own = [row for row in rows if row["knob"] == knob and loss(row) is not None]
+    for number, knob in enumerate(knobs):
+        own = [row for row in rows if row["knob"] == knob]
         mark, colour = _MARKS[number % len(_MARKS)], f"C{number % 10}"
         for i, row in enumerate(own):
-            axis.plot(row["cycles"], loss(row), mark, color="k" if knob == DEFAULT else colour, markersize=7,
-                      fillstyle="none" if row["broken"] else "full", label=knob if i == 0 else None)
+            axis.plot(row[cost], loss(row), mark, color="k" if knob == DEFAULT else colour, markersize=7,
+                      zorder=9 if knob == DEFAULT else 2, fillstyle="none" if row["broken"] else "full",
+                      label=knob if i == 0 else None)
             if row["broken"]:
-                axis.plot(row["cycles"], loss(row), "x", color="r", markersize=4)
-            if row["knob"] in ("support radius", "SH degree", "levels", "ecc_thresh", "variant"):
-                axis.annotate(row["value"], (row["cycles"], loss(row)), fontsize=6, xytext=(4, 3), textcoords="offset points")
+                axis.plot(row[cost], loss(row), "x", color="r", markersize=4)
+            if cost == "word_bits" or row["knob"] not in (*WORDS, "combination", DEFAULT, "tile test"):
+                axis.annotate(row["value"].partition(",")[0], (row[cost], loss(row)), fontsize=6, xytext=(4, 3),
+                              textcoords="offset points")
 
 
 def _simulation(axes: list[Axes], content: Mapping[str, Any]) -> None:

@@ -105,11 +105,11 @@ def _what(row: Mapping[str, Any]) -> str:
     return ", ".join(" ".join(part) for part in row["parts"]) or f"{row['knob']} {row['value']}"
 
 
-def recommendation(content: Content) -> str:
-    """The fastest setting for each budget, as a table."""
+def recommendation(content: Content, which: str = "recommended") -> str:
+    """The fastest setting for each budget, as a table; `which` of the content's."""
     rows = []
     for budget in BUDGETS:
-        row = content["recommended"][budget.name]
+        row = content[which][budget.name]
         if row is None:
             rows.append([budget.name, "none", *["-"] * 8])
             continue
@@ -187,7 +187,9 @@ def as_markdown(content: Content, pictures: Mapping[str, str]) -> str:
         + ", ".join(f"`{preset}` is the one for {budget}" for preset, budget in content["presets"].items())
         + ". Energy does not know of word lengths: only of the work and the cycles. Area is that of the paper's machine, where "
         "it is known.",
+        "", "With the default's word lengths, for which the RTL matches bit for bit (others are the integer renderer's alone):",
         "",
+        recommendation(content, "recommended_in_rtl"), "",
         "## The machine", *shown("machine"), "",
         "Bold: on the frontier of cycles and loss. Frames of two eyes are judged by the second eye, and count their loss from "
         "both rendered. A setting **breaks** a hard case where the case's expectation or bound, which the default meets, is "

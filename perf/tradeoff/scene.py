@@ -70,11 +70,9 @@ class TradeoffScene:
             model = first_level(model)
         return model if sh_degree is None or sh_degree >= model.sh_degree else model.with_sh_degree(sh_degree)
 
-    @cached_property
-    def identity(self) -> str:
-        """Of models, cameras and photographs."""
-        return fingerprint((), *self.leveled.values(), *self.cameras,
-                           *(p.tobytes() for p in self.photographs or ()), sorted(self.leveled))
+    def identity(self, variant: str = "") -> str:
+        """Of a variant's model, cameras and photographs."""
+        return fingerprint((), self.leveled[variant], *self.cameras, *(p.tobytes() for p in self.photographs or ()))
 
     def ideal(self, camera: Camera, variant: str = "") -> np.ndarray:
         """(H, W, 3) float64: the float64 renderer's image of level 1, kept."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -16,9 +17,12 @@ from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.quantise import quantise_model
 from golden.oracle.render import render as render_oracle
+from golden.scenes.camera import Camera
+from golden.scenes.model import GaussianModel
+from golden.scenes.request import resolve
 from perf.model import simulate
 from perf.trace import trace_of
-from perf.tradeoff.scene import SceneRequest, load, run_scene
+from perf.tradeoff.scene import SceneRequest, first_level, load, run_scene
 from spec.config import CONFIGS
 from spec.errors import InputError
 
@@ -40,7 +44,7 @@ def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, 
 
 
 def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object] | None = None) -> list[Row]:
-    """A row for each way to render the first view, level 1.
+    """A row for each way to render camera 0, level 1.
 
     Wall times are of this machine as it is: beside other work they are upper bounds. `cycle_error` is relative to the RTL's
     cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
@@ -48,8 +52,7 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
     Args:
         rtl: `rtl_frame` of the same request and machine.
     """
-    scene, config = load(request), CONFIGS[config_name]
-    camera, model = scene.cameras[0], scene.model("", 1, None)
+    config, (model, camera) = CONFIGS[config_name], _frame(request)
     rows: list[Row] = []
 
     begin = time.perf_counter()
@@ -75,6 +78,16 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
     else:
         row["cycle_error"], row["cycle_error_of"] = _worst_known(), "worst frame of reports/model.json"
     return rows
+
+
+def _frame(request: SceneRequest) -> tuple[GaussianModel, Camera]:
+    """Level 1 and the camera that command lines call 0, so that the RTL's has the same; of a run's folder its first view."""
+    if run_scene(request.path):
+        scene = load(request)
+        return scene.model("", 1, None), scene.cameras[0]
+    shown = resolve(argparse.Namespace(scene=request.path, size=request.size, camera="0", gaze="none", levels=None,
+                                       background="0,0,0", seed=0))
+    return first_level(shown.model), shown.camera
 
 
 def _row(name: str, what: str, seconds: float, image: np.ndarray, ideal: np.ndarray) -> Row:
