@@ -60,7 +60,7 @@ def with_losses(rows: Sequence[Row], *, psnr_photo: str = "psnr_photo_db") -> No
     That is the default's row, for frames of two eyes the one with both rendered. The loss is the larger one of what is measured
     against the photographs and what the distance from the float64 renderer would cost if it were not correlated with the
     model's error: a setting that happens to hide an error of one model is not better for it. Variants are other models: what
-    is measured counts.
+    is measured counts. HVSQ to the float64 renderer is next to nothing by default: without photographs it has no change.
     """
     default = next(row for row in rows if row["knob"] == DEFAULT)
     both = next((row for row in rows if row.get("threshold_deg") == BOTH_RENDERED), None)
@@ -75,7 +75,8 @@ def with_losses(rows: Sequence[Row], *, psnr_photo: str = "psnr_photo_db") -> No
         else:
             measured = base[psnr_photo] - row[psnr_photo]
             row["loss_db"] = measured if row.get("variant") else max(measured, _moved(base, row, base[psnr_photo]))
-        row["hvsq_change"] = None if row["hvsq"] is None or not base["hvsq"] else row["hvsq"] / base["hvsq"] - 1
+        against_photographs = not row["loss_assumed"] and row["hvsq"] is not None and base["hvsq"]
+        row["hvsq_change"] = row["hvsq"] / base["hvsq"] - 1 if against_photographs else None
         row["speedup"] = base["cycles"] / row["cycles"]
 
 
