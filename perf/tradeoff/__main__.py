@@ -150,7 +150,8 @@ def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, A
     while open_budgets:
         more = [combined(f"for {b.name}, {len(parts[b.name])}", parts[b.name], model.sh_degree, scene.levels_named)
                 for b in open_budgets]
-        settings += [setting for setting in more if setting.parts not in {s.parts for s in settings}]
+        known_parts = {s.parts for s in settings}
+        settings += {s.parts: s for s in reversed(more) if s.parts not in known_parts}.values()  # named for the strictest
         rows = marked(machine_rows(request, settings, args))
         by_parts = {tuple(map(tuple, row["parts"])): row for row in rows if row["parts"]}
         open_budgets = [b for b in open_budgets if not b.holds(by_parts[tuple(parts[b.name])])]
