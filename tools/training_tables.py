@@ -42,11 +42,26 @@ def _latency(reports: Reports) -> str | None:
     return text if text is None else f"{PICTURE}\n\n{text}"
 
 
+def _pooling(reports: Reports) -> str | None:
+    """Levels and storage by the display that their pooling is of."""
+    if "pooling" not in reports:
+        return None
+    lines = ["| run | pooling as of a frame | points of L2, L3, L4 in L1's | storage over L1's | intersections, foveated |",
+             "| --- | --- | --- | --- | --- |"]
+    for row in reports["pooling"]["rows"]:
+        size = "{}x{}".format(*row["size"])
+        of_frame = f"{row['pooling_width']} px wide" if row["pooling_width"] else "of its own width"
+        shares = ", ".join(f"{100 * count / row['points'][0]:.0f} %" for count in row["points"][1:])
+        lines.append(f"| {row['scene']}, {size} | {of_frame} | {shares} | +{row['storage_overhead_percent']:.1f} % | "
+                     f"dense's / {row['cut_foveated']:.2f} |")
+    return "\n".join(lines)
+
+
 TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {
     "training_targets": _targets,
     "training_representations": _of_scenes("comparison", lambda scene: tables_text.comparison_table(scene["comparison"])),
     "training_points": _of_scenes("comparison", tables_text.points_table),
     "training_ablation": _of_scenes("ablation", lambda scene: tables_text.ablation_table(scene["ablation"])),
     "training_pruning": _of_scenes("pruning", lambda scene: tables_text.pruning_table(scene["pruning"])),
-    "training_latency": _latency,
+    "training_latency": _latency, "training_pooling": _pooling,
 }
