@@ -6,8 +6,8 @@ import argparse
 import time
 from dataclasses import dataclass
 
+from golden.msv2_ref import pipeline
 from golden.msv2_ref.neutral import prepare
-from golden.msv2_ref.pipeline import Frame, render
 from golden.msv2_ref.quantise import GaussianWords, quantise_model
 from golden.msv2_ref.stereo import StereoFrame, render_stereo
 from golden.scenes.gaze import FoveationMap
@@ -44,12 +44,12 @@ class Work:
         """One eye is asked for, two are rendered."""
         return "stereo" in self.plan.active - self.plan.called
 
-    def render(self, *, beta: int | None = None) -> Frame:
+    def render(self, *, beta: int | None = None) -> pipeline.Frame:
         """The frame of one eye. `beta` as in `pipeline.render`."""
-        return render(self.words, self.request.camera, config=self.config, foveation=self.foveation,
-                      background=self.request.background, beta=beta)
+        return pipeline.render(self.words, self.request.camera, config=self.config, foveation=self.foveation,
+                               background=self.request.background, beta=beta)
 
-    def add_eye(self, frame: Frame, *, beta: int | None = None) -> StereoFrame:
+    def add_eye(self, frame: pipeline.Frame, *, beta: int | None = None) -> StereoFrame:
         """A frame of two eyes whose source is `frame`, unchanged."""
         pair = stereo_pair(self.request.camera, ipd_metres=IPD_METRES, units_per_metre=1.0)
         return render_stereo(self.words, pair, config=self.config, foveation=self.foveation,

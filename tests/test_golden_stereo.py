@@ -226,7 +226,7 @@ def test_middlebury_cones_warped_by_their_true_disparity(data_dir, record_proper
     frame = np.zeros(known.shape, frame_pixel(CONFIG).dtype)
     frame["colour"] = np.round(left[..., :3] / 255.0 * (1 << N.accumulator.frac_bits))
     frame["transmittance"] = np.where(known > 0, SOLID, VEILED)
-    frame["depth"] = np.where(known > 0, np.round(scale * 4095 / np.maximum(known * 64.0, 1)), 0)
+    frame["depth"] = np.where(known > 0, np.round(scale * 32767 / 8 / np.maximum(known * 64.0, 1)), 0)
     found = warped(frame, scale)
     valid = found.origin == warp_unit.WARPED
     raw = warp_unit.raw_disparity(CONFIG, frame["transmittance"], frame["depth"], scale)
