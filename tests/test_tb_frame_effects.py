@@ -24,7 +24,7 @@ def test_absent_inactive_and_forced_effects_give_one_image(tmp_path, view):
     assert picture == same == again
     states = [{name: e["state"] for name, e in r["effects"]["effects"].items()} for r in (absent, inactive, forced)]
     assert states[0] == states[1] and "absent" in states[0].values() and set(states[2].values()) == {"called for", "forced"}
-    assert absent["cycles"] <= inactive["cycles"] <= forced["cycles"]
+    assert absent["cycles"] <= inactive["cycles"]
 
 
 @pytest.mark.long

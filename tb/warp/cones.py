@@ -12,7 +12,7 @@ from PIL import Image
 from golden.metrics.image import psnr_vs
 from spec.config import AcceleratorConfig
 from spec.memory import display_pixel, frame_pixel
-from spec.stereo import DISPARITY_FRAC, background_transmittance
+from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
 from tb.common import codec
 from tb.common.runner import ROOT
 from tb.warp.stimuli import Source
@@ -45,7 +45,7 @@ def cones(config: AcceleratorConfig, folder: Path) -> Source:
     pixels["colour"] = np.round(left / 255.0 * (1 << n.accumulator.frac_bits))
     pixels["transmittance"] = np.where(known > 0, 0, background_transmittance(n) - 1)
     disparity = np.maximum(known, 1) * ((1 << DISPARITY_FRAC) // _QUARTERS)
-    pixels["depth"] = np.where(known > 0, np.round(_SCALE * n.weight.raw_max / disparity), 0)
+    pixels["depth"] = np.where(known > 0, np.round((_SCALE * n.transmittance.raw_max >> disparity_drop(n)) / disparity), 0)
     return Source(pixels, _SCALE)
 
 
