@@ -245,6 +245,8 @@ def readme_has_the_tables(folder, page):
     assert fill_readme(folder / "README.md", folder) == 0
     filled = (folder / "README.md").read_text()
     assert "(not measured yet)" not in filled and "reports/training.png" in filled
+    of_runs = filled.index("<!-- table:training_pooling -->")  # a table of runs of golden/train.py, which the page has not
+    filled = filled[:of_runs] + filled[filled.index("<!-- end -->", of_runs) :]
     rows = [line for line in filled.splitlines() if line.startswith("|")]
     assert len(rows) > 50 and set(rows) <= set(page.splitlines())
     assert filled.count("**other, 64x64**") == 5

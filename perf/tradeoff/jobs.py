@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
+
+import numba
 
 from spec.errors import InputError
 
@@ -48,9 +49,12 @@ def run_all(
 @cache
 def _pool(jobs: int) -> ProcessPoolExecutor:
     """Processes that stay: what they have loaded and compiled serves the next calls."""
-    for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # of the processes: as many threads each would wait for each other
-    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_with_one_thread)
+
+
+def _with_one_thread() -> None:
+    """Of a process beside others: as many threads each would wait for each other."""
+    numba.set_num_threads(1)
 
 
 def _on_cluster(work: Callable[..., Any], calls: Sequence[tuple[object, ...]], scheduler: str) -> Iterator[tuple[int, Any]]:
