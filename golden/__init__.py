@@ -9,6 +9,7 @@ import fcntl
 import hashlib
 import os
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from numba.core import caching, config
@@ -17,24 +18,30 @@ _ROOT = Path(__file__).resolve().parent.parent
 _KEPT = 6  # states whose compiled kernels are kept
 
 
-def _cache_folder() -> Path:
+def kernel_folder(name: str, sources: Iterable[Path]) -> Path | None:
+    """build/`name`/STATE of some sources, there now, with the states used last beside it; None in a read-only checkout."""
     state = hashlib.sha256()
-    for folder in (_ROOT / "golden", _ROOT / "spec"):
-        for source in sorted(folder.rglob("*.py")):
-            state.update(source.read_bytes())
-    return _ROOT / "build" / "numba" / state.hexdigest()[:16]
-
-
-def _use_cache_folder() -> None:
-    folder = _cache_folder()
+    for source in sources:
+        state.update(source.read_bytes())
+    folder = _ROOT / "build" / name / state.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
         for old in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
             shutil.rmtree(old, ignore_errors=True)
-    except OSError:  # a read-only checkout: numba's own choice of a folder is better than none
-        return
-    os.environ["NUMBA_CACHE_DIR"] = config.CACHE_DIR = str(folder)
+    except OSError:
+        return None
+    return folder
+
+
+def _sources() -> list[Path]:
+    return [source for part in ("golden", "spec") for source in sorted((_ROOT / part).rglob("*.py"))]
+
+
+def _use_kernel_folder() -> None:
+    folder = kernel_folder("numba", _sources())
+    if folder:  # numba's own choice of a folder is better than none
+        os.environ["NUMBA_CACHE_DIR"] = config.CACHE_DIR = str(folder)
 
 
 def _save_alone() -> None:
@@ -51,5 +58,5 @@ def _save_alone() -> None:
 
 
 if "NUMBA_CACHE_DIR" not in os.environ:
-    _use_cache_folder()
+    _use_kernel_folder()
 _save_alone()

@@ -6,9 +6,6 @@ golden renderer's: numba notices an edit in a kernel's own file only, not in wha
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -16,28 +13,17 @@ from pathlib import Path
 import numba
 from numba.core import config
 
-import golden
+from golden import kernel_folder
 
-_ROOT = Path(golden.__file__).resolve().parent.parent
-_KEPT = 4  # states whose compiled kernels are kept
+_ROOT = Path(__file__).resolve().parent.parent
 _SOURCES = ("blending", "bus", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs", "sorter",
             "warp", "watch")  # modules of kernels, and of their constants
 
 
 @cache
 def _folder() -> Path | None:
-    state = hashlib.sha256()
-    for source in (*(_ROOT / "perf" / f"{name}.py" for name in _SOURCES), *sorted((_ROOT / "spec").rglob("*.py"))):
-        state.update(source.read_bytes())
-    folder = _ROOT / "build" / "numba-perf" / state.hexdigest()[:16]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        for old in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError:  # a read-only checkout: numba's own choice of a folder is better than none
-        return None
-    return folder
+    modules = [_ROOT / "perf" / f"{name}.py" for name in _SOURCES]
+    return kernel_folder("numba-perf", [*modules, *sorted((_ROOT / "spec").rglob("*.py"))])
 
 
 def _compiled(function: Callable, **options: object) -> Callable:

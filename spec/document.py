@@ -235,12 +235,12 @@ def check(path: Path = PAGE, make: Callable[[], str] = page) -> None:
 
 def main() -> None:
     """The command line."""
-    from spec import document_registers  # it uses the functions above
+    from spec import document_effects, document_registers  # the latter uses the functions above
 
     parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/ from spec/.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if a page is stale")
     act = check if parser.parse_args().check else write
-    for path, make in {PAGE: page, **document_registers.PAGES}.items():
+    for path, make in {PAGE: page, **document_registers.PAGES, **document_effects.PAGES}.items():
         act(path, make)
 
 

@@ -1,8 +1,8 @@
 """Effects: what a frame may call for beyond opaque enough Gaussians before a background, and the machine that has just those.
 
 An effect is *called for* when leaving it out could change the requested image, *active* when its arithmetic runs, and, in a
-machine, *absent* (not elaborated), *inactive* (there, but idle) or active. Auto runs what is called for; everything else may be
-forced on neutral data, which changes no bit of the image.
+machine, *absent* (not elaborated), *inactive* (there, but idle) or active. Auto runs what is called for; all, or a list, forces
+more on neutral data, which changes no bit of the image. A list or none that leaves out what is called for is refused.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ EFFECTS = {effect.name: effect for effect in (
     Effect("stereo", "a second eye, warped where it may be", ("depth",), "the warp unit; the second pass"),
     Effect("fill", "holes of the warped eye filled from their neighbours", ("stereo",), "the filter's comparisons"),
     Effect("rerender", "tiles of the warped eye with holes rendered", ("stereo",), "their entries and pixels"),
-    Effect("cleaning", "points with a number that is not finite dropped", without="a pass over the model"),
-    Effect("contention", "memory with a latency and a bandwidth", without="waiting: an access is answered in the next cycle"),
+    Effect("cleaning", "points with a number that is not finite dropped", without="nothing: finding none is all of the work"),
+    Effect("contention", "memory of limited bandwidth", without="waiting for it: a beat read and one written in every cycle"),
 )}
 """By name, in the order of the way through the machine."""
 
-NO_HARDWARE = ("enhancement", "cleaning", "contention")
-"""Effects of the model's numbers, of the host, and of what is around the machine: no unit is there for them alone."""
+GIVEN = ("enhancement", "cleaning", "contention")
+"""Effects of the model's numbers, of the host, and of the memory: they are there or not, and cannot be forced."""
 
 AUTO, ALL, NONE = "auto", "all", "none"
 
@@ -106,9 +106,9 @@ def choose_plan(wanted: str, reasons: Mapping[str, str], called: frozenset[str],
     if wanted == AUTO:
         active = called
     elif wanted == ALL:
-        active = frozenset(EFFECTS)
+        active = frozenset(EFFECTS) - frozenset(GIVEN) | called
     else:
-        active = _listed(wanted)
+        active = _listed(wanted) - (frozenset(GIVEN) - called)
     missing = [name for name in EFFECTS if name in called - active]
     if missing:
         why = "; ".join(f"{name}: {reasons[name]}" for name in missing)

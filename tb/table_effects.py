@@ -24,22 +24,24 @@ from tqdm import tqdm
 from golden.msv2_ref import parallel
 from golden.render_effects import Work, work_for
 from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, resolve, write_json
+from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
 from perf.energy import counter_counts, frame_energy, load_table
 from spec.config import CONFIGS
-from spec.effects import EFFECTS
+from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError, run_command_line
 from tb.common.runner import ROOT
 
 EXAMPLES = """examples:
   python -m tb.table_effects                                   the embedded scene, with and without a gaze
-  python -m tb.table_effects truck.splat embedded@320,180      truck without a gaze, embedded with one; 640x360
+  python -m tb.table_effects truck.splat embedded@320,180      truck without a gaze, embedded with one; @centre is the frame's
   python -m tb.table_effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
 """
 
-BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender"))
+BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
 SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
 """Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+
+CENTRE = "centre"
 
 RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio")
 """Of the RTL: all effects but a second eye over those that are called for."""
@@ -49,7 +51,7 @@ RUNS = 9
 
 @dataclass(frozen=True)
 class Frame:
-    """A scene and where it is looked at: None for no gaze."""
+    """A scene and where it is looked at: pixels of --size, the centre, or None for no gaze."""
 
     scene: str
     gaze: str | None
@@ -59,6 +61,12 @@ class Frame:
         """Of "SCENE" or "SCENE@X,Y"."""
         scene, _, gaze = text.partition("@")
         return cls(scene, gaze or None)
+
+    def gaze_at(self, size: str, to: str) -> str:
+        """The gaze in a frame `to` of what is given in one of `size`, both as WxH."""
+        old, new = parse_size(size), parse_size(to)
+        at = [edge / 2 for edge in old] if self.gaze == CENTRE else parse_numbers("gaze", self.gaze, 2)
+        return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
 
     @property
     def label(self) -> str:
@@ -70,7 +78,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tb.table_effects", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=["embedded", "embedded@320,180"], metavar="SCENE[@X,Y]",
+    parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
                         help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
     parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
@@ -81,6 +89,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     args = parser.parse_args(argv)
     if args.config not in CONFIGS:
         raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    for size in (args.size, args.rtl):
+        if size is not None:
+            parse_size(size)
     if args.runs < 1:
         raise InputError(f"runs {args.runs} is not accepted: 1 or more is")
     return args
@@ -88,8 +99,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
     """The frame with what it calls for ("auto"), with each effect more by its name, and with all but a second eye ("most")."""
+    gaze, levels = (frame.gaze_at(args.size, args.size), 4) if frame.gaze else ("none", None)
     given = SimpleNamespace(
-        scene=frame.scene, camera="orbit", size=args.size, gaze=frame.gaze or "none", levels=4 if frame.gaze else None,
+        scene=frame.scene, camera="orbit", size=args.size, gaze=gaze, levels=levels,
         background="0,0,0", seed=args.seed, stereo=False, depth=False, effects="auto")
     request, config = resolve(given), CONFIGS["paper"]
     found = {"auto": work_for(given, request, config)}
@@ -130,22 +142,16 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
     Raises:
         InputError: the simulation fails.
     """
-    view = ["--gaze", _scaled(frame.gaze, args.size, args.rtl), "--levels", "4"] if frame.gaze else []
+    view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
     command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, "--config", args.config,
                "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     if done.returncode:
-        raise InputError(f"{' '.join(command)} failed with exit status {done.returncode}")
+        raise InputError(f"{' '.join(command[1:])} failed with exit status {done.returncode}")
     row = json.loads((out / "frame.json").read_text())
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
     spent = frame_energy(counter_counts(row), row["cycles"], CONFIGS[args.config], load_table())
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
-
-
-def _scaled(gaze: str, size: str, to: str) -> str:
-    """The gaze in a frame of another size."""
-    at, old, new = ([float(part) for part in text.replace("x", ",").split(",")] for text in (gaze, size.lower(), to.lower()))
-    return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
 
 
 def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]:

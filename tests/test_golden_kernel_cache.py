@@ -33,8 +33,8 @@ def test_every_state_of_the_sources_has_a_folder_of_its_own(tmp_path, monkeypatc
     for folder in ("golden", "spec"):
         (tmp_path / folder).mkdir()
     monkeypatch.setattr(golden, "_ROOT", tmp_path)
-    found = {golden._cache_folder()}
+    found = {golden.kernel_folder("numba", golden._sources())}
     for folder, text in (("golden", "a = 1"), ("golden", "a = 2"), ("spec", "b = 1")):
         (tmp_path / folder / "kernel.py").write_text(text)
-        found.add(golden._cache_folder())
+        found.add(golden.kernel_folder("numba", golden._sources()))
     assert len(found) == 4

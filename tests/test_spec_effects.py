@@ -3,7 +3,7 @@
 import pytest
 
 from spec.config import PAPER, TINY
-from spec.effects import EFFECTS, choose_plan
+from spec.effects import EFFECTS, GIVEN, choose_plan
 from spec.errors import InputError
 
 REASONS = {name: f"because of {name}" for name in EFFECTS}
@@ -21,8 +21,13 @@ def test_auto_runs_what_is_called_for():
 
 def test_all_forces_the_rest():
     got = plan("all", "levels")
-    assert got.active == set(EFFECTS) and got.called == {"levels"} and got.sh_degree == 3
+    assert got.active == set(EFFECTS) - set(GIVEN) and got.called == {"levels"} and got.sh_degree == 3
     assert got.state("sh") == "forced" and got.state("levels") == "called for"
+
+
+def test_what_a_frame_has_or_has_not_is_not_forced():
+    assert plan("all", "cleaning").state("cleaning") == "called for" and plan("all").state("contention") == "absent"
+    assert plan("sh,contention,enhancement", "contention").active == {"sh", "contention"}
 
 
 def test_a_list_is_what_it_says():
