@@ -31,7 +31,7 @@ UNIT_GROUPS = {
     "": CONTROL, "registers": CONTROL, "controller": CONTROL, "master": CONTROL, "counters": CONTROL,
     **{f"queue_{client}": LISTS for client in ("geometry", "tiles", "colour", "entries", "spill", "views")},
     "geometry": CONTROL, "geometry.reader": LISTS, "geometry.loader": LISTS, "geometry.projection": CULLING,
-    "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS,
+    "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS, "geometry.saturations": CONTROL,
     "render": CONTROL, "render.tile_merge": SORTING, "render.fork": LISTS, "render.reader": LISTS, "render.headers": LISTS,
     "render.sorter": SORTING, "render.sorter.sorter": SORTING, "render.sorter.writer": SORTING,
     "render.sorter.reader": SORTING, "render.sorter.tree": SORTING, "render.handover": SORTING,
