@@ -16,6 +16,7 @@ from synth.liberty import PDK_VARIABLE
 from synth.settings import MOST_RUNS, Settings
 from tb import table_effects
 from tb.common.runner import ROOT
+from tools.report_tables import effect_areas_table, effects_table
 
 OWN = {"sh": 1.0, "levels": 2.0, "blend": 4.0, "depth": 8.0, "stereo": 16.0}
 
@@ -60,6 +61,8 @@ def test_areas_stand_beside_the_frames(tmp_path, monkeypatch, capsys):
     assert cells_of(text, "embedded, no gaze")[-5:] == ["-", "-", "-", "1.14x", "101.000"]
     assert cells_of(text, "stereo") == ["stereo", "131.000", "115.000", "16.000", "12.2%"]
     assert text.splitlines()[-1] in capsys.readouterr().out
+    tables = effects_table({"effects": found}), effect_areas_table({"effects": found})
+    assert "| simulation | area |" in tables[0] and "| 12.2% |" in tables[1]
 
 
 def test_without_areas_the_columns_are_empty(tmp_path, monkeypatch):
@@ -67,6 +70,8 @@ def test_without_areas_the_columns_are_empty(tmp_path, monkeypatch):
     found, text = run(tmp_path)
     assert set(found) == {"rows"} and not any(key.startswith("area") for row in found["rows"] for key in row)
     assert cells_of(text, "embedded, gaze")[-5:] == ["-"] * 5 and "| effect |" not in text
+    assert effects_table({"effects": found}).splitlines()[0].endswith("| simulation |")
+    assert effect_areas_table({"effects": found}) is None
 
 
 def test_what_cannot_be_measured_is_refused(tmp_path, monkeypatch):
