@@ -48,29 +48,30 @@ class ViewWriter(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         sums, request, splat = self.sums, self.writes.payload, self.sums.payload.carried
-        left, level, following, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()
+        left, following, lowest, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()
+        level, above = Signal(MAX_LEVELS), Signal(MAX_LEVELS)  # of the next beat, and the level above, where there is one
         m.d.comb += [
             free.eq(~self.writes.valid | self.writes.ready),
             following.eq(Mux(sums.valid, left & ~level, splat.levels)),
+            lowest.eq(Cat(following[i] & ~following[:i].any() for i in range(MAX_LEVELS))),
             sums.ready.eq(~left.any() | free & ~(left & ~level).any()),
         ]
         with m.If(~sums.valid | free):
-            m.d.sync += [left.eq(following), level.eq(Cat(following[i] & ~following[:i].any() for i in range(MAX_LEVELS)))]
+            m.d.sync += [left.eq(following), level.eq(lowest), above.eq(Cat(Const(0, 1), lowest[:-2], lowest[-2:].any()))]
         with m.If(free):
             m.d.sync += self.writes.valid.eq(sums.valid & left.any())
         with m.If(sums.valid & free & left.any()):
             number = Cat(level[1] | level[3], level[2] | level[3])
             m.d.sync += [
                 request.beat.eq(self.views_base + (splat.index << self.view_shift) + number),
-                request.word.as_value().eq(self._view(level).as_value()),
+                request.word.as_value().eq(self._view(level, above).as_value()),
                 request.strobe.eq((1 << WORDS) - 1),
             ]
         return m
 
-    def _view(self, level: Value) -> data.View:
-        """The view at a level, one bit of which is set."""
+    def _view(self, *both: Value) -> data.View:
+        """The view at a level and the one above, given by the bit that is set."""
         splat, of = self.sums.payload.carried, layout(splat_view(self.config))
-        both = level, Cat(Const(0, 1), level[:-2], level[-2:].any())  # the level and the next, where there is one
         values = {name: getattr(splat, name) for name in ("mean2d", "conic", "depth", "bound")}
         opacity = [splat.log2_opacity[i] for i in range(MAX_LEVELS)]
         values["log2_opacity"] = Cat(_one_of(at, opacity).as_unsigned() for at in both)
