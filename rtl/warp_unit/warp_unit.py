@@ -92,7 +92,8 @@ class WarpUnit(wiring.Component):
         m = Module()
         carries: list[Value] = []
         self._last = Signal(column_bits(self.config), name="last")
-        m.d.sync += self._last.eq(self.width - 1)
+        scale = Signal.like(self.disparity_scale)
+        m.d.sync += [self._last.eq(self.width - 1), scale.eq(self.disparity_scale)]  # long before the first pixel's division
         self._wiping, self._accepts = Signal(init=1, name="wiping"), Signal(name="accepts")
         queues, banks, carried = [], [], data.ArrayLayout(carried_layout(self.config), self.config.warp_lanes)
         m.submodules.delay = delay = Delay(carried, carried_cycles(self.config))
@@ -104,7 +105,7 @@ class WarpUnit(wiring.Component):
                 delay.early[lane].eq(disparity.early), disparity.late.eq(delay.late[lane]),
                 disparity.load.eq(queues[lane].valid), disparity.place.eq(queues[lane].place),
                 disparity.pixel.eq(queues[lane].pixel), disparity.width.eq(self.width),
-                disparity.disparity_scale.eq(self.disparity_scale), disparity.source_right.eq(self.source_right),
+                disparity.disparity_scale.eq(scale), disparity.source_right.eq(self.source_right),
                 banks[lane].moved.eq(disparity.moved)]
             carries.append(disparity.carries)
         m.d.comb += delay.load.eq(Cat(carries).any())
