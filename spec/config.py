@@ -198,6 +198,9 @@ class AcceleratorConfig:
             number, limit = getattr(self.formats, name), getattr(self.formats, to)
             if number.sig_bits > limit.sig_bits:
                 raise ValueError(f"{name} must not have more significand bits than {to}, {limit.sig_bits}, not {number!r}")
+        work, most = self.formats.work, self.formats.extent.sig_bits
+        if work.sig_bits > 2 * most:  # an extent is the root of such a number, and could be a tie
+            raise ValueError(f"work must not have more than twice the significand bits of extent, {most}, not {work!r}")
 
     @property
     def blocks(self) -> int:

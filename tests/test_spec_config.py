@@ -126,10 +126,18 @@ def test_banks_follow_levels_and_blocks():
 def test_small_floats_longer_than_those_they_enter_are_rejected(name, to):
     n = NumberFormats()
     most = getattr(n, to).sig_bits
+    n = replace(n, extent=replace(n.extent, sig_bits=13))
     fitting, long = (replace(n, **{name: replace(getattr(n, name), sig_bits=bits)}) for bits in (most, most + 1))
     assert DEFAULT.with_(formats=fitting).formats == fitting
     with pytest.raises(ValueError, match=rf"^{name} must not have .* than {to}, {most}, not SmallFloat\(sig_bits={most + 1},"):
         DEFAULT.with_(formats=long)
+
+
+def test_work_is_at_most_twice_as_long_as_an_extent():
+    n = NumberFormats()
+    assert n.work.sig_bits == 2 * n.extent.sig_bits  # a case at the limit
+    with pytest.raises(ValueError, match=r"^work must not have more than twice .* of extent, 9, not SmallFloat\(sig_bits=19,"):
+        DEFAULT.with_(formats=replace(n, work=replace(n.work, sig_bits=19)))
 
 
 def test_presets_are_the_papers_machine_with_fewer_bits_and_harmonics():

@@ -77,10 +77,11 @@ def _formats(setting: Setting, **changes: object) -> Setting:
 
 
 def _work(setting: Setting, bits: int) -> Setting:
-    """Scales enter it as they are."""
+    """Scales enter it as they are, and an extent, a root, has at least half of its bits."""
     formats = setting.config.formats
     scale = replace(formats.scale, sig_bits=min(bits, formats.scale.sig_bits))
-    return _formats(setting, work=replace(formats.work, sig_bits=bits), scale=scale)
+    extent = replace(formats.extent, sig_bits=max((bits + 1) // 2, formats.extent.sig_bits))
+    return _formats(setting, work=replace(formats.work, sig_bits=bits), scale=scale, extent=extent)
 
 
 def _conic(setting: Setting, bits: int) -> Setting:
