@@ -70,8 +70,11 @@ class EffectPlan:
     sh_degree: int
 
     def machine(self, config: AcceleratorConfig) -> AcceleratorConfig:
-        """`config` with what is not active left out; a machine without levels, too, has the numbers of those it has."""
-        return machine_with(config, self.active, self.sh_degree)
+        """`config` with what is not active left out; a machine without levels, too, has the numbers of those it has.
+
+        Harmonics of a higher degree than the configuration's stay left out.
+        """
+        return machine_with(config, self.active, min(self.sh_degree, config.sh_degree))
 
     @property
     def record(self) -> dict[str, object]:
