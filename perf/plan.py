@@ -99,7 +99,9 @@ class RenderPlan:
         drawn: (rendered tiles,) their numbers.
         group_end: (entries,) the entry is its group's last.
         missed: (entries,) its view is not in the cache. view: its view's beat.
-        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into.
+        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into. chunk_ends: of each, the entries up to
+            its end; behind them more than there are.
+        arrival: (entries + 1,) int32, in the order of the lists: each entry's place in the rendering order.
         part_runs: runs of each spilled group. job_start, job_length, job_entries, job_out, job_waits: of each merge, its runs'
             place among `job_length`, their lengths and sum, whether it goes out, and whether it waits for those before it to be
             in memory.
@@ -117,6 +119,8 @@ class RenderPlan:
     chunk_length: np.ndarray
     chunk_spill: np.ndarray
     chunk_last: np.ndarray
+    chunk_ends: np.ndarray
+    arrival: np.ndarray
     part_runs: np.ndarray
     job_start: np.ndarray
     job_length: np.ndarray
@@ -156,6 +160,8 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     tile_of = np.repeat(np.arange(len(counts)), counts)
     first = np.concatenate(([0], np.cumsum(sizes)))[groups[tile_of]]
     place = np.concatenate(([0], np.cumsum(counts)))[tile_of] - first + eye.rank
+    arrival = np.zeros(len(tile_of) + 1, np.int32)
+    arrival[first + place] = np.arange(len(tile_of))
     large = sizes[groups[tile_of]] > capacity
     runs = -(-largest // capacity) if largest > capacity else 1
     level = eye.level[tile_of].astype(np.int64)
@@ -164,7 +170,8 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last, chunks[parts], *merges,
+        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last,
+        np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts], *merges,
         2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
 
 
