@@ -82,13 +82,12 @@ def render_phase(
     """The phase RENDER; gives its cycles, -1 where they are not enough."""
     tiles = len(tile_counts)
     for t in range(limit):
-        bus.begin_cycle(s)
         reads, writes = _asking(s, t)
-        reader, writer = bus.grant_read(s, reads), bus.grant_write(s, writes)
+        reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
         swept = s[lists.SWEPT]
         list_before, head_before = swept - s[lists.LIST_TAKEN], swept - s[lists.HEAD_TAKEN]
         levels, buffered = s[lists.LEVELS], blending.buffered(s)
-        if blending.pixels_finished(s) and s[lists.WAIT_OUT] == tiles and warp.finished(s):
+        if blending.pixels_finished(s, t) and s[lists.WAIT_OUT] == tiles and warp.finished(s, t):
             return t + 1
         blending.load_issue(s, t)
         blending.step_issue(s, t)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from perf import bus
-from perf.bus import SPILL, W_SPILL, WAITING
+from perf.bus import SPILL, W_SPILL
 from perf.kernel import step
 from perf.layout import Layout
 from perf.lists import layout as before
@@ -49,7 +49,7 @@ def step_run_writer(s, t, granted):
             s[FENCED] = 1
         else:
             s[QUEUE_OUT] = at + 1
-    elif s[FENCED] and s[WAITING + W_SPILL] == 0:
+    elif s[FENCED] and bus.writes_idle(s, t, W_SPILL):
         s[FENCED] = 0
         s[QUEUE_OUT] = at + 1
         s[PARTS_THERE] += fence == 1
