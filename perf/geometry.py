@@ -314,11 +314,12 @@ def geometry_phase(
             s[E_ENDED] = 2
         _finish_colour(s)
         _colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
-        advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
-        given = _expand(s, t, run_entries, run_closes, survivors, advance and s[E_END] == 0)
-        if advance:
-            s[E_SLOT], s[E_FIRST] = s[E_FIRST], given
-            s[E_END] |= given == 2
+        if (s[EXPANDING] | s[CLIPPED] | s[ELLIPSE + _FULL] | s[E_SLOT] | s[E_FIRST] | s[E_PIPE] | s[E_BUFFER]) != 0:
+            advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
+            given = _expand(s, t, run_entries, run_closes, survivors, advance and s[E_END] == 0)
+            if advance:
+                s[E_SLOT], s[E_FIRST] = s[E_FIRST], given
+                s[E_END] |= given == 2
         _fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps)

@@ -41,6 +41,8 @@ _TREE_LATENCY = 3  # of eight ways, the paper's; two cycles from a beat to its w
 def step_run_writer(s, t, granted):
     """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
     at = s[QUEUE_OUT]
+    if at == s[QUEUE_IN] and s[BACK_FULL] == 0 and s[PACK_FULL] == 0:
+        return
     fence = s[Q_FENCE + (at & _WRITER_QUEUE - 1)]
     if granted:
         bus.write(s, W_SPILL, s[SPILL_BASE] + s[W_BEAT])
@@ -254,7 +256,7 @@ def step_sort_out(
                 s[FREED] += 1
                 s[ACTIVE] = s[USED] != 0
         s[SORTED] += 1
-    if s[RING_RUNS]:
+    if s[USED] or (s[RING_RUNS] and chunk_offers):
         _merge_back(s, t, job_entries, job_out)
         _spill(s, t, chunk_offers and not (moves and offers < 0), chunk_length, chunk_spill, chunk_last)
         _merge(s, t, way_of, job_start, job_length)
