@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from golden.scenes.files import atomic_output  # noqa: E402
-from golden.scenes.request import make_folder, write_json  # noqa: E402
+from golden.scenes.request import make_folder, parse_size, write_json  # noqa: E402
 from spec.config import CONFIGS  # noqa: E402
 from spec.errors import InputError, run_command_line  # noqa: E402
 from spec.memory import DRAM_BYTES_PER_CYCLE  # noqa: E402
@@ -61,9 +61,9 @@ def git(*command: str) -> str:
 
 def gather(args: argparse.Namespace, out: Path) -> None:
     """The three reports, into the folder."""
+    width, height = parse_size(args.size)
     out = Path(os.path.relpath(out, ROOT))
     run("-m", "perf.report", *args.scene, "--size", args.size, "--out", str(out))
-    width, height = (int(n) for n in args.size.lower().split("x"))
     gaze = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4") if args.scene else ()
     run("-m", "perf.energy_report", *args.scene[:1], *gaze, "--out", str(out))
     if args.area == "measured":
