@@ -83,6 +83,8 @@ def work_for(
     plan = probe(request.model, request.foveation, effects=args.effects, stereo=args.stereo, depth=args.depth,
                  contention=contention)
     print("\n".join(plan.lines()))
+    if plan.sh_degree > config.sh_degree:
+        print(f"config {config.name!r} has harmonics up to degree {config.sh_degree}: those beyond are left out")
     begin = time.perf_counter()
     words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
     machine = plan.machine(config)

@@ -19,14 +19,15 @@ DATAPATHS = {  # by culling units: length of the schedules of near test, project
     1: (32, 109, 63, 51), 2: (27, 99, 66, 36), 3: (27, 91, 61, 36), 4: (27, 91, 61, 35),
     5: (25, 89, 58, 33), 6: (25, 89, 58, 36), 7: (25, 89, 58, 34), 8: (25, 89, 58, 34),
 }
-"""`rtl.culling.schedule.Schedule.length` for the default formats: a slot's last output is born so many cycles after it entered.
-More units than 8 are as 8: a point enters every cycle already, a splat its colour every 4."""
+"""`rtl.culling.schedule.Schedule.length`: a slot's last output is born so many cycles after it entered. Word lengths change no
+schedule while `view`, `work` and `conic` differ, as in every configuration: operators are shared by format. More units than 8
+are as 8: a point enters every cycle already, a splat its colour every 4."""
+
+HARMONICS = {1: (27, 31, 26, 26, 29, 29, 25, 25), 2: (34, 30, 31, 29, 28, 31, 30, 30)}
+"""By SH degree below 3, and by culling units from 1 on: the harmonics' schedules of machines of that degree."""
 
 LEAST_COLOUR_INTERVAL = 4
 """`rtl.culling.colour.LEAST_INTERVAL`."""
-
-COLOUR_DEGREE = 3
-"""Largest SH degree of the machine's colour unit (`rtl.top.geometry_phase`)."""
 
 ROW_PIPELINE, SUMS_LATER = 3, 2
 """`rtl.vrc_array.row` PIPELINE, SUMS_LATER: from an op on a row's input to its transmittance, and from there to its sums."""
@@ -68,8 +69,11 @@ class Culling:
 
 
 def culling(config: AcceleratorConfig) -> Culling:
-    """The datapaths of a configuration of default formats."""
-    near, projection, ellipse, colour = DATAPATHS[min(config.culling_units, max(DATAPATHS))]
+    """The datapaths of a configuration."""
+    units = min(config.culling_units, max(DATAPATHS))
+    near, projection, ellipse, colour = DATAPATHS[units]
+    if config.sh_degree in HARMONICS:
+        colour = HARMONICS[config.sh_degree][units - 1]
     point, splat = config.point_interval, max(LEAST_COLOUR_INTERVAL, config.colour_interval)
     return Culling(Timing(near, point), Timing(projection, point), Timing(ellipse, point), Timing(colour, splat))
 
@@ -87,14 +91,14 @@ def colour_steps(config: AcceleratorConfig, sh_degree: int) -> np.ndarray:
     """
     n, beat = config.formats, 8 * BEAT_BYTES
     interval = max(LEAST_COLOUR_INTERVAL, config.colour_interval)
-    lanes, count = max(1, -(-terms(COLOUR_DEGREE) // interval)), terms(sh_degree)
+    lanes, count = max(1, -(-terms(config.sh_degree) // interval)), terms(sh_degree)
 
     def place(term: int) -> int:
         return 3 * (MAX_LEVELS * n.sh_dc.width + term * n.sh_rest.width)
 
     steps = []
     for first in range(0, max(count, 1), lanes):
-        end = min(place(min(first + lanes, terms(COLOUR_DEGREE))), place(count))
+        end = min(place(min(first + lanes, terms(config.sh_degree))), place(count))
         steps.append((place(first) // beat if first else 0, (end - 1) // beat + 1))
     if max(end for _, end in steps) > colour_beats(config, sh_degree):
         raise ValueError(f"a record of degree {sh_degree} has {colour_beats(config, sh_degree)} beats: steps are {steps!r}")

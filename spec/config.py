@@ -1,7 +1,8 @@
 """AcceleratorConfig: the one parameter object that yields the golden renderer, the RTL and the reports.
 
 TINY is for fast simulation, PAPER has the source's resources (section 7, "Hardware Implementation"), DEFAULT is
-PAPER's array with fewer front-end units and a narrower row.
+PAPER's array with fewer front-end units and a narrower row. PRECISE, BALANCED and FAST are PAPER with the shortest word lengths
+and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -96,6 +97,10 @@ WARP_FILLS = ("majority", "interior")
 """Rules of filling holes; docs/stereo.md compares them."""
 
 
+_NO_LONGER = (("position", "view"), ("work", "view"), ("conic", "view"), ("scale", "work"))
+"""Small floats and those they enter as they are: operands of a sum, which would not round correctly, or of wider operators."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
     """One machine. Rejects bad parameters in the constructor.
@@ -106,7 +111,7 @@ class AcceleratorConfig:
             in blocks.
         levels: foveation levels the machine supports; more than 1, with `blend`, adds the second accumulator bank and the
             blending unit.
-        sh_degree: highest degree of spherical harmonics, 0..3.
+        sh_degree: highest degree of spherical harmonics, 0..3; coefficients of higher ones are left out of models.
         blend: tiles may blend two levels; of no account with 1 level.
         depth: depth sums present.
         fine_depth: their weights have all bits of the transmittance, as they have with `stereo` in any case.
@@ -189,8 +194,13 @@ class AcceleratorConfig:
             raise ValueError(f"support_sigma must be None or in 0.5..8, not {sigma!r}")
         if not isinstance(self.formats, NumberFormats):
             raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
-        if self.formats.position.sig_bits > self.formats.view.sig_bits:  # their difference must round correctly
-            raise ValueError(f"position must not have more significand bits than view, not {self.formats.position!r}")
+        for name, to in _NO_LONGER:
+            number, limit = getattr(self.formats, name), getattr(self.formats, to)
+            if number.sig_bits > limit.sig_bits:
+                raise ValueError(f"{name} must not have more significand bits than {to}, {limit.sig_bits}, not {number!r}")
+        work, most = self.formats.work, self.formats.extent.sig_bits
+        if work.sig_bits > 2 * most:  # an extent is the root of such a number, and could be a tie
+            raise ValueError(f"work must not have more than twice the significand bits of extent, {most}, not {work!r}")
 
     @property
     def blocks(self) -> int:
@@ -233,4 +243,16 @@ TINY = AcceleratorConfig(
 DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2)
 PAPER = AcceleratorConfig(name="paper")
 
-CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER)}
+SHORT_FORMATS = NumberFormats(
+    work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),
+    colour=UQ(1, 8), depth_key=UQ(22, 0), transmittance=UQ(0, 14), exp2_segments=8)
+"""The shortest that break no hard case: by reports/tradeoff.md, whatever loss is accepted."""
+
+PRECISE = PAPER.with_(name="precise", formats=SHORT_FORMATS)
+BALANCED = PRECISE.with_(name="balanced", sh_degree=2)
+FAST = PRECISE.with_(name="fast", sh_degree=1)
+
+PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
+"""Recommendations of `make tradeoff`, by descending accuracy."""
+
+CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, *PRESETS.values())}

@@ -205,9 +205,9 @@ def configurations_section() -> list[str]:
     names = [f.name for f in dataclasses.fields(AcceleratorConfig) if f.name not in ("name", "formats")]
     rows = [[f"`{name}`", *(getattr(c, name) for c in CONFIGS.values()), docs[name]] for name in [*names, *properties]]
     standard = NumberFormats()
-    changed = [[f.name for f in dataclasses.fields(NumberFormats) if getattr(c.formats, f.name) != getattr(standard, f.name)]
-               for c in CONFIGS.values()]
-    rows.append(["`formats`", *(f"but {', '.join(names)}" if names else "as above" for names in changed), docs["formats"]])
+    changed = [[f"`{f.name}` {getattr(c.formats, f.name)}" for f in dataclasses.fields(NumberFormats)
+                if getattr(c.formats, f.name) != getattr(standard, f.name)] for c in CONFIGS.values()]
+    rows.append(["`formats`", *(f"but {'; '.join(names)}" if names else "as above" for names in changed), docs["formats"]])
     return ["## Configurations", "", *table(("parameter", *CONFIGS, "what for"), rows)]
 
 

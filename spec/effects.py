@@ -70,11 +70,15 @@ class EffectPlan:
     sh_degree: int
 
     def machine(self, config: AcceleratorConfig) -> AcceleratorConfig:
-        """`config` with what is not active left out; a machine without levels, too, has the numbers of those it has."""
+        """`config` with what is not active left out; a machine without levels, too, has the numbers of those it has.
+
+        Harmonics of a higher degree than the configuration's stay left out.
+        """
         levels = config.levels if "levels" in self.active else 1
         return config.with_(
-            sh_degree=self.sh_degree, levels=levels, blend="blend" in self.active, depth="depth" in self.active,
-            fine_depth="depth" in self.active and "stereo" not in self.active, stereo="stereo" in self.active)
+            sh_degree=min(self.sh_degree, config.sh_degree), levels=levels, blend="blend" in self.active,
+            depth="depth" in self.active, fine_depth="depth" in self.active and "stereo" not in self.active,
+            stereo="stereo" in self.active)
 
     @property
     def record(self) -> dict[str, object]:

@@ -16,30 +16,33 @@ from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
 from rtl.warp_unit.pack import queue_groups
 from rtl.warp_unit.queue import queue_rows
-from spec.config import CONFIGS, PAPER
+from spec.config import CONFIGS, PAPER, PRESETS, TINY
 from spec.stereo import disparity
 
 UNITS = (1, 2, 4, 5, 8)
+MACHINES = [*(PAPER.with_(name=f"units_{units}", culling_units=units) for units in UNITS), *PRESETS.values(),
+            PAPER.with_(name="degree_1", culling_units=3, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2)]
 
 
-@pytest.mark.parametrize("units", UNITS)
-def test_datapaths_have_the_schedules_of_the_rtl(units):
-    config = PAPER.with_(culling_units=units)
+@pytest.mark.parametrize("config", MACHINES, ids=lambda config: config.name)
+def test_datapaths_have_the_schedules_of_the_rtl(config):
     found = constants.culling(config)
+    colour = ColourUnit(config, sh_degree=config.sh_degree)
     for path, timing in ((NearTest(config).datapath, found.near), (Projection(config).datapath, found.projection),
-                         (TileTest(config)._ellipse, found.ellipse), (ColourUnit(config)._path, found.colour)):
+                         (TileTest(config)._ellipse, found.ellipse), (colour._path, found.colour)):
         assert (path.schedule.length, path.schedule.interval, path.schedule.depth) == (
             timing.length, timing.interval, timing.rows)
-    assert found.colour_waiting == ColourUnit(config)._waiting
+    assert found.colour_waiting == colour._waiting
 
 
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("degree", range(4))
 def test_colour_records_are_read_in_the_rtls_steps(units, degree):
-    config = PAPER.with_(culling_units=units)
-    unit = ColourUnit(config)._sum
-    steps = [(step.base, step.end[degree]) for step in unit._degree_steps(degree)]
-    assert constants.colour_steps(config, degree).tolist() == [list(step) for step in steps]
+    for largest in range(degree, 4):
+        config = PAPER.with_(culling_units=units, sh_degree=largest)
+        unit = ColourUnit(config, sh_degree=largest)._sum
+        steps = [(step.base, step.end[degree]) for step in unit._degree_steps(degree)]
+        assert constants.colour_steps(config, degree).tolist() == [list(step) for step in steps]
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)

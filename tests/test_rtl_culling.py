@@ -14,9 +14,10 @@ from amaranth.hdl import Module, Signal, unsigned
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected
 
+from rtl.culling.near import limit_format
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.values import at_least_smallest, clamp, doubled, order, rescale, widen
-from spec.config import DEFAULT, PAPER, TINY
+from spec.config import DEFAULT, PAPER, SHORT_FORMATS, TINY
 from spec.formats import SmallFloat
 from tb.common.exact import problems
 from tb.culling import suite
@@ -66,6 +67,15 @@ def test_faults_are_found(tiny):
         observed = {**item.observed, name: item.observed[name] + 1}
         assert problems(replace(item, observed=observed), recording)[0].startswith(name)
     assert problems(replace(item, most_cycles=recording.cycles - 1), recording)
+
+
+def test_words_shorter_than_what_enters_them_are_exact(tmp_path):
+    """Quaternions and limits have more significant bits than the presets' `work` format: they are rounded into it."""
+    config = TINY.with_(name="tiny_short", formats=SHORT_FORMATS)
+    n = config.formats
+    assert n.work.sig_bits < min(n.quaternion.frac_bits, limit_format(n).width)
+    plan = suite.unit_plan(config, 0)[:14]
+    assert suite.run_plan(config, plan, tmp_path).failures == {}
 
 
 def test_points_of_the_embedded_scene(monkeypatch, tmp_path):

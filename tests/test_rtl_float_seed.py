@@ -12,7 +12,8 @@ from spec.config import NumberFormats
 from spec.formats import SmallFloat
 
 N = NumberFormats()
-USED = [N.work, N.view]
+USED = [SmallFloat(bits, 8, 127) for bits in (10, 12, 14, 16, 18, 20)]
+"""The `work` format as it is and as `make tradeoff` tries it; the `view` format, too, is among them."""
 
 
 def significands(bits: int) -> np.ndarray:
@@ -27,7 +28,7 @@ def in_ulps(number: SmallFloat, result: np.ndarray, ulp_bits: int) -> np.ndarray
     return units.astype(np.int64)
 
 
-@pytest.mark.parametrize("number", USED, ids=str)
+@pytest.mark.parametrize("number", [*USED, SmallFloat(22, 8, 127)], ids=str)
 def test_rounding_the_float64_reciprocal_is_correct(number):
     """1 / m in (1/2, 1]: k ulps are nearest when (2 k - 1) m < 2 < (2 k + 1) m, in ulps; a tie would be an equality."""
     p = number.sig_bits
@@ -36,6 +37,10 @@ def test_rounding_the_float64_reciprocal_is_correct(number):
     two = 1 << 2 * p
     assert ((2 * k - 1) * m < two).all() and (two < (2 * k + 1) * m).all()
     assert number.round(1 / 1.0) == 1
+
+
+def test_the_used_formats_are_covered():
+    assert N.work in USED and N.view in USED
 
 
 @pytest.mark.parametrize("parity", [0, 1])

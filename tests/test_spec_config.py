@@ -6,8 +6,19 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
-from spec.config import CONFIGS, DEFAULT, PAPER, TINY, AcceleratorConfig, NumberFormats
-from spec.formats import SmallFloat
+from spec.config import (
+    BALANCED,
+    CONFIGS,
+    DEFAULT,
+    FAST,
+    PAPER,
+    PRECISE,
+    PRESETS,
+    SHORT_FORMATS,
+    TINY,
+    AcceleratorConfig,
+    NumberFormats,
+)
 
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "sh_degree": (0, 3), "culling_units": (1, 64),
@@ -92,10 +103,10 @@ def test_support_may_be_absent_or_real():
     assert DEFAULT.with_(support_sigma=2).support_sigma == 2
 
 
-def test_the_three_configurations():
+def test_the_configurations():
     """PAPER has the source's resources: 16x16 cores, 8 culling units, 64 KB of sorting buffer, 1 KB line buffers, 1920 pixels;
     DEFAULT its array; TINY passes over a tile in 16 blocks."""
-    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert (PAPER.cores_x, PAPER.cores_y, PAPER.blocks, PAPER.banks) == (16, 16, 1, 2)
     assert (PAPER.culling_units, PAPER.sorting_units, PAPER.row_width) == (8, 1, 1920)
     assert (PAPER.line_buffer_bytes, PAPER.sort_buffer_bytes) == (1024, 64 * 1024)
@@ -111,15 +122,37 @@ def test_banks_follow_levels_and_blocks():
     assert (DEFAULT.with_(levels=2, cores_x=8).banks, DEFAULT.with_(levels=1).banks) == (4, 1)
 
 
-def test_positions_longer_than_the_view_format_are_rejected():
-    formats = replace(DEFAULT.formats, position=SmallFloat(sig_bits=21, exp_bits=8, bias=127))
-    with pytest.raises(ValueError, match=r"not SmallFloat\(sig_bits=21"):
-        DEFAULT.with_(formats=formats)
-
-
-def test_formats_agree_where_the_arithmetic_relies_on_it():
-    """Relations that docs/array.md and the culling unit use without a shift for them."""
+@pytest.mark.parametrize(("name", "to"), [("position", "view"), ("work", "view"), ("conic", "view"), ("scale", "work")])
+def test_small_floats_longer_than_those_they_enter_are_rejected(name, to):
     n = NumberFormats()
+    most = getattr(n, to).sig_bits
+    n = replace(n, extent=replace(n.extent, sig_bits=13))
+    fitting, long = (replace(n, **{name: replace(getattr(n, name), sig_bits=bits)}) for bits in (most, most + 1))
+    assert DEFAULT.with_(formats=fitting).formats == fitting
+    with pytest.raises(ValueError, match=rf"^{name} must not have .* than {to}, {most}, not SmallFloat\(sig_bits={most + 1},"):
+        DEFAULT.with_(formats=long)
+
+
+def test_work_is_at_most_twice_as_long_as_an_extent():
+    n = NumberFormats()
+    assert n.work.sig_bits == 2 * n.extent.sig_bits  # a case at the limit
+    with pytest.raises(ValueError, match=r"^work must not have more than twice .* of extent, 9, not SmallFloat\(sig_bits=19,"):
+        DEFAULT.with_(formats=replace(n, work=replace(n.work, sig_bits=19)))
+
+
+def test_presets_are_the_papers_machine_with_fewer_bits_and_harmonics():
+    assert list(PRESETS) == ["precise", "balanced", "fast"]
+    degrees = [config.sh_degree for config in PRESETS.values()]
+    assert degrees == sorted(degrees, reverse=True) and degrees[0] == PAPER.sh_degree
+    for name, config in PRESETS.items():
+        assert config.with_(name="paper", formats=PAPER.formats, sh_degree=3) == PAPER and config.name == name
+        widths = [(getattr(config.formats, f.name), getattr(PAPER.formats, f.name)) for f in fields(NumberFormats)]
+        assert all(a <= b if isinstance(a, int) else a.width <= b.width for a, b in widths) and config.formats != PAPER.formats
+
+
+@pytest.mark.parametrize("n", [NumberFormats(), SHORT_FORMATS], ids=["default", "short"])
+def test_formats_agree_where_the_arithmetic_relies_on_it(n):
+    """Relations that docs/array.md and the culling unit use without a shift for them."""
     assert n.cut.frac_bits == n.log2_opacity.frac_bits <= n.exponent.frac_bits
     assert n.factor.frac_bits == n.conic.sig_bits - 1
     assert n.exponent.frac_bits == n.slope.frac_bits == n.curvature.frac_bits

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from golden.msv2_ref import pipeline
+from spec.config import PRESETS
 from spec.errors import InputError
 from tb.frame import __main__ as command
 
@@ -55,8 +56,25 @@ def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
     assert report["cycles"] < 1.5 * report["entries"] and report["cycles_per_s"] > 1000
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_are_bit_exact(tmp_path, preset):
+    options = ["--size", "64x64", "--gaze", "20,30", "--levels", "4", "--machine", "full", "--config", preset]
+    assert command.main(["embedded", *options, "--out", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "frame.json").read_text())
+    assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == [] and report["entries"] > 5000
+
+
+@pytest.mark.long
+@pytest.mark.data
+def test_truck_is_bit_exact_on_a_preset(data_dir, tmp_path):
+    scene = str(data_dir / "trained" / "truck.splat")
+    assert command.main([scene, "--size", "128x72", "--machine", "full", "--config", "fast", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "frame.json").read_text())["entries"] > 50_000
+
+
 @pytest.mark.parametrize(("argv", "says"), [
-    (["embedded", "--config", "huge"], r"'huge' is not accepted: choose one of tiny, default, paper"),
+    (["embedded", "--config", "huge"], r"'huge' is not accepted: choose one of tiny, default, paper, precise, balanced, fast"),
     (["embedded", "--config", "tiny", "--size", "0x10"], "'0x10'"),
     (["embedded", "--config", "tiny", "--size", "600x10"], "600x10"),
     (["embedded", "--config", "tiny", "--wave-cycles", "a:b", "--waves"], "'a:b'"),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from perf.tradeoff.knobs import WORDS, Setting
 from spec.config import TINY
 from spec.registers import ErrorCode
 from tb.top.device import machine
@@ -51,6 +52,28 @@ def test_frames_of_two_eyes_in_short(tmp_path):
     assert outcome.failures == {} and outcome.runs == len(plan) > 10
     late = [outcome.recordings[item.name].registers for item in plan if item.run.late and item.run.abort]
     assert late and all(registers["cycles_target"] > 0 for registers in late)
+
+
+@pytest.mark.long
+def test_frames_of_a_presets_numbers_in_short(tmp_path):
+    config = VARIANTS["tiny_short"]
+    plan = good_plan(config, 0)[3::8]
+    frames = [item.frame for item in plan]
+    assert 2 in {frame.words.sh_degree for frame in frames} and any(frame.registers.header[:, 0].any() for frame in frames)
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 4
+
+
+SWEPT = [(knob, value) for knob, values in WORDS.items() for value in (next(iter(values)), next(reversed(values)))]
+"""The shortest and the longest of every word length that `make tradeoff` tries."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("knob", "value"), SWEPT, ids=map(" ".join, SWEPT))
+def test_word_lengths_of_the_tradeoff_are_exact(knob, value, tmp_path):
+    config = WORDS[knob][value](Setting(config=TINY)).config.with_(name="swept")
+    outcome = run_plan(config, good_plan(config, 0)[3::8], tmp_path)
+    assert outcome.failures == {} and outcome.runs > 4
 
 
 @pytest.mark.long

@@ -44,6 +44,11 @@ def test_tiny_is_bit_exact(tiny):
     assert tiny.runs == len(quick_plan(TINY)) - 4 and tiny.pixels > 80_000  # four runs are cut off
 
 
+def test_a_presets_numbers_are_bit_exact(tmp_path):
+    config = suite.VARIANTS["tiny-short"]
+    assert suite.run_plan(config, suite.random_plan(config, 0), tmp_path).failures == {}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in suite.DISTINCT if name != "tiny"])
 def test_other_machines_are_bit_exact(name, tmp_path):

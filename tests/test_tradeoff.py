@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from perf.tradeoff import __main__ as command
 from perf.tradeoff import choose, hard, knobs, report, training
 from perf.tradeoff.jobs import run_all
 from perf.tradeoff.scene import SceneRequest
-from spec.config import PAPER
+from spec.config import PAPER, PRESETS
 from spec.constants import SUPPORT_SIGMA
 from spec.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def row(knob: str, value: str = "", *, cycles: float = 100.0, photo: float | None = 25.0, oracle: float = 70.0,
@@ -66,10 +69,37 @@ def test_what_breaks_a_hard_case_is_neither_recommended_nor_on_the_frontier():
     assert choose.candidate_parts(rows, choose.BUDGETS[1]) == [("words", "4"), ("sh", "0")]
 
 
+def test_of_settings_as_fast_and_long_the_one_with_fewer_harmonics_is_taken_and_presets_are_no_settings():
+    rows = [row("default", functions=15), row("preset", "fast", cycles=10.0),
+            row("tile test", "OBB", cycles=20.0, in_rtl=False), row("sh", "2", cycles=60.0, functions=8),
+            row("sh", "1", cycles=60.05, photo=24.96, functions=3)]
+    choose.with_losses(rows)
+    choose.frontier(rows)
+    assert choose.recommended(rows, choose.BUDGETS[0]) is rows[3] and choose.recommended(rows, choose.BUDGETS[1]) is rows[4]
+    assert [r["pareto"] for r in rows] == [False, False, False, True, False]
+
+
+def test_presets_are_the_recommendations_of_the_report():
+    content = json.loads((ROOT / "reports" / "tradeoff.json").read_text())
+    assert content["presets"] == {b.preset: b.name for b in choose.BUDGETS if b.preset}
+    for name, budget in content["presets"].items():
+        parts = content["recommended"][budget]["parts"]
+        setting = knobs.combined(name, [tuple(part) for part in parts], 3, content["levels"])
+        assert setting.config.formats == PRESETS[name].formats, name
+        assert (3 if setting.sh_degree is None else setting.sh_degree) == PRESETS[name].sh_degree, name
+        assert PRESETS[name].with_(name=PAPER.name, formats=PAPER.formats, sh_degree=3) == PAPER
+
+
+def test_every_word_length_of_the_sweep_is_one_that_machines_take():
+    for knob, values in knobs.WORDS.items():
+        for change in values.values():
+            assert change(knobs.Setting()).config != PAPER, knob
+
+
 def test_every_setting_is_one_change_of_a_machine_that_can_be():
     settings = knobs.single(3, "4, untrained", ["M"])
     assert settings[0] == knobs.Setting() and len({s.name for s in settings}) == len(settings)
-    assert {"levels", "ecc_thresh", "support radius", "SH degree", "tile test", "variant", *knobs.WORDS} == {
+    assert {"preset", "levels", "ecc_thresh", "support radius", "SH degree", "tile test", "variant", *knobs.WORDS} == {
         s.knob for s in settings[1:]}
     for setting in settings[1:]:
         same = replace(setting, knob="default", value="", config=setting.config.with_(name=PAPER.name))

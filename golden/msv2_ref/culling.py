@@ -228,7 +228,7 @@ def _project_block(block, cam, k):
             _splatted_axis(a, b, first, block[_SCALE + j], near, W),
             _splatted_axis(a, b, second, block[_SCALE + _BLOCK + j], near, W),
             _splatted_axis(a, b, third, block[_SCALE + 2 * _BLOCK + j], near, W), k)
-        limit = block[_LIMIT + j] + TILE_REACH_MARGIN
+        limit = rnd(block[_LIMIT + j] + TILE_REACH_MARGIN, W)
         block[_CONIC + j], block[_CONIC + _BLOCK + j], block[_CONIC + 2 * _BLOCK + j] = l1, l2, l3
         block[_MEAN2D + j], block[_MEAN2D + _BLOCK + j] = _to_pixels(x, centre_x, k), _to_pixels(y, centre_y, k)
         block[_EXTENT + j], block[_EXTENT + _BLOCK + j] = _extent(cov_xx, limit, k), _extent(cov_yy, limit, k)

@@ -44,7 +44,7 @@ def prepare(
         words: the Gaussians.
         foveation: of the frame.
     """
-    words = with_sh_degree(words, plan.sh_degree)
+    words = with_sh_degree(words, min(plan.sh_degree, config.sh_degree))
     if "levels" not in plan.active:
         return replace(words, levels=1), foveation
     if "levels" not in plan.called:  # every level is the first: all points are in all

@@ -21,7 +21,7 @@ class DecodedGeometry(NamedTuple):
     Attributes:
         mean: (N, 3) float64, relative to the words' origin.
         scale: (N, 3) float64.
-        quat: (N, 4) int16 raw.
+        quat: (N, 4) integers, raw, of numbers that the work format has: it is what the culling unit turns them into.
         opacity: (N,) int32, the largest raw `log2_opacity` among the levels that use the point.
     """
 
@@ -59,21 +59,27 @@ class GaussianWords:
         n, g = self.config.formats, self.geometry
         used = np.arange(MAX_LEVELS) <= g["bound"][:, None]
         strongest = np.where(used, g["log2_opacity"], n.log2_opacity.raw_min).max(axis=1)
-        return DecodedGeometry(n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), np.ascontiguousarray(g["quat"]),
-                               strongest.astype(np.int32))
+        quat = np.ascontiguousarray(g["quat"])
+        if n.work.sig_bits < n.quaternion.width - 1:
+            rounded = n.work.round(n.quaternion.to_float(quat))
+            quat = np.ldexp(rounded, n.quaternion.frac_bits).astype(np.int32)  # may be 1, which raw quaternions are not
+        return DecodedGeometry(n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), quat, strongest.astype(np.int32))
 
 
 def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianWords:
     """Rounds every parameter into its memory format.
 
     The origin is the points' median, so that coordinates of planetary size lose nothing. Opacities of 0 become the
-    format's smallest, which alpha's cut removes. Levels a model lacks repeat its last one.
+    format's smallest, which alpha's cut removes. Levels a model lacks repeat its last one. Coefficients beyond the machine's
+    SH degree are dropped.
 
     Raises:
         InputError: more Gaussians than an index, or the count of a tile's entries, can tell apart.
     """
     if len(model) >= 1 << INDEX_BITS:
         raise InputError(f"{len(model)} Gaussians are not accepted: {INDEX_BITS} bits of index take {(1 << INDEX_BITS) - 1}")
+    if model.sh_degree > config.sh_degree:
+        model = model.with_sh_degree(config.sh_degree)
     n = config.formats
     geometry = np.zeros(len(model), gaussian_geometry(config).dtype)
     colour = np.zeros(len(model), gaussian_colour(config, model.sh_degree).dtype)

@@ -120,7 +120,8 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
         rows.append({
             "knob": setting.knob, "value": setting.value, "parts": [list(part) for part in setting.parts],
             "threshold_deg": setting.threshold_deg, "variant": setting.variant, "in_rtl": setting.in_rtl,
-            "word_bits": word_bits(setting.config), "area_mm2": area if same and not setting.obb else None,
+            "word_bits": word_bits(setting.config), "functions": setting.functions,
+            "area_mm2": area if same and not setting.obb else None,
             **quality, **stable})
     return rows
 
@@ -176,7 +177,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         "scene": Path(args.scene).stem, "size": args.size, "views": args.views, "photographs": scene.photographs is not None,
         "levels": scene.levels_named, "points": len(scene.leveled[""]), "machine": rows,
         "recommended": {b.name: recommended(rows, b) for b in BUDGETS},
-        "recommended_in_rtl": {b.name: recommended([row for row in rows if row["in_rtl"]], b) for b in BUDGETS},
         "presets": {b.preset: b.name for b in BUDGETS if b.preset},
         "simulation": {"size": small.size, "config": args.rtl_config, "rows": simulated},
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from perf.tradeoff.knobs import BOTH_RENDERED, DEFAULT
+from perf.tradeoff.knobs import BOTH_RENDERED, DEFAULT, PRESET
 
 Row = dict[str, Any]
 
@@ -114,15 +114,21 @@ def frontier(rows: Sequence[Row]) -> None:
 
 
 def _comparable(row: Row) -> bool:
-    return not row.get("error") and row.get("threshold_deg") is None and not row.get("variant")
+    if row.get("error") or row["knob"] == PRESET or not row.get("in_rtl", True):
+        return False
+    return row.get("threshold_deg") is None and not row.get("variant")
 
 
 def _faster(row: Row, other: Row) -> bool:
-    """Fewer cycles; of as many, fewer bits."""
+    """Fewer cycles; of as many, fewer bits; of as many, fewer harmonics."""
     ratio = row["cycles"] / other["cycles"]
     if abs(ratio - 1) > SAME_SPEED:
         return ratio < 1
-    return (row["word_bits"], row["loss_db"]) < (other["word_bits"], other["loss_db"])
+    return _size(row) < _size(other)
+
+
+def _size(row: Row) -> tuple[float, ...]:
+    return row["word_bits"], row.get("functions", 0), row["loss_db"]
 
 
 def candidate_parts(rows: Sequence[Row], budget: Budget) -> list[tuple[str, str]]:

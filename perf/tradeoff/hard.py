@@ -25,7 +25,9 @@ _GOLDEN = RENDERERS["golden"]
 
 def machine_of(setting: Setting) -> AcceleratorConfig:
     """The machine of the hard cases with the setting's numbers."""
-    return MACHINE.with_(name="tradeoff", formats=setting.config.formats, support_sigma=setting.config.support_sigma)
+    config = setting.config
+    return MACHINE.with_(
+        name="tradeoff", formats=config.formats, support_sigma=config.support_sigma, sh_degree=config.sh_degree)
 
 
 def identity(setting: Setting) -> tuple[object, ...]:

@@ -9,14 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 
-from spec.config import PAPER, AcceleratorConfig, NumberFormats
+from spec.config import PAPER, PRESETS, AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, REGION_START_DEG
-from spec.formats import UQ, SmallFloat
+from spec.formats import UQ
 
 CONSTANTS = ("ALPHA_MIN", "T_STOP")
 """Thresholds that no machine can change."""
 
 DEFAULT = "default"
+PRESET = "preset"
+"""Knobs of those names are no changes: of a machine of `spec.config`, the paper's and the presets."""
+
 BOTH_RENDERED = 180.0
 """A threshold beyond which no tile lies: nothing is warped."""
 
@@ -53,8 +56,14 @@ class Setting:
 
     @property
     def in_rtl(self) -> bool:
-        """Whether it is of machines whose RTL is bit-exact: the default's formats, and no bounding boxes."""
-        return not self.obb and self.config.formats == PAPER.formats
+        """Whether the RTL has it: bounding boxes it has not."""
+        return not self.obb
+
+    @property
+    def functions(self) -> int:
+        """Basis functions of the largest SH degree in use, the first one left out."""
+        degree = self.config.sh_degree if self.sh_degree is None else min(self.sh_degree, self.config.sh_degree)
+        return (degree + 1) ** 2 - 1
 
 
 def word_bits(config: AcceleratorConfig) -> int:
@@ -67,17 +76,12 @@ def _formats(setting: Setting, **changes: object) -> Setting:
     return replace(setting, config=setting.config.with_(formats=replace(setting.config.formats, **changes)))
 
 
-def _significand(setting: Setting, name: str, bits: int) -> Setting:
-    now: SmallFloat = getattr(setting.config.formats, name)
-    return _formats(setting, **{name: replace(now, sig_bits=bits)})
-
-
-def _view(setting: Setting, bits: int) -> Setting:
-    """Means cannot be longer than the view format; the sort key counts its ulps, in no more bits than an entry has for it."""
+def _work(setting: Setting, bits: int) -> Setting:
+    """Scales enter it as they are, and an extent, a root, has at least half of its bits."""
     formats = setting.config.formats
-    position = replace(formats.position, sig_bits=min(bits, formats.position.sig_bits))
-    key = UQ(min(bits + 4, NumberFormats().depth_key.int_bits), 0)
-    return _formats(setting, view=replace(formats.view, sig_bits=bits), position=position, depth_key=key)
+    scale = replace(formats.scale, sig_bits=min(bits, formats.scale.sig_bits))
+    extent = replace(formats.extent, sig_bits=max((bits + 1) // 2, formats.extent.sig_bits))
+    return _formats(setting, work=replace(formats.work, sig_bits=bits), scale=scale, extent=extent)
 
 
 def _conic(setting: Setting, bits: int) -> Setting:
@@ -87,6 +91,15 @@ def _conic(setting: Setting, bits: int) -> Setting:
             for name in ("exponent", "slope", "curvature")}
     conic, factor = replace(formats.conic, sig_bits=bits), replace(formats.factor, frac_bits=fraction)
     return _formats(setting, conic=conic, factor=factor, **grid)
+
+
+def _view(setting: Setting, bits: int) -> Setting:
+    """What enters it cannot be longer; the sort key counts its ulps, in no more bits than an entry has for it."""
+    formats = setting.config.formats
+    position = replace(formats.position, sig_bits=min(bits, formats.position.sig_bits))
+    key = UQ(min(bits + 4, NumberFormats().depth_key.int_bits), 0)
+    setting = _conic(_work(setting, min(bits, formats.work.sig_bits)), min(bits, formats.conic.sig_bits))
+    return _formats(setting, view=replace(formats.view, sig_bits=bits), position=position, depth_key=key)
 
 
 def _support(setting: Setting, sigma: float | None) -> Setting:
@@ -101,7 +114,7 @@ WORDS: dict[str, dict[str, Change]] = {
     "colour bits": {str(n + 1): lambda s, n=n: _formats(s, colour=UQ(1, n)) for n in (5, 6, 7, 8, 10, 11)},
     "depth key bits": {str(n): lambda s, n=n: _formats(s, depth_key=UQ(n, 0)) for n in (20, 21, 22, 23)},
     "view significand": {str(n): lambda s, n=n: _view(s, n) for n in (14, 16, 18, 22)},
-    "work significand": {str(n): lambda s, n=n: _significand(s, "work", n) for n in (10, 12, 14, 16, 20)},
+    "work significand": {str(n): lambda s, n=n: _work(s, n) for n in (10, 12, 14, 16, 20)},
     "conic significand": {str(n): lambda s, n=n: _conic(s, n) for n in (12, 13, 14, 15, 18)},
 }
 """Word lengths by knob; those of the default are left out."""
@@ -126,8 +139,8 @@ def applied(knob: str, value: str, change: Change, to: Setting | None = None) ->
 
 
 def single(sh_degree: int, levels_named: str, variants: Iterable[str]) -> list[Setting]:
-    """The default and every knob's settings; of two eyes, both rendered first."""
-    out = [Setting()]
+    """The default, the presets and every knob's settings; of two eyes, both rendered first."""
+    out = [Setting(), *(Setting(PRESET, name, config) for name, config in PRESETS.items())]
     for knob, settings in changes(sh_degree, levels_named).items():
         out += [applied(knob, value, change) for value, change in settings.items()]
     stereo = PAPER.with_(stereo=True)

@@ -15,12 +15,15 @@ from typing import Any
 from golden.scenes.files import atomic_output
 from golden.scenes.request import write_json
 from perf.tradeoff.choose import ASSUMED_PSNR_DB, BUDGETS
-from perf.tradeoff.knobs import CONSTANTS, DEFAULT
+from perf.tradeoff.knobs import CONSTANTS, DEFAULT, PRESET
 from spec.constants import REGION_START_DEG
 
 Content = Mapping[str, Any]
 
 PICTURES = ("machine", "simulation", "training")
+
+COSTS = ("cycles", "times the default's speed", "frames/s at 1 GHz", "chip, mJ", "DRAM, mJ", "area, mm²", "bits of all formats",
+         "loss, dB", "HVSQ")
 
 
 def known_area(path: Path) -> float | None:
@@ -105,19 +108,34 @@ def _what(row: Mapping[str, Any]) -> str:
     return ", ".join(" ".join(part) for part in row["parts"]) or f"{row['knob']} {row['value']}"
 
 
-def recommendation(content: Content, which: str = "recommended") -> str:
-    """The fastest setting for each budget, as a table; `which` of the content's."""
+def recommendation(content: Content) -> str:
+    """The fastest setting for each budget, as a table."""
     rows = []
     for budget in BUDGETS:
-        row = content[which][budget.name]
+        row = content["recommended"][budget.name]
         if row is None:
             rows.append([budget.name, "none", *["-"] * 8])
             continue
-        rows.append([budget.name, _what(row), f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['fps']:,.0f}",
-                     f"{row['chip_mj']:.4f}", _area(row), str(row["word_bits"]), _cell(row["loss_db"], "+.4f"),
-                     _cell(row["hvsq_change"], "+.2%")])
-    return "\n".join(_table(["loss accepted", "fastest setting", "cycles", "times the default's speed", "frames/s at 1 GHz",
-                             "chip, mJ", "area, mm²", "bits of all formats", "loss, dB", "HVSQ"], rows))
+        rows.append([budget.name, _what(row), *_costs(row)])
+    return "\n".join(_table(["loss accepted", "fastest setting", *COSTS], rows))
+
+
+def presets(content: Content) -> str:
+    """The default machine and the presets, as a table."""
+    rows = []
+    for row in content["machine"]:
+        if row["knob"] in (DEFAULT, PRESET) and not row.get("error"):
+            worst = f"{row['worst_error_255']:.2f}" + (f" **breaks {len(row['broken'])}**" if row["broken"] else "")
+            rows.append(["the default" if row["knob"] == DEFAULT else f"`{row['value']}`", *_costs(row),
+                         f"{row['psnr_oracle_db']:.2f}", worst])
+    return "\n".join(_table(["machine", *COSTS, "PSNR oracle, dB", "worst hard case, /255"], rows))
+
+
+def _costs(row: Mapping[str, Any]) -> list[str]:
+    """The cells of COSTS."""
+    return [f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}",
+            f"{row['dram_mj']:.4f}", _area(row), str(row["word_bits"]), _cell(row["loss_db"], "+.4f"),
+            _cell(row["hvsq_change"], "+.2%")]
 
 
 def _machine_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -182,14 +200,14 @@ def as_markdown(content: Content, pictures: Mapping[str, str]) -> str:
         f"Made by `make tradeoff`; [docs/tradeoff.md](../docs/tradeoff.md) explains it. {content['scene']}, {content['size']}, "
         f"{content['views']} views, {content['points']:,} points, levels {content['levels']}. Losses are against {judged}.", "",
         "## Recommended", "", recommendation(content), "",
-        "The fastest setting of one eye within a loss that breaks no hard case; settings within 0.2 % of each other's cycles "
-        "are as fast, and the one with fewer bits is taken. "
-        + ", ".join(f"`{preset}` is the one for {budget}" for preset, budget in content["presets"].items())
-        + ". Energy does not know of word lengths: only of the work and the cycles. Area is that of the paper's machine, where "
-        "it is known.",
-        "", "With the default's word lengths, for which the RTL matches bit for bit (others are the integer renderer's alone):",
-        "",
-        recommendation(content, "recommended_in_rtl"), "",
+        "The fastest setting of one eye within a loss that breaks no hard case and that the RTL has; settings within 0.2 % of "
+        "each other's cycles are as fast, and the one with fewer bits is taken, of as many the one with fewer harmonics. "
+        "Energy does not know of word lengths: only of the work and the cycles. Area is that of the paper's machine, where it "
+        "is known.",
+        "", "## Presets", "", presets(content), "",
+        "Machines of `spec.config.CONFIGS`: " + ", ".join(
+            f"`{preset}` is the recommendation for {budget}" for preset, budget in content["presets"].items())
+        + " on the embedded scene, and the machine itself has no more harmonics.", "",
         "## The machine", *shown("machine"), "",
         "Bold: on the frontier of cycles and loss. Frames of two eyes are judged by the second eye, and count their loss from "
         "both rendered. A setting **breaks** a hard case where the case's expectation or bound, which the default meets, is "

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
@@ -28,11 +28,12 @@ from tb.top.stimuli import case, cloud, crowd, small_cases
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT, "paper": PAPER,
     "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
-    "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4)}
+    "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4),
+    "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree)}
 """Machines that can be tested."""
 
-DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline")
-"""Both ways of handing over; larger machines are simulated by whole frames (`tb.frame`)."""
+DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short")
+"""Both ways of handing over, the presets' numbers; larger machines are simulated by whole frames (`tb.frame`)."""
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:

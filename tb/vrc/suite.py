@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
 from tb.common.patterns import Pattern
 from tb.common.player import Recording, Run, play
 from tb.common.runner import Waves
@@ -23,6 +23,7 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny-no-depth": TINY.with_(depth=False),
     "tiny-no-support": TINY.with_(support_sigma=None),
     "tiny-baseline": TINY.with_(incremental=False),
+    "tiny-short": TINY.with_(levels=1, depth=False, formats=SHORT_FORMATS),
     "default": DEFAULT,
     "paper": PAPER,
 }
