@@ -16,8 +16,8 @@ from spec.memory import BEAT_BYTES, colour_beats
 from spec.queues import COLOUR_LOOKAHEAD
 
 DATAPATHS = {  # by culling units: length of the schedules of near test, projection, ellipse test, harmonics
-    1: (32, 109, 63, 51), 2: (27, 99, 66, 36), 3: (27, 91, 61, 36), 4: (27, 91, 61, 35),
-    5: (25, 89, 58, 33), 6: (25, 89, 58, 36), 7: (25, 89, 58, 34), 8: (25, 89, 58, 34),
+    1: (32, 110, 63, 56), 2: (27, 100, 66, 50), 3: (27, 92, 61, 47), 4: (27, 92, 61, 42),
+    5: (25, 90, 58, 45), 6: (25, 90, 58, 42), 7: (25, 90, 58, 39), 8: (25, 90, 58, 39),
 }
 """`rtl.culling.schedule.Schedule.length`: a slot's last output is born so many cycles after it entered. Word lengths change no
 schedule while `view`, `work` and `conic` differ, as in every configuration: operators are shared by format. More units than 8

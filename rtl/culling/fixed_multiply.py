@@ -13,7 +13,8 @@ from spec.formats import Fixed
 
 
 class FixedMul(FloatUnit):
-    """`result` = a * b, rounded HALF_UP. Latency 3: a times the halves of b; the sum; rounded.
+    """`result` = a * b, rounded HALF_UP. Latency 4: the operands, which may come through multiplexers; a times the
+    halves of b; the sum; rounded.
 
     The result is exact modulo its format's range; `saturated` says that it does not fit.
 
@@ -21,7 +22,7 @@ class FixedMul(FloatUnit):
         a, b, result: formats, signed; the result's fraction is shorter than those of a and b together.
     """
 
-    latency = 3
+    latency = 4
 
     def __init__(self, *, a: Fixed, b: Fixed, result: Fixed) -> None:
         for name, number in (("a", a), ("b", b), ("result", result)):
@@ -36,7 +37,7 @@ class FixedMul(FloatUnit):
     def stages(self, p: Pipeline, let: Let) -> Staged:
         a, b, to = self._formats
         half, drop = b.width // 2, a.frac_bits + b.frac_bits - to.frac_bits
-        operand, other = p.data("a", self.a), p.data("b", self.b)
+        operand, other = (p.data(name, port).to(1) for name, port in (("a", self.a), ("b", self.b)))
         low = p.reg("low", lambda a, b: a * b[:half], operand, other)
         high = p.reg("high", lambda a, b: a * b[half:].as_signed(), operand, other)
         # The bits below the one that rounds decide nothing.

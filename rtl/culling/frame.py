@@ -41,7 +41,8 @@ def count_items(m: Module, moves: Value, end: Value, *counters: tuple[Signal, Va
     with m.If(moves):
         m.d.sync += fresh.eq(end)
         for counter, condition in counters:
-            m.d.sync += counter.eq(Mux(fresh, 0, counter) + (condition & ~end))
+            counts = condition & ~end  # it chooses, late as it may come, and is not waited for by a carry
+            m.d.sync += counter.eq(Mux(fresh, counts, Mux(counts, counter + 1, counter)))
 
 
 def flatten(fields: dict[str, Value | data.View]) -> dict[str, Value]:

@@ -12,7 +12,6 @@ from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatt
 from rtl.culling.near import limit_format, survivor_layout
 from rtl.culling.values import at_least_smallest, clamp, doubled, rescale, widen
 from rtl.fixed import as_integer, saturate
-from rtl.float.number import Let
 from rtl.shapes import layout
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -91,7 +90,9 @@ class _Projection:
     def splatted_axis(self, rows: list[Triple], column: Triple, scale: Node, near: Node) -> tuple[Node, Node]:
         """One scaled axis of the ellipsoid on the image plane, along x and along y."""
         g, work = self.g, self.n.work
-        length = g.mul(g.view("length", work, lambda v: widen(v, self.n.scale, work), scale), near, work)
+        if self.config.point_interval != 1:  # one kind of product for all, where operators are shared
+            scale = g.view("length", work, lambda v: widen(v, self.n.scale, work), scale)
+        length = g.mul(scale, near, work)
         return tuple(g.mul(g.dot3(work, row, column), length, work) for row in rows)
 
     def conic(self, axes: list[tuple[Node, Node]]) -> tuple[Node, Node]:
@@ -106,15 +107,15 @@ class _Projection:
         root_yy = g.rsqrt(cov_yy, work)
         factor = g.mul(root_yy, g.rsqrt(det, work), work)
 
-        def positive(let: Let, v: Value) -> Value:
-            return at_least_smallest(rescale(let, v, work, to), to)
+        def narrowed(i: int, x: Node) -> Node:
+            return g.logic(f"narrow_l{i + 1}", to, lambda let, v: rescale(let, v, work, to, negate=i == 1), x, lets=True)
 
-        def negative(let: Let, v: Value) -> Value:
-            return rescale(let, v, work, to, negate=True)
+        def positive(x: Value) -> Value:
+            return at_least_smallest(x, to)
 
-        g.output("conic_0", g.logic("l1", to, positive, g.mul(cov_yy, factor, work), lets=True))
-        g.output("conic_1", g.logic("l2", to, negative, g.mul(cov_xy, factor, work), lets=True))
-        g.output("conic_2", g.logic("l3", to, positive, root_yy, lets=True))
+        # Brought to the format a cycle before they are outputs: those go to memory, which wants them early.
+        for i, x in enumerate((g.mul(cov_yy, factor, work), g.mul(cov_xy, factor, work), root_yy)):
+            g.output(f"conic_{i}", g.logic(f"l{i + 1}", to, (lambda x: x) if i == 1 else positive, narrowed(i, x)))
         return cov_xx, cov_yy
 
     def pixels(self, i: int, slope: Node) -> Node:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Cat, Const, Mux, Value
 
-from rtl.float.number import Let, fields, round_and_pack
+from rtl.float.number import Let, fields, round_and_pack_early
 from spec.formats import SmallFloat
 
 
@@ -22,8 +22,8 @@ def clamp(x: Value, low: Value, high: Value) -> Value:
 def rescale(let: Let, x: Value, number: SmallFloat, to: SmallFloat, *, negate: bool = False) -> Value:
     """x, or -x, in another format: rounded HALF_EVEN, flushed, saturating."""
     f = fields(x, number)
-    exponent = f.exponent - number.bias + to.bias
-    rounded = round_and_pack(let, to, f.significand, exponent, negative=f.negative ^ negate, nonzero=f.nonzero)
+    exponent = f.exponent if number.bias == to.bias else f.exponent + (to.bias - number.bias)
+    rounded = round_and_pack_early(let, to, f.significand, exponent, negative=f.negative ^ negate, nonzero=f.nonzero)
     return let("rescaled", rounded[: to.width])
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Module, Mux, ShapeLike, Signal, Value
+from collections.abc import Iterable
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -23,7 +27,9 @@ class ViewWriter(wiring.Component):
         carried: layout of what the sums carry: the fields of SurvivingSplat but `offset` and `end`.
 
     Ports:
-        sums: `colour_sum_layout`; taken with the splat's last beat, or at once where it has no level.
+        sums: `colour_sum_layout`; taken with the splat's last beat, or at once where it has no level. Between two splats
+            nothing is offered for a cycle at least, and in the last such cycle `carried` is the next one's already: the
+            levels are looked at there.
         writes: of level L of splat i at beat views_base + (i << view_shift) + L.
         views_base, view_shift: settings of the frame.
 
@@ -42,34 +48,33 @@ class ViewWriter(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         sums, request, splat = self.sums, self.writes.payload, self.sums.payload.carried
-        written, left, level, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(range(MAX_LEVELS)), Signal()
-        chosen = left & (~left + 1)[:MAX_LEVELS]
+        left, following, lowest, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()
+        level, above = Signal(MAX_LEVELS), Signal(MAX_LEVELS)  # of the next beat, and the level above, where there is one
         m.d.comb += [
             free.eq(~self.writes.valid | self.writes.ready),
-            left.eq(splat.levels & ~written),
-            sums.ready.eq((left == 0) | free & (left == chosen)),
+            following.eq(Mux(sums.valid, left & ~level, splat.levels)),
+            lowest.eq(Cat(following[i] & ~following[:i].any() for i in range(MAX_LEVELS))),
+            sums.ready.eq(~left.any() | free & ~(left & ~level).any()),
         ]
-        for i in reversed(range(MAX_LEVELS)):
-            with m.If(left[i]):
-                m.d.comb += level.eq(i)
+        with m.If(~sums.valid | free):
+            m.d.sync += [left.eq(following), level.eq(lowest), above.eq(Cat(Const(0, 1), lowest[:-2], lowest[-2:].any()))]
         with m.If(free):
             m.d.sync += self.writes.valid.eq(sums.valid & left.any())
         with m.If(sums.valid & free & left.any()):
+            number = Cat(level[1] | level[3], level[2] | level[3])
             m.d.sync += [
-                written.eq(Mux(left == chosen, 0, written | chosen)),
-                request.beat.eq(self.views_base + (splat.index << self.view_shift) + level),
-                request.word.as_value().eq(self._view(level).as_value()),
+                request.beat.eq(self.views_base + (splat.index << self.view_shift) + number),
+                request.word.as_value().eq(self._view(level, above).as_value()),
                 request.strobe.eq((1 << WORDS) - 1),
             ]
         return m
 
-    def _view(self, level: Signal) -> data.View:
-        """The view at a level."""
+    def _view(self, *both: Value) -> data.View:
+        """The view at a level and the one above, given by the bit that is set."""
         splat, of = self.sums.payload.carried, layout(splat_view(self.config))
-        both = level, Mux(level == MAX_LEVELS - 1, level, level + 1)
-        opacity = Array(splat.log2_opacity[i] for i in range(MAX_LEVELS))
         values = {name: getattr(splat, name) for name in ("mean2d", "conic", "depth", "bound")}
-        values["log2_opacity"] = Cat(opacity[at].as_unsigned() for at in both)
+        opacity = [splat.log2_opacity[i] for i in range(MAX_LEVELS)]
+        values["log2_opacity"] = Cat(_one_of(at, opacity).as_unsigned() for at in both)
         values["colour"] = Cat(self._colour(c, at) for at in both for c in range(3))
         return data.View(of, Cat(Value.cast(values[name]) for name, _ in of))
 
@@ -77,6 +82,12 @@ class ViewWriter(wiring.Component):
         """Sum and base colour, rounded and saturated once."""
         n, sums = self.config.formats, self.sums.payload
         frac = sum_format(n).frac_bits
-        base = Array(sums.dc[3 * i + channel] for i in range(MAX_LEVELS))[level]
+        base = _one_of(level, [sums.dc[3 * i + channel] for i in range(MAX_LEVELS)])
         total = sums.total[channel] + (base << frac - n.sh_dc.frac_bits)
         return saturate(round_shift(total, frac - n.colour.frac_bits), n.colour)
+
+
+def _one_of(chosen: Value, values: Iterable[Value]) -> Value:
+    """The signed value whose bit in `chosen` is set."""
+    masked = (value.as_unsigned() & bit.replicate(len(value)) for bit, value in zip(chosen, values, strict=True))
+    return reduce(or_, masked).as_signed()

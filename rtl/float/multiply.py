@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Mux
+from amaranth.hdl import Cat, Const, Mux
 
-from rtl.float.number import Let, fields, product, round_and_pack
+from rtl.float.number import Let, fields, product, round_and_pack_early
 from rtl.float.unit import FloatUnit, check_kind
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
@@ -32,12 +32,16 @@ class FloatMul(FloatUnit):
         exponent = p.data("exponent", a.exponent + b.exponent + (to.bias - a_format.bias - b_format.bias))
         negative, nonzero = p.data("negative", a.negative ^ b.negative), p.data("nonzero", a.nonzero & b.nonzero)
 
-        significand = product(p, let, "product", p.data("a", a.significand), p.data("b", b.significand))
+        # Zeros are told by `nonzero` alone, so that the product need not wait for it: their hidden ones are taken for set.
+        hidden = Const(1, 1)
+        significand = product(
+            p, let, "product", *(p.data(name, Cat(x[: number.sig_bits - 1], hidden)) for name, x, number in (
+                ("a", self.a, a_format), ("b", self.b, b_format))))
 
         def finish(significand, exponent, negative, nonzero):
             # The product of significands in [1, 2) lies in [1, 4).
             two = significand[-1]
             normal = Mux(two, significand, significand << 1)[: len(significand)]
-            return round_and_pack(let, to, normal, exponent, negative=negative, nonzero=nonzero, one_more=two)
+            return round_and_pack_early(let, to, normal, exponent, negative=negative, nonzero=nonzero, one_more=two)
 
         return p.reg("outcome", finish, significand, exponent.to(1), negative, nonzero)

@@ -110,7 +110,11 @@ def pack(
     small = exponent[-1] | ~exponent.any()
     if infinite is not None:
         above, small = above | infinite, small & ~infinite
-    above, present = let("above", above), let("present", nonzero & ~small)
+    return _bits(number, total, let("above", above), let("present", nonzero & ~small), negative)
+
+
+def _bits(number: SmallFloat, total: Value, above: Value, present: Value, negative: Value) -> Value:
+    """What `pack` gives; `above` and `present`: the magnitude is too large for the format, is not zero."""
     largest = above.replicate(number.width - number.signed)
     magnitude = (total[: len(largest)] | largest) & present.replicate(len(largest))
     if number.signed:
@@ -120,11 +124,31 @@ def pack(
 
 def round_and_pack(
     let: Let, number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value,
-    one_more: Value | None = None,
 ) -> Value:
-    """`pack` of a normalised significand, rounded; `one_more`, a bit, is added to the exponent."""
+    """`pack` of a normalised significand, rounded."""
     fraction, up = nearest_even(significand, number)
     total = Cat(fraction, as_integer(exponent)).as_signed() + up
-    if one_more is not None:
-        total = total + Cat(Const(0, number.sig_bits - 1), one_more)
     return pack(let, number, total, negative=negative, nonzero=nonzero)
+
+
+def round_and_pack_early(
+    let: Let, number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value,
+    one_more: Value | None = None,
+) -> Value:
+    """As `round_and_pack`, for an exponent that is there before the significand; `one_more`, a bit, is added to it.
+
+    Whether the magnitude is in range is found beside the sum and not behind it: of the exponent as it came, and of the two
+    carries into it, `one_more` and that of a fraction of ones that is rounded up.
+    """
+    fraction, up = nearest_even(significand, number)
+    up = let("up", up)
+    one_more = Const(0, 1) if one_more is None else one_more
+    e = as_integer(exponent)
+    e = Cat(e, e[-1].replicate(max(0, number.exp_bits + 1 - len(e))))
+    field, beyond, below = e[: number.exp_bits], e[number.exp_bits : -1], e[-1]
+    carry = up & fraction.all()
+    either, both = let("either", one_more | carry), let("both", one_more & carry)
+    above = ~below & (beyond.any() | field.all() & either | field[1:].all() & both)
+    present = ~below & (e.any() | either) | e.all() & both
+    total = let("rounded", Cat(fraction, e).as_signed() + Cat(up, Const(0, len(fraction) - 1), one_more))
+    return _bits(number, total, let("above", above), let("present", nonzero & present), negative)

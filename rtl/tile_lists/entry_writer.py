@@ -134,11 +134,15 @@ class EntryWriter(wiring.Component):
         write, read = places.write_port(), places.read_port()
         item, taken, clearing = self.entries.payload, Signal(), Signal(range(tiles), init=tiles - 1)
         valid, entry, inside, again = Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal()
-        place, summed = Signal(bits), Signal(bits, reset_less=True)
+        again_later, place = Signal(), Signal(bits)
+        summed, before = Signal(bits, reset_less=True), Signal(bits, reset_less=True)  # on their way into the memory
+        slot = _Slot(
+            Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal(bits, reset_less=True), Signal(reset_less=True),
+            Signal(reset_less=True), entry.tile)
         m.d.comb += [
             read.addr.eq(item.tile), read.en.eq(advance), taken.eq(self.entries.valid & self.entries.ready),
-            place.eq(Mux(again, summed, read.data)),
-            write.addr.eq(entry.tile), write.data.eq(place + 1), write.en.eq(advance & inside),
+            place.eq(Mux(again, summed, Mux(again_later, before, read.data))),
+            write.addr.eq(slot.item.tile), write.data.eq(summed), write.en.eq(advance & slot.inside),
             self.busy.eq(begun),
         ]
         with m.FSM():
@@ -158,12 +162,10 @@ class EntryWriter(wiring.Component):
                 m.d.sync += clearing.eq(self.tile_count - 1)
                 with m.If(passed):
                     m.next = "CLEAR"
-        slot = _Slot(
-            Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal(bits, reset_less=True), Signal(reset_less=True),
-            Signal(reset_less=True), entry.tile)
         with m.If(advance):
             m.d.sync += [valid.eq(taken), entry.eq(item), inside.eq(taken & ~item.end & (item.tile < self.tile_count))]
             m.d.sync += [again.eq(inside & (entry.tile == item.tile)), summed.eq(place + 1)]
+            m.d.sync += [again_later.eq(slot.inside & (slot.item.tile == item.tile)), before.eq(summed)]
             m.d.sync += [slot.valid.eq(valid), slot.item.eq(entry), slot.inside.eq(inside), slot.place.eq(place)]
             m.d.sync += slot.begins.eq(~_several(place) & ~place[_PAGE_LOW])
             m.d.sync += slot.again.eq(slot.inside & (slot.item.tile == entry.tile))
