@@ -35,7 +35,7 @@ LIMIT = 1 << 31
 GEOMETRY_STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
 RENDER_STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write", "warp")
 
-_TMU_LATENCY = 8  # cycles from the frame's last hit to the first group (rtl.sort_tmu.tile_merge)
+_TMU_LATENCY = 9  # cycles from the frame's last hit to the first group (rtl.sort_tmu.tile_merge)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from rtl_streams import assert_rejected
 
 from rtl.axi.arbiter import RoundRobin
 from rtl.axi.bus import Response, axi_lite_slave_ports, join
-from rtl.axi.counters import PerformanceCounters, StageCounters
+from rtl.axi.counters import PerformanceCounters, StageCounters, count_in_halves
 from rtl.axi.lite import LiteSlave
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
@@ -224,6 +224,28 @@ def test_performance_counters_count_what_their_names_say(config):
     simulate(dut, bench)
 
 
+@pytest.mark.parametrize("width", [2, 4, 8])
+def test_a_counter_in_halves_is_one_number_in_every_cycle(width):
+    """Over all its values, with cycles between that do not count, and set to 0 in the middle and on its lower half's edge."""
+    module, counter, step, clear, rng = Module(), Signal(width), Signal(), Signal(), random.Random(width)
+    count_in_halves(module, counter, step, clear)
+    edge = (1 << width // 2) - 1
+
+    async def bench(ctx):
+        wanted, met = 0, set()
+        for cycle in range(8 << width):
+            steps, clears = rng.random() < 0.7, cycle < 3 << width and rng.random() < (0.2 if wanted & edge == edge else 0.01)
+            ctx.set(step, steps)
+            ctx.set(clear, clears)
+            await ctx.tick()
+            wanted = 0 if clears else (wanted + steps) % (1 << width)
+            met.add(wanted)
+            assert ctx.get(counter) == wanted
+        assert met == set(range(1 << width))
+
+    simulate(module, bench)
+
+
 class Outer(wiring.Component):
     """A slave under another prefix; a register's value is its number."""
 
@@ -271,6 +293,7 @@ def test_bad_parameters_are_rejected():
         assert_rejected(lambda in_flight=in_flight: AxiMaster(TINY, 2, 2, in_flight), error, in_flight)
     assert_rejected(lambda: AxiMaster(TINY, 17, 2), ValueError, 17)
     assert_rejected(lambda: RegisterFile("tiny"), TypeError, "tiny")
+    assert_rejected(lambda: count_in_halves(Module(), Signal(8), Signal(3), Signal()), ValueError, 3)
     assert_rejected(lambda: join(Module(), LiteSlave(), LiteSlave(), "m_axi"), ValueError, "m_axi")
 
 

@@ -111,7 +111,34 @@ class PerformanceCounters(wiring.Component):
 
 
 def _count(m: Module, counter: Signal, step: Value, clear: Signal) -> None:
+    if len(counter) > COUNTER_BITS:
+        count_in_halves(m, counter, step, clear)
+        return
     with m.If(clear):
         m.d.sync += counter.eq(0)
     with m.Else():
         m.d.sync += counter.eq(counter + step)
+
+
+def count_in_halves(m: Module, counter: Value, step: Value, clear: Value) -> None:
+    """Count steps of 0 or 1 without a carry through the whole counter: that its lower half is full is known a cycle ahead.
+
+    Both halves change in the same cycle, so that they always fit together::
+
+        cycle           0         1         2
+        step         ~~~~~~~~~~~~~~~~~~~~________
+        counter        0 fffe    0 ffff    1 0000
+        full         __________~~~~~~~~~~________
+
+    Raises ValueError where `step` has more than one bit.
+    """
+    if len(step) != 1:
+        raise ValueError(f"a step must have one bit, not {len(step)!r}")
+    half, full = len(counter) // 2, Signal()
+    low, high = counter[:half], counter[half:]
+    with m.If(clear):
+        m.d.sync += [low.eq(0), high.eq(0), full.eq(0)]
+    with m.Else():
+        m.d.sync += [low.eq(low + step), high.eq(high + (full & step))]
+        with m.If(step):
+            m.d.sync += full.eq(low == (1 << half) - 2)

@@ -51,13 +51,14 @@ class AutoBeta(wiring.Component):
         rest = Signal(len(self.filled), reset_less=True)  # smaller than the divisor
         left = Signal(range(bits + 1))
         widened = Cat(quotient[-1], rest)
-        fits = widened >= self.filled
+        less = widened - self.filled  # its sign is the comparison
+        fits = ~less[-1]
         m.d.comb += self.done.eq(left == 0)
         with m.If(self.start):
             m.d.sync += [quotient.eq(self.total << 1), rest.eq(0), left.eq(bits)]
         with m.Elif(~self.done):
             m.d.sync += [quotient.eq(Cat(fits, quotient)), left.eq(left - 1)]
-            m.d.sync += rest.eq(Mux(fits, widened - self.filled, widened))
+            m.d.sync += rest.eq(Mux(fits, less, widened))
 
         twice = rest << 1
         up = (twice > self.filled) | (twice == self.filled) & quotient[0]

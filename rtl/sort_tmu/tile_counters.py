@@ -1,12 +1,14 @@
 """Stage one of the tile merge unit: how many entries each tile has.
 
 One memory holds all counters. A hit reads its counter and writes it back, incremented, a cycle later; a hit on the same tile in
-the very next cycle takes the sum from the register behind the adder, as what it reads is old::
+the very next cycle takes the sum from the register behind the adder, as what it reads is old. A full counter is not
+written, so what is read of it is never old. The frame's sums follow two cycles behind the adder::
 
-    cycle        0      1      2      3
+    cycle        0      1      2      3      4      5
     hits     < tile 7 >< tile 7 >< tile 7 >
     read               <  4   ><  4   ><  5   >     the memory's output; after a write of the same address, not used
     sum                <  5   ><  6   ><  7   >
+    total       <  4                 ><  5   ><  6   ><  7   >
 
 When all entries have come the counters are swept in tile order, one a cycle, and each is cleared behind the sweep: the next
 frame finds zeros, no pass is spent on clearing, and there is one memory. A second one (or a second half) would let a frame
@@ -17,7 +19,7 @@ they repeat. Only a reset is followed by a pass of clearing, because it may have
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -90,7 +92,7 @@ class TileCounters(wiring.Component):
         depth = frame_tiles(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])
         write, read = counters.write_port(), counters.read_port()
-        clearing = Signal(range(depth))
+        clearing, counted = Signal(range(depth)), self._sum(m)
         with m.FSM():
             with m.State("CLEAR"):
                 m.d.comb += [self.busy.eq(1), write.en.eq(1), write.addr.eq(clearing)]
@@ -98,8 +100,11 @@ class TileCounters(wiring.Component):
                 with m.If(clearing == depth - 1):
                     m.next = "COUNT"
             with m.State("COUNT"):
-                with m.If(self._count(m, write, read)):
-                    m.next = "SETTLED"
+                with m.If(self._count(m, write, read, counted)):
+                    m.next = "SETTLING"
+            with m.State("SETTLING"):
+                m.d.comb += self.busy.eq(1)
+                m.next = "SETTLED"
             with m.State("SETTLED"):
                 m.d.comb += [self.busy.eq(1), self.settled.eq(1)]
                 with m.If(self.begin_sweep):
@@ -110,7 +115,26 @@ class TileCounters(wiring.Component):
                     m.next = "COUNT"
         return m
 
-    def _count(self, m: Module, write: wiring.PureInterface, read: wiring.PureInterface) -> Value:
+    def _sum(self, m: Module) -> data.View:
+        """The frame's sums; returns what they are to take in, a bit each, the next cycle: a carry waits for no counter."""
+        kinds = ("begins", "more", "first", "lost", "astray")
+        counted = Signal(data.StructLayout(dict.fromkeys(kinds, 1)))
+        held = Signal.like(counted)
+        m.d.sync += held.eq(counted)
+        with m.If(counted.begins):
+            m.d.sync += [self.total.eq(0), self.filled.eq(0), self.saturated.eq(0), self.outside.eq(0)]
+        with m.Else():
+            m.d.sync += [
+                self.total.eq(self.total + held.more),
+                self.filled.eq(self.filled + held.first),
+                self.saturated.eq(self.saturated | held.lost),
+                self.outside.eq(self.outside | held.astray),
+            ]
+        return counted
+
+    def _count(
+        self, m: Module, write: wiring.PureInterface, read: wiring.PureInterface, counted: data.View,
+    ) -> Value:
         """A hit a cycle; returns when the frame has ended. The hit before the end is written in the end's own cycle."""
         hit, begun = self.hits.payload, Signal()
         taken = self.hits.valid
@@ -118,26 +142,22 @@ class TileCounters(wiring.Component):
         update, again = Signal(), Signal()
         tile, summed = Signal(len(hit.tile), reset_less=True), Signal(self.count_bits, reset_less=True)
         m.d.comb += [self.busy.eq(begun), self.hits.ready.eq(1), read.en.eq(counts & within), read.addr.eq(hit.tile)]
-        m.d.sync += [update.eq(counts & within), again.eq(update & (tile == hit.tile)), tile.eq(hit.tile)]
+        m.d.sync += [update.eq(counts & within), tile.eq(hit.tile)]
 
-        count = Signal(self.count_bits)
-        full = count.all()
+        count, after = Signal(self.count_bits), Signal(self.count_bits)  # one more, without a ripple: memory leaves little time
         m.d.comb += [
             count.eq(Mux(again, summed, read.data)),
-            write.en.eq(update),
+            after.eq(Cat(~count[0], *(bit ^ count[:place].all() for place, bit in enumerate(count) if place))),
+            write.en.eq(update & ~count.all()),
             write.addr.eq(tile),
-            write.data.eq(Mux(full, count, count + 1)),
+            write.data.eq(after),
+            counted.begins.eq(taken & ~begun),
+            counted.more.eq(write.en),
+            counted.first.eq(update & (count == 0)),
+            counted.lost.eq(update & count.all()),
+            counted.astray.eq(counts & ~within),
         ]
-        m.d.sync += summed.eq(write.data)
-        with m.If(taken & ~begun):
-            m.d.sync += [self.total.eq(0), self.filled.eq(0), self.saturated.eq(0), self.outside.eq(counts & ~within)]
-        with m.Else():
-            m.d.sync += [
-                self.total.eq(self.total + (update & ~full)),
-                self.filled.eq(self.filled + (update & (count == 0))),
-                self.saturated.eq(self.saturated | update & full),
-                self.outside.eq(self.outside | counts & ~within),
-            ]
+        m.d.sync += [summed.eq(after), again.eq(write.en & (tile == hit.tile))]
         with m.If(taken):
             m.d.sync += begun.eq(~hit.end)
         return taken & hit.end

@@ -34,7 +34,7 @@ class TileMergeUnit(wiring.Component):
         busy: high from a frame's first item until its last group is taken, and while the counters are cleared after a reset.
             Settings may change where it is low.
 
-    Storage: that of `TileCounters`. Throughput: one hit a cycle, one tile a cycle. From `end` to the first group: 8 cycles, and
+    Storage: that of `TileCounters`. Throughput: one hit a cycle, one tile a cycle. From `end` to the first group: 9 cycles, and
     those of `AutoBeta` with `auto`. The next frame's hits are taken from the cycle on in which the last count has been read.
     """
 

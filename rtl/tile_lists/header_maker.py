@@ -108,6 +108,7 @@ class HeaderMaker(wiring.Component):
         wiring.connect(m, levels.source, wiring.flipped(self.levels))
         setting, header, use = table.settings.payload, Signal(self.headers.payload.shape()), levels.sink.payload
         column, row = Signal.like(header.tile_x), Signal.like(header.tile_y)
+        last_column = Signal.like(self.tiles_x, reset_less=True)
         whole, moves = waiting.r_rdy & table.settings.valid, Signal()
         leaves = moves & table.rendered if self.config.stereo else moves
         m.d.comb += [
@@ -121,8 +122,9 @@ class HeaderMaker(wiring.Component):
             self.headers.valid.eq(headers.r_rdy), self.headers.payload.as_value().eq(headers.r_data),
             headers.r_en.eq(self.headers.ready),
         ]
+        m.d.sync += last_column.eq(self.tiles_x - 1)  # stable from the first tile's transfer on, before its beat is asked for
         with m.If(moves):
-            row_ends = column == self.tiles_x - 1
+            row_ends = column == last_column
             m.d.sync += column.eq(Mux(row_ends | tile.ends, 0, column + 1))
             m.d.sync += row.eq(Mux(tile.ends, 0, row + row_ends))
         if self.config.stereo:

@@ -56,7 +56,7 @@ class SplatFetch(wiring.Component):
         views_base, view_shift: settings of the frame.
         clear: strobe between frames: views in memory change from here on. Entries are taken again a cycle a set later, and so
             after a reset; for PAPER 256.
-        hits, misses: entries since `clear`; 0 for ever without `config.counters`.
+        hits, misses: entries since `clear`, from two cycles after the tags' answer on; 0 for ever without `config.counters`.
         error: the memory answered with an error since `clear`. The entry came, with a view that means nothing.
         busy: entries are inside, or wanted for a tile that was taken, or tags are being cleared.
 
@@ -135,8 +135,10 @@ class SplatFetch(wiring.Component):
             requests.sink.valid.eq(tags.found.valid & fifo.w_rdy & found.missed),
             requests.sink.payload.beat.eq(self.views_base + (wanted.index << self.view_shift) + wanted.level),
         ]
-        if self.config.counters:
-            for counter, counts in ((self.hits, moves & ~found.missed), (self.misses, moves & found.missed)):
+        if self.config.counters:  # a cycle after the tags said it, which they say late
+            hit, missed = Signal(), Signal()
+            m.d.sync += [hit.eq(moves & ~found.missed & ~self.clear), missed.eq(moves & found.missed & ~self.clear)]
+            for counter, counts in ((self.hits, hit), (self.misses, missed)):
                 m.d.sync += counter.eq(Mux(self.clear, 0, counter + counts))
 
     def _deliver(self, m: Module, fifo: SyncFIFOBuffered, pending: data.View) -> Value:

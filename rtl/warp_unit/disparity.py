@@ -124,7 +124,7 @@ class Disparity(wiring.Component):
         """The raw disparity, the background's 0 by an odd number; whether it is too wide, which is known long before."""
         n = self.config.formats
         weight = t.map(lambda t: ~t)  # the first T, all ones, less the last
-        half, drop = n.transmittance.width // 2, disparity_drop(n)
+        half, drop = (n.transmittance.width + 1) // 2, disparity_drop(n)  # the upper half takes the lower one's sum in
         low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
         high = p.reg("high", lambda w, t: Mux(t >= background_transmittance(n), 0, w[half:]), weight, t)
 

@@ -100,7 +100,8 @@ class RowQueue(wiring.Component):
             self.place.sub.eq(head.place.sub), self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
             self.busy.eq(shown | waiting.any()),
         ]
-        m.d.sync += [waiting.eq(waiting + self.push - pops), shown.eq(pops | shown & ~ends)]
+        fewer = Mux(pops, waiting - 1, waiting)
+        m.d.sync += [waiting.eq(Mux(self.push, fewer + 1, fewer)), shown.eq(pops | shown & ~ends)]  # `push` comes late
         with m.If(shown):
             m.d.sync += index.eq(Mux(ends, 0, index + 1))
         for moves, address in ((self.push, write.addr), (pops, read.addr)):

@@ -92,7 +92,9 @@ class WarpUnit(wiring.Component):
         m = Module()
         carries: list[Value] = []
         self._last = Signal(column_bits(self.config), name="last")
-        m.d.sync += self._last.eq(self.width - 1)
+        self._width, scale = Signal.like(self.width, name="frame_width"), Signal.like(self.disparity_scale, name="scale")
+        m.d.sync += [  # stable since `begin`, and a row comes after it
+            self._last.eq(self.width - 1), self._width.eq(self.width), scale.eq(self.disparity_scale)]
         self._wiping, self._accepts = Signal(init=1, name="wiping"), Signal(name="accepts")
         queues, banks, carried = [], [], data.ArrayLayout(carried_layout(self.config), self.config.warp_lanes)
         m.submodules.delay = delay = Delay(carried, carried_cycles(self.config))
@@ -103,8 +105,8 @@ class WarpUnit(wiring.Component):
             m.d.comb += [
                 delay.early[lane].eq(disparity.early), disparity.late.eq(delay.late[lane]),
                 disparity.load.eq(queues[lane].valid), disparity.place.eq(queues[lane].place),
-                disparity.pixel.eq(queues[lane].pixel), disparity.width.eq(self.width),
-                disparity.disparity_scale.eq(self.disparity_scale), disparity.source_right.eq(self.source_right),
+                disparity.pixel.eq(queues[lane].pixel), disparity.width.eq(self._width),
+                disparity.disparity_scale.eq(scale), disparity.source_right.eq(self.source_right),
                 banks[lane].moved.eq(disparity.moved)]
             carries.append(disparity.carries)
         m.d.comb += delay.load.eq(Cat(carries).any())
@@ -128,8 +130,8 @@ class WarpUnit(wiring.Component):
         """Rows to their lanes, those outside the frame to nowhere; whether a tile row's last row is taken."""
         row, lane_bits = self.rows.payload, (self.config.warp_lanes - 1).bit_length()
         x, y, lane = Cat(row.column, row.tile_x), Cat(row.row, row.tile_y), row.row[:lane_bits]
-        taken, behind, inside = Signal(), Signal.like(self.width), Signal()  # pixels of the frame behind the row's first
-        m.d.comb += [taken.eq(self.rows.valid & self.rows.ready), Cat(behind, inside).eq(self.width + ~x[: len(behind)])]
+        taken, behind, inside = Signal(), Signal.like(self._width), Signal()  # pixels of the frame behind the row's first
+        m.d.comb += [taken.eq(self.rows.valid & self.rows.ready), Cat(behind, inside).eq(self._width + ~x[: len(behind)])]
         for number, queue in enumerate(queues):
             m.d.comb += [
                 queue.push.eq(taken & (lane == number) & inside & (y < self.height)),
@@ -190,14 +192,14 @@ class WarpUnit(wiring.Component):
                 bank.clear_place.eq(Mux(self._wiping, place, window.clear_place))]
         m.d.comb += [
             window.start.eq(swap), window.run.eq(scans), window.last.eq(self._last), window.rows.eq(rows),
-            pack.start.eq(swap), pack.base.eq(base), pack.width.eq(self.width), pack.last.eq(self._last),
+            pack.start.eq(swap), pack.base.eq(base), pack.width.eq(self._width), pack.last.eq(self._last),
             pack.rows.eq(rows)]
         with m.If(self.begin):
             m.d.sync += [left.eq(self.height), base.eq(self.target_frame_base << ADDRESS_BITS - BEAT_BITS)]
         with m.If(swap):
             m.d.sync += [
                 open_.eq(~open_), rows.eq(Mux(left > TILE, TILE, left)), left.eq(left - TILE),
-                base.eq(base + (self.width << _TILE_BITS))]
+                base.eq(base + (self._width << _TILE_BITS))]
         with m.If(self._wiping):
             last = place.sub == sub_rows(self.config) - 1
             m.d.sync += [

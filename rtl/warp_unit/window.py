@@ -166,7 +166,7 @@ class Window(wiring.Component):
                      for row, count in zip(rows, counts, strict=True))
         last = ~(todo & ~pick).any()
         m.d.comb += [
-            todo.eq(fillable & ~done), pick.eq(todo & ~(todo - 1)),
+            todo.eq(fillable & ~done), pick.eq(Cat(todo[lane] & ~todo[:lane].any() for lane in lanes)),
             fillable.eq(~valid & inside & enough),
             self.slots.valid.eq(real & self.run),
             slot.holes.eq(fillable), slot.fills.eq(todo.any()), slot.last.eq(last),
