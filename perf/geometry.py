@@ -120,12 +120,18 @@ def _sum_colour(s, t, steps):
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
     """ColourUnit."""
     _write_views(s, granted_write, views, view_of)
-    _sum_colour(s, t, steps)
-    _fetch(s, HARMONICS, t)
     at = s[C_WAIT_OUT]
-    if at != s[C_IN] and s[C_RING + (at & _MASK)] <= t and _accepts(s, HARMONICS, t):
-        _enter(s, HARMONICS, t)
-        s[C_WAIT_OUT] = at + 1
+    waits = at != s[C_IN] and s[C_RING + (at & _MASK)] <= t
+    if s[HARMONICS + _LENGTH]:
+        _sum_colour(s, t, steps)
+        _fetch(s, HARMONICS, t)
+        if waits and _accepts(s, HARMONICS, t):
+            _enter(s, HARMONICS, t)
+            s[C_WAIT_OUT] = at + 1
+    else:
+        s[HARMONICS + _FULL] = waits
+        _sum_colour(s, t, steps)
+        s[C_WAIT_OUT] += waits and s[HARMONICS + _FULL] == 0
     left = s[C_LEFT]
     if granted_read:
         bus.read(s, COLOUR, colour_of[s[C_SPLAT]] + s[C_BEATS] - left)

@@ -149,7 +149,8 @@ def simulate(
         display: 4 bytes a pixel instead of 16; None: of two eyes alone, which need it.
 
     Raises:
-        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; what `render_plan` says.
+        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; harmonics of a
+            degree that the machine has not; what `render_plan` says.
     """
     memory = memory or MemoryModel()
     if pipeline is not None:
@@ -159,6 +160,8 @@ def simulate(
         raise ValueError(f"config must be a machine with stereo, not {config.name!r}")
     if two and display is False:
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
+    if trace.sh_degree > config.sh_degree:
+        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     display, beta, begin = bool(two or display), (beta if merge else 0), time.perf_counter()
     written = [_lists(eye) for eye in trace.eyes]
     largest = largest_group(trace, config, beta)
