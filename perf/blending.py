@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from perf import bus, lists, sorter
-from perf.bus import VIEWS, W_FRAME, WAITING
+from perf.bus import VIEWS, W_FRAME
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
@@ -266,9 +266,9 @@ def step_pixels(s, t, granted, offered, tile_number, tile_times):
 
 
 @step
-def pixels_finished(s):
+def pixels_finished(s, t):
     """All rows have come, and memory has their pixels."""
-    return s[TILE_OUT] == s[RENDERED_TILES] and s[PACKED] == 0 and s[SENDS] == 0 and s[WAITING + W_FRAME] == 0
+    return s[TILE_OUT] == s[RENDERED_TILES] and s[PACKED] == 0 and s[SENDS] == 0 and bus.writes_idle(s, t, W_FRAME)
 
 
 @step

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perf.kernel import step
+from perf.kernel import phase, step
 from perf.layout import Layout
 from spec.memory import BEAT_BYTES
 from spec.queues import IN_FLIGHT, READ_DEPTHS
@@ -24,44 +24,41 @@ W_ENTRIES, W_VIEWS, W_SPILL, W_FRAME, W_WARP = range(WRITERS)
 QUEUE = 256
 """Requests that memory holds of each kind (QUEUE_LOG2 of memory.sv)."""
 
-_RING = 512  # requests in memory and in the buffer before it
+COMPUTED, LPDDR3, STEPPED = range(3)
+"""Of memory: requests go by one by one in the order of their arrival, so that their answers' times are known at once; channels
+of DRAM; the bench's at more than a beat a cycle, where reads and writes may overtake each other."""
+
+RING = 512  # requests in memory and in the buffer before it
+_MASK, _DATA, _WRITES = RING - 1, 512, 256
 _TO_CLIENT = 4  # cycles from an answer to its offer
-_RING_MASK, _DATA = _RING - 1, 512
+_READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer to its place's next use
+NEVER = 1 << 60
 
 layout = Layout()
-(GAIN, COST, LATENCY, DRAM, COUNT, LAST_READ, LAST_WRITE, R_PUSH, R_NEW, R_IN, R_TURN, R_OUT, W_PUSH, W_NEW, W_IN, W_TURN,
- W_OUT, CREDIT, R_READY, W_READY, ANSWERED, B_1, B_2, BUSY) = layout.words(
-    "gain cost latency dram count last_read last_write r_push r_new r_in r_turn r_out w_push w_new w_in w_turn w_out "
-    "credit r_ready w_ready answered b_1 b_2 busy")
+(GAIN, COST, LATENCY, KIND, LAST_READ, LAST_WRITE, R_PUSH, R_NEW, R_CLIENT, R_IN, R_TURN, R_OUT, W_PUSH, W_NEW, W_IN, W_TURN,
+ W_OUT, W_COMES, CREDIT, TURN_AT, W_READY) = layout.words(
+    "gain cost latency kind last_read last_write r_push r_new r_client r_in r_turn r_out w_push w_new w_in w_turn "
+    "w_out w_comes credit turn_at w_ready")
 CREDITS, D_IN, D_OUT, READS = (layout.ring(8) for _ in range(4))
-WAITING, WRITES = layout.ring(8), layout.ring(8)
+WRITES, WRITTEN = layout.ring(8), layout.ring(8)
 LOWEST = layout.ring(64)  # place of the lowest bit set
-R_ID, R_DUE, R_ADDRESS, W_ID, W_DUE, W_ADDRESS = (layout.ring(_RING) for _ in range(6))
+R_ID, R_DUE, R_ADDRESS, R_ANSWERS, W_ID, W_DUE, W_ADDRESS, W_ANSWERS = (layout.ring(RING) for _ in range(8))
+CLIENT_ANSWERS = layout.ring(8 * _WRITES)
 DATA = layout.ring(8 * _DATA)
 
 
 def prepare(s: np.ndarray, *, latency: int, gain: int, cost: int, dram: bool) -> None:
     """An idle bus; memory gives `gain` of the `cost` of a beat in every cycle, cost 0: a read and a write each."""
     s[: layout.size] = 0
-    s[LATENCY], s[GAIN], s[COST], s[DRAM], s[CREDIT] = latency, gain, cost, dram, 2 * cost
-    s[R_READY] = s[W_READY] = 1
-    s[LAST_READ] = s[LAST_WRITE] = 0
+    s[LATENCY], s[GAIN], s[COST], s[CREDIT] = latency, gain, cost, 2 * cost
+    s[KIND] = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
+    s[TURN_AT] = -1
+    s[W_READY] = 1
+    for ring, size in ((R_ANSWERS, RING), (W_ANSWERS, RING), (CLIENT_ANSWERS, 8 * _WRITES)):
+        s[ring : ring + size] = -NEVER
     s[LOWEST : LOWEST + 64] = [(x & -x).bit_length() - 1 for x in range(64)]
     for place, name in enumerate(READ_CLIENTS):
         s[CREDITS + place] = READ_DEPTHS[name]
-
-
-@step
-def begin_cycle(s):
-    """Answers that arrived a few cycles ago return their places."""
-    s[COUNT] -= s[ANSWERED] >> 2 & 1
-    s[ANSWERED] <<= 1
-    client = s[B_2]
-    if client:
-        s[WAITING + client - 1] -= 1
-    s[B_2] = s[B_1]
-    s[B_1] = 0
-    s[R_NEW] = s[W_NEW] = 0
 
 
 @step
@@ -72,20 +69,22 @@ def _next(s, last, asking):
 
 
 @step
-def grant_read(s, asking):
-    """Which of the clients that ask (a bit each, with a credit) is served in this cycle; -1: none. `read` must follow."""
-    if asking == 0 or s[COUNT] == IN_FLIGHT or s[R_PUSH] - s[R_IN] > 1:
+def grant_read(s, t, asking):
+    """Which of the clients that ask (a bit each, with a credit) is served in cycle t; -1: none. `read` must follow."""
+    s[R_NEW] = 0
+    if asking == 0 or s[R_ANSWERS + (s[R_PUSH] - IN_FLIGHT & _MASK)] > t - _READ_FREED:
         return -1
     return _next(s, s[LAST_READ], asking)
 
 
 @step
-def grant_write(s, asking):
+def grant_write(s, t, asking):
     """The same for writes."""
-    if asking == 0 or s[W_PUSH] - s[W_IN] > 1:
+    s[W_NEW] = 0
+    if asking == 0 or s[W_PUSH] - s[W_IN] + s[W_COMES] > 1:
         return -1
     client = _next(s, s[LAST_WRITE], asking)
-    while s[WAITING + client] == IN_FLIGHT:
+    while s[CLIENT_ANSWERS + client * _WRITES + (s[WRITES + client] & _WRITES - 1)] > t - _WRITE_FREED:
         asking &= ~(1 << client)
         if asking == 0:
             return -1
@@ -97,22 +96,29 @@ def grant_write(s, asking):
 def read(s, client, address):
     """The client that was granted a read sends it."""
     s[LAST_READ] = client
-    s[COUNT] += 1
     s[CREDITS + client] -= 1
-    s[R_ID + (s[R_PUSH] & _RING_MASK)], s[R_ADDRESS + (s[R_PUSH] & _RING_MASK)] = client, address
+    at = s[R_PUSH] & _MASK
+    s[R_CLIENT], s[R_NEW] = client, 1
+    s[R_ID + at], s[R_ADDRESS + at], s[R_ANSWERS + at] = client, address, NEVER
     s[R_PUSH] += 1
-    s[R_NEW] = 1
 
 
 @step
 def write(s, client, address):
     """The client that was granted a write sends it."""
     s[LAST_WRITE] = client
-    s[WAITING + client] += 1
-    s[WRITES + client] += 1
-    s[W_ID + (s[W_PUSH] & _RING_MASK)], s[W_ADDRESS + (s[W_PUSH] & _RING_MASK)] = client, address
+    at, count = s[W_PUSH] & _MASK, s[WRITES + client]
+    s[W_ID + at], s[W_ADDRESS + at] = client, address
+    s[CLIENT_ANSWERS + client * _WRITES + (count & _WRITES - 1)] = NEVER
+    s[WRITES + client] = count + 1
     s[W_PUSH] += 1
     s[W_NEW] = 1
+
+
+@step
+def writes_idle(s, t, client):
+    """All writes of a client are in memory."""
+    return s[CLIENT_ANSWERS + client * _WRITES + (s[WRITES + client] - 1 & _WRITES - 1)] <= t - _WRITE_FREED
 
 
 @step
@@ -130,52 +136,96 @@ def take(s, client):
 
 
 @step
-def deliver(s, client, t):
-    """A read is answered at the end of cycle t."""
+def _deliver(s, client, t):
+    """A read is, or will be, answered at the end of cycle t."""
     at = s[D_IN + client]
     s[DATA + client * _DATA + (at & _DATA - 1)] = t + _TO_CLIENT
     s[D_IN + client] = at + 1
     s[READS + client] += 1
-    s[ANSWERED] |= 1
 
 
 @step
-def end_cycle(s, t):
+def deliver(s, client, t):
+    """A read is answered at the end of cycle t."""
+    _deliver(s, client, t)
+    s[R_ANSWERS + (s[R_OUT] & _MASK)] = t
+    s[R_OUT] += 1
+
+
+@step
+def written(s, client, t):
+    """A write is answered at the end of cycle t."""
+    count = s[WRITTEN + client]
+    s[CLIENT_ANSWERS + client * _WRITES + (count & _WRITES - 1)] = t
+    s[WRITTEN + client] = count + 1
+
+
+@step
+def _turn(s, at):
+    """When a request that is in memory at the end of cycle `at` has its turn: once all before it have, and credit is there."""
+    turn, credit, cost = s[TURN_AT], s[CREDIT], s[COST]
+    if at > turn:
+        credit = min(credit + s[GAIN] * (at - turn), 2 * cost)
+        turn = at
+    if credit < cost:
+        wait = (cost - credit + s[GAIN] - 1) // s[GAIN]
+        turn += wait
+        credit += s[GAIN] * wait
+    s[TURN_AT], s[CREDIT] = turn, credit - cost
+    return turn
+
+
+@step
+def compute_answers(s, t):
+    """What was granted in cycle t stands before memory in the next, a write perhaps longer: when they are answered."""
+    if s[R_NEW]:
+        at = s[R_PUSH] - 1
+        answer = max(_turn(s, t + 1), t + s[LATENCY], s[R_ANSWERS + (at - 1 & _MASK)] + 1)
+        s[R_ANSWERS + (at & _MASK)] = answer
+        _deliver(s, s[R_CLIENT], answer)
+    at = s[W_IN]
+    comes = at != s[W_PUSH] and s[W_ANSWERS + (at - QUEUE & _MASK)] <= t
+    s[W_COMES] = comes
+    if comes:
+        answer = max(_turn(s, t + 1), t + s[LATENCY], s[W_ANSWERS + (at - 1 & _MASK)] + 1)
+        s[W_ANSWERS + (at & _MASK)] = answer
+        written(s, s[W_ID + (at & _MASK)], answer)
+        s[W_IN] = at + 1
+
+
+@phase
+def step_memory(s, t):
     """The clock edge at the end of cycle t in the bench's memory."""
-    at, came = s[R_IN], s[R_PUSH] - s[R_NEW]
-    if at != came and s[R_READY]:
-        s[R_DUE + (at & _RING_MASK)] = t + s[LATENCY] - 1
+    at = s[R_IN]
+    if at != s[R_PUSH] - s[R_NEW]:
+        s[R_DUE + (at & _MASK)] = t + s[LATENCY] - 1
         s[R_IN] = at + 1
-    at, came = s[W_IN], s[W_PUSH] - s[W_NEW]
-    if at != came and s[W_READY]:
-        s[W_DUE + (at & _RING_MASK)] = t + s[LATENCY] - 1
+    at = s[W_IN]
+    if at != s[W_PUSH] - s[W_NEW] and s[W_READY]:
+        s[W_DUE + (at & _MASK)] = t + s[LATENCY] - 1
         s[W_IN] = at + 1
     cost = s[COST]
     credit = min(s[CREDIT] + s[GAIN], 2 * cost)
     r, w = s[R_TURN], s[W_TURN]
     wants_read, wants_write = r != s[R_IN], w != s[W_IN]
-    if wants_read or wants_write:
-        s[BUSY] += 1
-        if wants_read and wants_write and credit >= cost and s[W_DUE + (w & _RING_MASK)] < s[R_DUE + (r & _RING_MASK)]:
-            s[W_TURN] = w + 1
-            credit -= cost
-            wants_write = False
-        if wants_read and credit >= cost:
-            s[R_TURN] = r + 1
-            credit -= cost
-        if wants_write and credit >= cost:
-            s[W_TURN] = w + 1
-            credit -= cost
+    if wants_read and wants_write and credit >= cost and s[W_DUE + (w & _MASK)] < s[R_DUE + (r & _MASK)]:
+        s[W_TURN] = w + 1
+        credit -= cost
+        wants_write = False
+    if wants_read and credit >= cost:
+        s[R_TURN] = r + 1
+        credit -= cost
+    if wants_write and credit >= cost:
+        s[W_TURN] = w + 1
+        credit -= cost
     s[CREDIT] = credit
     at = s[R_OUT]
-    if at != s[R_TURN] and s[R_DUE + (at & _RING_MASK)] <= t:
-        deliver(s, s[R_ID + (at & _RING_MASK)], t)
-        s[R_OUT] = at + 1
+    if at != s[R_TURN] and s[R_DUE + (at & _MASK)] <= t:
+        deliver(s, s[R_ID + (at & _MASK)], t)
     at = s[W_OUT]
-    if at != s[W_TURN] and s[W_DUE + (at & _RING_MASK)] <= t:
-        s[B_1] = s[W_ID + (at & _RING_MASK)] + 1
+    if at != s[W_TURN] and s[W_DUE + (at & _MASK)] <= t:
+        written(s, s[W_ID + (at & _MASK)], t)
         s[W_OUT] = at + 1
-    s[R_READY] = s[R_IN] - s[R_OUT] < QUEUE
     s[W_READY] = s[W_IN] - s[W_OUT] < QUEUE
 
 

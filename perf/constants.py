@@ -23,8 +23,9 @@ DATAPATHS = {  # by culling units: length of the schedules of near test, project
 schedule while `view`, `work` and `conic` differ, as in every configuration: operators are shared by format. More units than 8
 are as 8: a point enters every cycle already, a splat its colour every 4."""
 
-HARMONICS = {1: (27, 31, 26, 26, 29, 29, 25, 25), 2: (34, 30, 31, 29, 28, 31, 30, 30)}
-"""By SH degree below 3, and by culling units from 1 on: the harmonics' schedules of machines of that degree."""
+HARMONICS = {0: (0,) * 8, 1: (32, 34, 31, 30, 37, 31, 31, 31), 2: (39, 36, 37, 35, 43, 37, 35, 35)}
+"""By SH degree below 3, and by culling units from 1 on: the harmonics' schedules of machines of that degree; 0: they have none,
+and what waits for its record goes straight to the sums."""
 
 LEAST_COLOUR_INTERVAL = 4
 """`rtl.culling.colour.LEAST_INTERVAL`."""
@@ -44,14 +45,15 @@ SETUP_LATENCY = 15
 
 @dataclass(frozen=True)
 class Timing:
-    """A datapath: a slot enters in one cycle of `interval`, leaves to the output register after `length` + 1; `rows` fit."""
+    """A datapath: a slot enters in one cycle of `interval`, leaves to the output register after `length` + 1; `rows` fit.
+    Length 0: there is none."""
 
     length: int
     interval: int
 
     @property
     def rows(self) -> int:
-        return -(-(self.length + 2) // self.interval)
+        return -(-(self.length + 2) // self.interval) if self.length else 0
 
 
 @dataclass(frozen=True)

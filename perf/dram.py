@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from perf import bus
-from perf.bus import QUEUE, R_ADDRESS, R_ID, R_IN, R_NEW, R_OUT, R_PUSH, READERS, W_ADDRESS, W_ID, W_IN, W_NEW, W_OUT, W_PUSH
+from perf.bus import QUEUE, R_ADDRESS, R_ID, R_IN, R_NEW, R_PUSH, READERS, W_ADDRESS, W_ID, W_IN, W_NEW, W_OUT, W_PUSH
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -236,7 +236,6 @@ def _answers(s, t):
             s[place] = _NEVER
             bus.deliver(s, client, t)
             s[TURN] = client
-            s[R_OUT] += 1
             break
     done = s[WRITTEN + (t & 511)]
     if done:
@@ -244,7 +243,8 @@ def _answers(s, t):
         client = 0
         while done:
             count = done & 63
-            s[bus.WAITING + client] -= count
+            for _ in range(count):
+                bus.written(s, client, t - 1)
             s[W_OUT] += count
             done >>= 6
             client += 1
@@ -255,7 +255,7 @@ def end_cycle(s, t):
     """The clock edge at the end of cycle t."""
     now = _UNIT * t + _UNIT
     at, came = s[R_IN], s[R_PUSH] - s[R_NEW]
-    if at != came and s[bus.R_READY]:
+    if at != came:
         client = s[R_ID + (at & 511)]
         _arrive(s, now, 0, s[R_ADDRESS + (at & 511)], client, s[NUMBERS + client])
         s[NUMBERS + client] += 1
@@ -268,7 +268,4 @@ def end_cycle(s, t):
         if s[WAKE + channel] <= now:
             s[WAKE + channel] = _command(s, now, channel)
     _answers(s, t)
-    if s[R_IN] != s[R_OUT] or s[W_IN] != s[W_OUT]:
-        s[bus.BUSY] += 1
-    s[bus.R_READY] = s[R_IN] - s[R_OUT] < QUEUE
     s[bus.W_READY] = s[W_IN] - s[W_OUT] < QUEUE

@@ -7,7 +7,7 @@ as where `ready` passes through combinationally. What a `Buffer` holds is looked
 from __future__ import annotations
 
 from perf import bus, memory
-from perf.bus import COLOUR, CREDITS, GEOMETRY, TILES, W_ENTRIES, W_VIEWS, WAITING
+from perf.bus import COLOUR, CREDITS, GEOMETRY, TILES, W_ENTRIES, W_VIEWS
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -120,12 +120,18 @@ def _sum_colour(s, t, steps):
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
     """ColourUnit."""
     _write_views(s, granted_write, views, view_of)
-    _sum_colour(s, t, steps)
-    _fetch(s, HARMONICS, t)
     at = s[C_WAIT_OUT]
-    if at != s[C_IN] and s[C_RING + (at & _MASK)] <= t and _accepts(s, HARMONICS, t):
-        _enter(s, HARMONICS, t)
-        s[C_WAIT_OUT] = at + 1
+    waits = at != s[C_IN] and s[C_RING + (at & _MASK)] <= t
+    if s[HARMONICS + _LENGTH]:
+        _sum_colour(s, t, steps)
+        _fetch(s, HARMONICS, t)
+        if waits and _accepts(s, HARMONICS, t):
+            _enter(s, HARMONICS, t)
+            s[C_WAIT_OUT] = at + 1
+    else:
+        s[HARMONICS + _FULL] = waits
+        _sum_colour(s, t, steps)
+        s[C_WAIT_OUT] += waits and s[HARMONICS + _FULL] == 0
     left = s[C_LEFT]
     if granted_read:
         bus.read(s, COLOUR, colour_of[s[C_SPLAT]] + s[C_BEATS] - left)
@@ -157,11 +163,11 @@ def _finish_colour(s):
 
 
 @step
-def _write_entries(s, granted, begins, entry_writes):
+def _write_entries(s, t, granted, begins, entry_writes):
     """EntryWriter but for its input; whether its slots advance."""
     buffered = s[E_BUFFER]
     room = buffered < 2
-    quiet = s[E_PIPE] == 0 and buffered == 0 and s[WAITING + W_ENTRIES] == 0
+    quiet = s[E_PIPE] == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)
     if granted:
         at = s[E_OUT]
         bus.write(s, W_ENTRIES, entry_writes[at])
@@ -296,18 +302,17 @@ def geometry_phase(
     """The phase GEOMETRY; gives its cycles and the one in which the frame's last entry was in memory."""
     points, t, counted = s[POINTS], 0, -1
     while t < limit:
-        bus.begin_cycle(s)
         asked = s[ASKED]
         asking = (1 << GEOMETRY) if asked < points and s[CREDITS + GEOMETRY] else 0
         if s[C_LEFT] and s[CREDITS + COLOUR]:
             asking |= 1 << COLOUR
-        reader = bus.grant_read(s, asking)
+        reader = bus.grant_read(s, t, asking)
         asking = 1 << W_ENTRIES if s[E_BUFFER] else 0
         if s[C_WRITE]:
             asking |= 1 << W_VIEWS
-        writer = bus.grant_write(s, asking)
+        writer = bus.grant_write(s, t, asking)
         survivors = s[SURVIVORS]
-        if s[C_SETTLED] and s[C_FINISHED] and s[WAITING + W_VIEWS] == 0 and s[E_ENDED] > 1:
+        if s[C_SETTLED] and s[C_FINISHED] and bus.writes_idle(s, t, W_VIEWS) and s[E_ENDED] > 1:
             return t + 1, counted
         if s[E_ENDED]:
             if counted < 0:
@@ -315,11 +320,12 @@ def geometry_phase(
             s[E_ENDED] = 2
         _finish_colour(s)
         _colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
-        advance = _write_entries(s, writer == W_ENTRIES, begins, entry_writes)
-        given = _expand(s, t, run_entries, run_closes, survivors, advance and s[E_END] == 0)
-        if advance:
-            s[E_SLOT], s[E_FIRST] = s[E_FIRST], given
-            s[E_END] |= given == 2
+        if (s[EXPANDING] | s[CLIPPED] | s[ELLIPSE + _FULL] | s[E_SLOT] | s[E_FIRST] | s[E_PIPE] | s[E_BUFFER]) != 0:
+            advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
+            given = _expand(s, t, run_entries, run_closes, survivors, advance and s[E_END] == 0)
+            if advance:
+                s[E_SLOT], s[E_FIRST] = s[E_FIRST], given
+                s[E_END] |= given == 2
         _fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps)
@@ -336,8 +342,7 @@ def table_phase(s, tiles, base, limit):
     """The phase TABLE: the table's beats, four tiles each, to the tile test, a tile a cycle; gives its cycles."""
     beats, asked, left, valid, taken, t = (tiles + 3) // 4, 0, 0, False, 0, 0
     while t < limit:
-        bus.begin_cycle(s)
-        reader = bus.grant_read(s, 1 << TILES if asked < beats and s[CREDITS + TILES] else 0)
+        reader = bus.grant_read(s, t, 1 << TILES if asked < beats and s[CREDITS + TILES] else 0)
         uses_up = left == 0 or taken == tiles - 1
         if valid:
             taken += 1

@@ -16,8 +16,8 @@ from numba.core import config
 from golden import kernel_folder
 
 _ROOT = Path(__file__).resolve().parent.parent
-_SOURCES = ("blending", "bus", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs", "sorter",
-            "warp", "watch")  # modules of kernels, and of their constants
+_SOURCES = ("blending", "bus", "chunks", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs",
+            "sorter", "warp", "watch")  # modules of kernels, and of their constants
 
 
 @cache

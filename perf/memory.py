@@ -11,7 +11,9 @@ layout = dram.layout
 @step
 def end_cycle(s, t):
     """The clock edge at the end of cycle t, in memory."""
-    if s[bus.DRAM]:
+    if s[bus.KIND] == bus.COMPUTED:
+        bus.compute_answers(s, t)
+    elif s[bus.KIND] == bus.LPDDR3:
         dram.end_cycle(s, t)
     else:
-        bus.end_cycle(s, t)
+        bus.step_memory(s, t)

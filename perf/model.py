@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from perf import blending, bus, constants, dram, geometry, lists, render, sorter, warp, watch
+from perf import blending, bus, chunks, constants, dram, geometry, lists, render, sorter, warp, watch
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -149,7 +149,8 @@ def simulate(
         display: 4 bytes a pixel instead of 16; None: of two eyes alone, which need it.
 
     Raises:
-        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; what `render_plan` says.
+        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; harmonics of a
+            degree that the machine has not; what `render_plan` says.
     """
     memory = memory or MemoryModel()
     if pipeline is not None:
@@ -159,6 +160,8 @@ def simulate(
         raise ValueError(f"config must be a machine with stereo, not {config.name!r}")
     if two and display is False:
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
+    if trace.sh_degree > config.sh_degree:
+        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     display, beta, begin = bool(two or display), (beta if merge else 0), time.perf_counter()
     written = [_lists(eye) for eye in trace.eyes]
     largest = largest_group(trace, config, beta)
@@ -291,8 +294,9 @@ def _render(
     s[lists.ENTRIES_BASE], s[lists.DIRECTORY_BASE] = where.entries, where.directory
     s[lists.TABLE_BASE] = where.target_tiles if number else where.tiles
     capacity = chunk_capacity(config)
-    s[sorter.CAPACITY], s[sorter.STAGES] = capacity, capacity.bit_length() - 1
-    s[sorter.SORT_ROOM] = 2 * (capacity - 1) + 3 * (capacity.bit_length() - 1)
+    s[sorter.CAPACITY] = capacity
+    stages, keys = chunks.chunk_stages(capacity)
+    chunks.begin_stages(stages, plan.chunk_ends)
     s[sorter.INCREMENTAL], s[sorter.RING_RUNS] = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
     s[sorter.SPILL_BASE] = where.spill
     s[sorter.WAY_ROOM : sorter.WAY_ROOM + config.merge_ways] = 32
@@ -307,7 +311,7 @@ def _render(
         s, config.merge_ways, eye.counts, plan.lasts, eye.rendered, written.page_beat, written.page_start,
         eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn],
         plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
-        np.zeros(len(plan.chunk_length), np.int64), plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
+        plan.chunk_ends, plan.arrival, stages, keys, plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
         plan.job_out, plan.job_waits, plan.way_of, trace.holes, times, tile_times, LIMIT)
     events = _commands(s) | {
         "ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.msv2_ref.sort_tmu import auto_beta, merge_tiles
-from golden.msv2_ref.tile_lists import rank_in_tile, tile_lists
 from perf.kernel import kernel
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
@@ -20,6 +19,7 @@ from spec.memory import (
     FIRST_PAGE_ENTRIES,
     PIXEL_BYTES,
     TILE_SETTING_BYTES,
+    WORDS,
     colour_beats,
 )
 from spec.queues import CACHE_WAYS
@@ -75,18 +75,36 @@ class Lists:
 
 
 def eye_lists(eye: EyeTrace) -> Lists:
-    """Where an eye's entries go."""
-    tiles, count = len(eye.counts), len(eye.tile)
-    found = tile_lists(eye.tile, tiles, 1 << 28)
-    begins = np.zeros(count + 1, np.bool_)
-    place = rank_in_tile(eye.tile) + FIRST_PAGE_ENTRIES
-    begins[:-1] = (place > FIRST_PAGE_ENTRIES) & (place & (place - 1) == 0)
-    opened = np.flatnonzero(begins)
-    beat = found.number // BEAT_ENTRIES
-    writes = np.insert(beat, opened, -1 - (DIRECTORY_BEATS * found.page_tile + found.page_slot // 8))
-    order = np.lexsort((found.page_slot, found.page_tile))
-    start = np.searchsorted(found.page_tile[order], np.arange(tiles + 1))
-    return Lists(found.beats, begins, np.append(writes, 0), np.append(found.page_beat[order], 0), start)
+    """Where an eye's entries go (`golden.msv2_ref.tile_lists` says the same of a frame's)."""
+    places = eye.counts.astype(np.int64) + (FIRST_PAGE_ENTRIES - 1)
+    pages = np.maximum(np.frexp(places // FIRST_PAGE_ENTRIES)[1] - 1, 0)  # beyond the first
+    start = np.concatenate(([0], np.cumsum(pages)))
+    begins, page_beat = np.zeros(len(eye.tile) + 1, np.bool_), np.zeros(start[-1] + 1, np.int64)
+    writes = np.zeros(len(eye.tile) + start[-1] + 1, np.int64)
+    return Lists(_pages(eye.tile, start, begins, writes, page_beat), begins, writes, page_beat, start)
+
+
+@kernel
+def _pages(tile, page_start, begins, writes, page_beat):
+    """Hands out pages as entries come; the beats that they take."""
+    tiles, at = len(page_start) - 1, 0
+    beats = tiles * FIRST_PAGE_ENTRIES // BEAT_ENTRIES
+    place, base, page = np.full(tiles, FIRST_PAGE_ENTRIES, np.int64), np.empty(tiles, np.int64), page_start[:-1].copy()
+    for i in range(tiles):
+        base[i] = (i - 1) * FIRST_PAGE_ENTRIES  # of a page as long as all before it, in entries
+    for i in range(len(tile)):
+        to = tile[i]
+        if place[to] > FIRST_PAGE_ENTRIES and place[to] & (place[to] - 1) == 0:
+            begins[i] = True
+            writes[at] = -1 - (DIRECTORY_BEATS * to + (page[to] - page_start[to]) // WORDS)
+            page_beat[page[to]], base[to] = beats, beats * BEAT_ENTRIES - place[to]
+            beats += place[to] // BEAT_ENTRIES
+            page[to] += 1
+            at += 1
+        writes[at] = (base[to] + place[to]) // BEAT_ENTRIES
+        place[to] += 1
+        at += 1
+    return beats
 
 
 @dataclass(frozen=True)
@@ -99,7 +117,9 @@ class RenderPlan:
         drawn: (rendered tiles,) their numbers.
         group_end: (entries,) the entry is its group's last.
         missed: (entries,) its view is not in the cache. view: its view's beat.
-        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into.
+        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into. chunk_ends: of each, the entries up to
+            its end; behind them more than there are.
+        arrival: (entries + 1,) int32, in the order of the lists: each entry's place in the rendering order.
         part_runs: runs of each spilled group. job_start, job_length, job_entries, job_out, job_waits: of each merge, its runs'
             place among `job_length`, their lengths and sum, whether it goes out, and whether it waits for those before it to be
             in memory.
@@ -117,6 +137,8 @@ class RenderPlan:
     chunk_length: np.ndarray
     chunk_spill: np.ndarray
     chunk_last: np.ndarray
+    chunk_ends: np.ndarray
+    arrival: np.ndarray
     part_runs: np.ndarray
     job_start: np.ndarray
     job_length: np.ndarray
@@ -156,6 +178,8 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     tile_of = np.repeat(np.arange(len(counts)), counts)
     first = np.concatenate(([0], np.cumsum(sizes)))[groups[tile_of]]
     place = np.concatenate(([0], np.cumsum(counts)))[tile_of] - first + eye.rank
+    arrival = np.zeros(len(tile_of) + 1, np.int32)
+    arrival[first + place] = np.arange(len(tile_of))
     large = sizes[groups[tile_of]] > capacity
     runs = -(-largest // capacity) if largest > capacity else 1
     level = eye.level[tile_of].astype(np.int64)
@@ -164,7 +188,8 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last, chunks[parts], *merges,
+        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last,
+        np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts], *merges,
         2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
 
 

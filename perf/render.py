@@ -5,7 +5,7 @@ Units are stepped from the last to the first, as `perf.geometry` says.
 
 from __future__ import annotations
 
-from perf import blending, bus, lists, memory, sorter, warp
+from perf import blending, bus, chunks, lists, memory, sorter, warp
 from perf.bus import CREDITS, ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
 from perf.watch import (
@@ -76,19 +76,18 @@ def _rows(s, t, writer, tile_number, tile_times, fills):
 @phase
 def render_phase(
     s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
-    use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start, job_length, job_entries,
-    job_out, job_waits, way_of, fills, times, tile_times, limit,
+    use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start,
+    job_length, job_entries, job_out, job_waits, way_of, fills, times, tile_times, limit,
 ):
     """The phase RENDER; gives its cycles, -1 where they are not enough."""
     tiles = len(tile_counts)
     for t in range(limit):
-        bus.begin_cycle(s)
         reads, writes = _asking(s, t)
-        reader, writer = bus.grant_read(s, reads), bus.grant_write(s, writes)
+        reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
         swept = s[lists.SWEPT]
         list_before, head_before = swept - s[lists.LIST_TAKEN], swept - s[lists.HEAD_TAKEN]
         levels, buffered = s[lists.LEVELS], blending.buffered(s)
-        if blending.pixels_finished(s) and s[lists.WAIT_OUT] == tiles and warp.finished(s):
+        if blending.pixels_finished(s, t) and s[lists.WAIT_OUT] == tiles and warp.finished(s, t):
             return t + 1
         blending.load_issue(s, t)
         blending.step_issue(s, t)
@@ -104,17 +103,18 @@ def render_phase(
         sorter.step_handover(s, fetched)
         sorter.step_run_writer(s, t, writer == W_SPILL)
         at = s[sorter.SORTED]
+        offers = chunks.chunk_offers(stages, at + s[sorter.SPILLED])
         if sorter.step_sort_out(
-            s, t, ways, reader == SPILL, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start,
+            s, t, ways, reader == SPILL, offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start,
             job_length, job_entries, job_out, job_waits, way_of,
         ):
             _note(s, t, HANDING, group_end[at], times)
-        room = sorter.sort_room(s)
         shown = s[lists.SHOWN]
+        room = chunks.step_stages(stages, keys, s[sorter.SORTED] + s[sorter.SPILLED], shown, chunk_ends, arrival)
         if lists.step_unpack(s, t, room):
             s[BUSY_SORT] += 1
             _note(s, t, SORTING, group_end[s[sorter.TAKEN]], times)
-            sorter.step_sort_in(s, t, chunk_length, chunk_release)
+            s[sorter.TAKEN] += 1
         elif shown:
             s[BLOCKED_SORT] += 1
         lists.step_walk(s, t, reader == ENTRIES, list_before, tile_counts, tile_lasts, page_beat, page_start)

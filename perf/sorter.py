@@ -1,13 +1,9 @@
-"""The hierarchical sorter and the hand-over behind it, a cycle a step (rtl/sort_tmu/).
-
-The chunk sorter's stages are not stepped: when a chunk has come, `_release` follows its runs through the stages, from when the
-first entry of each leaves to when the last does; from the time so found on the chunk may leave, an entry a cycle.
-"""
+"""What is behind the chunk sorter, a cycle a step: spilling, merging, hand-over (rtl/sort_tmu/)."""
 
 from __future__ import annotations
 
 from perf import bus
-from perf.bus import SPILL, W_SPILL, WAITING
+from perf.bus import SPILL, W_SPILL
 from perf.kernel import step
 from perf.layout import Layout
 from perf.lists import layout as before
@@ -16,10 +12,8 @@ from spec.memory import BEAT_ENTRIES
 from spec.queues import SORT_MERGES
 
 layout = Layout(before.size)
-(CAPACITY, STAGES, SORT_ROOM, TAKEN, CHUNK_IN, PLACE_IN, FIRST_AT, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED,
- ACTIVE, SPILLED) = layout.words(
-    "capacity stages sort_room taken chunk_in place_in first_at chunk_out place_out sorted incremental ring_runs used "
-    "active spilled")
+CAPACITY, TAKEN, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED, ACTIVE, SPILLED = layout.words(
+    "capacity taken chunk_out place_out sorted incremental ring_runs used active spilled")
 (PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
     "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
 (PARTS_THERE, OPEN_PART, PLANNING, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, PENDING, FREED, TURN, READ_FULL, FETCH_IN,
@@ -39,60 +33,16 @@ WAY_LEFT, WAY_ROOM, WAY_IN, WAY_OUT, WAY_PLACE, WAY_ENTRIES, WAY_BASE = (layout.
 WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
 FETCHED = layout.ring(_WAYS * _WAY_BEATS)
 TREE = layout.ring(_TREE)
-STAGE_FREE = layout.ring(32)
 
 _TREE_LATENCY = 3  # of eight ways, the paper's; two cycles from a beat to its way, one from the tree's last node
-
-
-@step
-def _release(s, first, last, count):
-    """When the first entry of a chunk may leave, whose entries came from cycle `first` to `last`."""
-    run, begins, ends = 1, last, last
-    whole = count == 1
-    spread = (last - first + 1) / count
-    for stage in range(s[STAGES]):
-        runs = -(-count // run)
-        size = count - (runs - 1) * run  # of the last run, whose first and last entries come at `begins` and `ends`
-        free = s[STAGE_FREE + stage]
-        if runs == 1:
-            out = max((begins if whole else ends) + 1, free)
-            ends, whole = max(out + size - 1, ends + 1), True
-        elif runs & 1:
-            out = max(ends + 1, free, begins + int((2 - min(spread, 2.0)) * run))
-            ends = out + size - 1
-        else:
-            out = max(begins + 1, free)
-            ends = max(out + run + size - 1, ends + 1)
-        begins = out
-        s[STAGE_FREE + stage] = ends + 1
-        run *= 2
-    return begins
-
-
-@step
-def sort_room(s):
-    """The chunk sorter takes an entry."""
-    return s[TAKEN] - s[SORTED] - s[SPILLED] < s[SORT_ROOM]
-
-
-@step
-def step_sort_in(s, t, chunk_length, chunk_release):
-    """An entry into the chunk sorter."""
-    chunk, place = s[CHUNK_IN], s[PLACE_IN]
-    if place == 0:
-        s[FIRST_AT] = t
-    s[TAKEN] += 1
-    if place + 1 == chunk_length[chunk]:
-        chunk_release[chunk] = _release(s, s[FIRST_AT], t, chunk_length[chunk])
-        s[CHUNK_IN], s[PLACE_IN] = chunk + 1, 0
-    else:
-        s[PLACE_IN] = place + 1
 
 
 @step
 def step_run_writer(s, t, granted):
     """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
     at = s[QUEUE_OUT]
+    if at == s[QUEUE_IN] and s[BACK_FULL] == 0 and s[PACK_FULL] == 0:
+        return
     fence = s[Q_FENCE + (at & _WRITER_QUEUE - 1)]
     if granted:
         bus.write(s, W_SPILL, s[SPILL_BASE] + s[W_BEAT])
@@ -101,7 +51,7 @@ def step_run_writer(s, t, granted):
             s[FENCED] = 1
         else:
             s[QUEUE_OUT] = at + 1
-    elif s[FENCED] and s[WAITING + W_SPILL] == 0:
+    elif s[FENCED] and bus.writes_idle(s, t, W_SPILL):
         s[FENCED] = 0
         s[QUEUE_OUT] = at + 1
         s[PARTS_THERE] += fence == 1
@@ -125,10 +75,10 @@ def writer_asks(s, t):
 
 
 @step
-def _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release):
+def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
     """SpillDispatch: an entry of a chunk that is spilled to its run."""
     chunk, place = s[CHUNK_OUT], s[PLACE_OUT]
-    if chunk >= s[CHUNK_IN] or chunk_spill[chunk] == 0 or chunk_release[chunk] > t or s[PACK_FULL]:
+    if not offers or chunk_spill[chunk] == 0 or s[PACK_FULL]:
         return
     if place == 0:
         if s[USED] == s[RING_RUNS]:
@@ -271,22 +221,21 @@ def _merge_back(s, t, job_entries, job_out):
 
 
 @step
-def _sorted(s, t, chunk_length, chunk_spill, chunk_release, job_entries, job_out):
+def _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out):
     """Whether an entry is offered: 0, -1 from the chunk sorter, else from the merge tree, as `_tree_gives`."""
     if s[ACTIVE]:
         left = _tree_gives(s, t, job_entries)
         return left if left and job_out[s[FINISHED]] else 0
-    chunk = s[CHUNK_OUT]
-    return -1 if chunk < s[CHUNK_IN] and chunk_spill[chunk] == 0 and chunk_release[chunk] <= t else 0
+    return -1 if chunk_offers and chunk_spill[s[CHUNK_OUT]] == 0 else 0
 
 
 @step
 def step_sort_out(
-    s, t, ways, granted, group_end, chunk_length, chunk_spill, chunk_last, chunk_release, part_runs, job_start, job_length,
+    s, t, ways, granted, chunk_offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start, job_length,
     job_entries, job_out, job_waits, way_of,
 ):
-    """What leaves the sorter for the hand-over; whether something did."""
-    offers = _sorted(s, t, chunk_length, chunk_spill, chunk_release, job_entries, job_out)
+    """What leaves the sorter for the hand-over; whether something did. `chunk_offers`: the chunk sorter offers an entry."""
+    offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
     moves = False
     if offers:
         moves = _hand_over(s, t, group_end[s[SORTED]])
@@ -307,9 +256,9 @@ def step_sort_out(
                 s[FREED] += 1
                 s[ACTIVE] = s[USED] != 0
         s[SORTED] += 1
-    if s[RING_RUNS]:
+    if s[USED] or (s[RING_RUNS] and chunk_offers):
         _merge_back(s, t, job_entries, job_out)
-        _spill(s, t, chunk_length, chunk_spill, chunk_last, chunk_release)
+        _spill(s, t, chunk_offers and not (moves and offers < 0), chunk_length, chunk_spill, chunk_last)
         _merge(s, t, way_of, job_start, job_length)
         _read_runs(s, t, ways, granted)
         _plan(s, t, ways, job_start, job_length, job_out, job_waits)

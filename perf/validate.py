@@ -25,7 +25,8 @@ from golden.scenes.load import EMBEDDED
 from golden.scenes.request import add_request_arguments, write_json
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
-from spec.config import CONFIGS
+from spec.config import CONFIGS, AcceleratorConfig
+from spec.effects import EffectPlan
 from spec.errors import InputError, run_command_line
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -53,9 +54,9 @@ PHASES = ("table", "geometry", "render")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
 
 _KEPT = (
-    "scene", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "counter_errors", "entries", "ops",
-    "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles", "source_cycles", "target_cycles",
-    "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cycles_per_s")
+    "scene", "size", "gaze", "levels", "config", "machine", "effects", "pixels", "merge", "pipeline", "bit_exact",
+    "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
+    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cycles_per_s")
 
 
 def data_folder() -> Path:
@@ -86,10 +87,20 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
     return args
 
 
-def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameCycles]:
-    """The model's numbers of a report's frame."""
+def machine(row: Mapping[str, object]) -> AcceleratorConfig:
+    """The machine of a report's frame: all of its configuration's, or what the frame calls for (tb.frame --machine)."""
     config = CONFIGS[row["config"]]
     config = config.with_(stereo=True) if "target_cycles" in row else config
+    if row.get("machine") != "scene":
+        return config
+    said = row["effects"]
+    active = frozenset(name for name, effect in said["effects"].items() if effect["state"] != "absent")
+    return EffectPlan(said["wanted"], active, frozenset(), {}, said["sh_degree"]).machine(config)
+
+
+def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameCycles]:
+    """The model's numbers of a report's frame."""
+    config = machine(row)
     trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
     memory = MemoryModel(latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
     return trace, simulate(

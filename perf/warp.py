@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from perf import blending, bus
 from perf.blending import layout as before
-from perf.bus import W_WARP, WAITING
+from perf.bus import W_WARP
 from perf.kernel import step
 from perf.layout import Layout
 from spec.constants import TILE
@@ -27,9 +27,9 @@ Q_BEATS, Q_ADDRESS = layout.ring(16), layout.ring(16)
 
 
 @step
-def finished(s):
+def finished(s, t):
     """All strips are in memory, or there is nothing to warp."""
-    return s[PRESENT] == 0 or (s[WRITTEN] and s[WAITING + W_WARP] == 0)
+    return s[PRESENT] == 0 or (s[WRITTEN] and bus.writes_idle(s, t, W_WARP))
 
 
 @step
