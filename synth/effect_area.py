@@ -23,7 +23,9 @@ PAIRS = {
     "stereo": (ONE_EYE | {"stereo"}, ONE_EYE),
 }
 """By effect, what a machine has with it and without it: all else of one eye, but that nothing blends where there are no levels.
-Holes are filled, and tiles rendered again, by the second eye's units: `fill` and `rerender` have no area of their own."""
+Levels that never blend differ from one level by constants: views and the table of levels are every machine's, so their area is
+within what synthesis varies by. Holes are filled, and tiles rendered again, by the second eye's units: `fill` and `rerender`
+have no area of their own."""
 
 Measure = Callable[[AcceleratorConfig], float]
 """mm^2 at 16 nm of a machine, memories included."""

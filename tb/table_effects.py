@@ -202,7 +202,7 @@ def table(rows: list[dict[str, object]]) -> str:
 def area_table(areas: Mapping[str, EffectArea]) -> str:
     """Areas of effects as Markdown."""
     lines = ["| effect | with it, mm^2 | without it | its own | share |", "|---|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:.3f} | {a.share:.1%} |"
+    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:z.3f} | {a.share:z.1%} |"
                                 for effect, a in areas.items())])
 
 

@@ -88,7 +88,7 @@ def effect_areas_table(reports: dict[str, dict]) -> str | None:
     if not areas:
         return None
     return _table(["effect", "machine with it, mm² at 16 nm", "without it", "the effect", "share"], [
-        [name, f"{a['with_mm2']:.3f}", f"{a['without_mm2']:.3f}", f"{a['mm2']:.3f}", f"{a['mm2'] / a['with_mm2']:.1%}"]
+        [name, f"{a['with_mm2']:.3f}", f"{a['without_mm2']:.3f}", f"{a['mm2']:z.3f}", f"{a['mm2'] / a['with_mm2']:z.1%}"]
         for name, a in areas.items()])
 
 
