@@ -21,7 +21,7 @@ leave: for each memory it runs ahead by itself, into a few registers, wherever a
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -132,14 +132,16 @@ class RingBank(wiring.Component):
     def _ahead(self, m: Module, number: int, word: data.View, comes: Value) -> tuple[Value, Value, Value]:
         """What the scan has read of a memory: whether there is a place, the first of them, and whether one more may be read."""
         kept = Array(Signal(kept_layout(), name=f"kept_{number}_{i}", reset_less=True) for i in range(AHEAD))
-        count, first, free = (Signal(bits, name=f"{name}_{number}") for name, bits in (
-            ("count", range(AHEAD + 1)), ("first", range(AHEAD)), ("free", range(AHEAD))))
-        takes = Signal(name=f"takes_{number}")
-        m.d.comb += takes.eq(self.take & (self.which == number))
-        m.d.sync += count.eq(count + comes - takes)
+        first, free = (Signal(range(AHEAD), name=f"{name}_{number}") for name in ("first", "free"))
+        more, takes = Signal(AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")  # bit i: more than i are kept
+        m.d.comb += takes.eq(self.take & (self.which == number))  # comes late: a sum behind it would not make the clock
+        with m.If(takes & ~comes):
+            m.d.sync += more.eq(more >> 1)
+        with m.Elif(comes & ~takes):
+            m.d.sync += more.eq(Cat(1, more))
         with m.If(comes):
             m.d.sync += [kept[free].colour.eq(word.colour), kept[free].valid.eq(word.valid),
                          kept[free].solid.eq(word.key.any()), free.eq(free + 1)]
         with m.If(takes):
             m.d.sync += first.eq(first + 1)
-        return count.any(), kept[first], count + comes < AHEAD
+        return more[0], kept[first], ~(more[-1] | comes & more[-2])

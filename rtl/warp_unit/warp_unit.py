@@ -151,12 +151,17 @@ class WarpUnit(wiring.Component):
                 m.d.comb += [pixel.colour[c].eq(row.colour[3 * i + c]) for c in range(3)]
 
         count, column = Signal(range(TILE * TILE // self.config.cores_x)), Signal(range(-(-self.config.row_width // TILE)))
-        held, ends = Signal(range(ring_tiles(self.config) + 1)), Signal()  # tiles from the scan's to this one
+        held, ends, opened = Signal(range(ring_tiles(self.config) + 1)), Signal(), Signal()  # tiles from the scan's to this one
         room, ahead = Cat(queue.room for queue in queues), Mux(self.source_right, self._reached(column), 0)
         m.d.comb += [
             ends.eq(taken & count.all()),  # a power of two to a tile
-            self.rows.ready.eq(self._accepts & (held + ahead < ring_tiles(self.config)) & room.bit_select(lane, 1))]
-        m.d.sync += held.eq(held + ends - scanned)
+            self.rows.ready.eq(self._accepts & opened & room.bit_select(lane, 1))]
+        gone = Signal()
+        m.d.sync += [gone.eq(scanned), opened.eq((held + ahead < ring_tiles(self.config)) & ~ends)]  # it stays for a whole tile
+        with m.If(ends & ~gone):
+            m.d.sync += held.eq(held + 1)
+        with m.Elif(gone & ~ends):
+            m.d.sync += held.eq(held - 1)
         row_ends = column == self._last[_TILE_BITS:]
         with m.If(taken):
             m.d.sync += count.eq(count + 1)
@@ -216,7 +221,10 @@ class WarpUnit(wiring.Component):
         m.d.comb += [
             self._accepts.eq(to_take.any() & ~self._wiping), self.finished.eq(written & self.writes_idle),
             self.busy.eq(self._wiping | held | starts | scans)]
-        m.d.sync += [to_take.eq(to_take - row_taken), to_scan.eq(to_scan - starts)]
+        with m.If(row_taken):
+            m.d.sync += to_take.eq(to_take - 1)
+        with m.If(starts):
+            m.d.sync += to_scan.eq(to_scan - 1)
         with m.If(pack.strip_ends):
             m.d.sync += ended.eq(1)
         with m.If(scans & ended & ~pack.busy):

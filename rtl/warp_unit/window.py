@@ -166,9 +166,10 @@ class Window(wiring.Component):
         inside = Cat(row < self.rows for row in rows)
         enough = Cat(self._enough(count, (row.any(), row + 1 < self.rows), columns)
                      for row, count in zip(rows, counts, strict=True))
-        last = ~(todo & ~pick).any()
+        before = [todo[:lane].any() for lane in lanes]  # by gates, not by a difference: the whole chain waits for `last`
+        last = ~Cat(todo[lane] & before[lane] for lane in lanes).any()
         m.d.comb += [
-            todo.eq(fillable & ~done), pick.eq(todo & ~(todo - 1)),
+            todo.eq(fillable & ~done), pick.eq(Cat(todo[lane] & ~before[lane] for lane in lanes)),
             fillable.eq(~valid & inside & enough),
             self.slots.valid.eq(real & self.run),
             slot.holes.eq(fillable), slot.fills.eq(todo.any()), slot.last.eq(last),
