@@ -143,7 +143,7 @@ def _there(s, t, group, later):
 
 @step
 def _group(s, fills):
-    """Of the group that is scanned: slots that it takes, whether it completes beats, how many to write, the last one's address."""
+    """Of the group that is scanned: slots that it takes, whether beats are complete, those to write, the last one's address."""
     lanes, width = s[LANES], s[blending.WIDTH]
     groups = TILE // lanes
     x, first = s[GROUP] // groups, s[GROUP] % groups * lanes

@@ -80,7 +80,7 @@ def _pixel(config: AcceleratorConfig) -> tuple[Field, ...]:
 
 
 def warp_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel of the source eye's frame on its way into the strip."""
+    """A pixel of the source eye's frame on its way into the target's."""
     return Record("WarpPixel", warp_pixel.__doc__, (
         Field("x", uint(TILE_BITS + (TILE - 1).bit_length()), "column in the target eye's frame; 0 where nothing is kept"),
         Field("row", uint((TILE - 1).bit_length()), "row inside the strip"),

@@ -72,9 +72,10 @@ class WarpUnit(wiring.Component):
     Storage in bits, of C = warp_columns and keys of k = 8 + bits of `reach`: the ring 16 C (25 + k), 344,064 for PAPER; queues
     of a tile, or two rows a lane, of 79 a pixel, 20,336; beats 6,400; pixels in division 3,240; mask 1 a tile, 14,400.
     Throughput: warp_lanes pixels a cycle into the ring; as many out of it, but 8 at most, a beat a cycle, and a cycle more for
-    every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w cycles in and 4 w + 30 out.
-    Latency for PAPER: 23 cycles from a row's arrival to the ring, STARTS from a tile's last pixel there to the first write,
-    where its columns are complete with it. After a reset the ring is cleared first: 8 C / warp_lanes cycles.
+    every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w cycles in, one more a tile
+    where they come without a pause, and 4 w + 20 out. Latency for PAPER: 25 cycles from a row's arrival to the ring, 44 from
+    a tile's last pixel there to the first write where columns are complete with it. After a reset the ring is cleared first:
+    8 C / warp_lanes cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
