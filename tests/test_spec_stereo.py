@@ -64,11 +64,14 @@ def test_tests_of_coverage_are_exact():
 
 
 @pytest.mark.parametrize("width", [16, 255, 256, 511, 512, 1280, 1920, 8191, 8192])
-def test_what_saturates_leaves_any_frame(width):
-    raw = stereo.disparity(PAPER.with_(row_width=width)).raw_max
-    for sign in (-1, 1):
-        shift = sign * raw + 128 >> stereo.DISPARITY_FRAC
-        assert all(not 0 <= x + shift < width for x in range(width))
+def test_what_saturates_is_out_of_reach(width):
+    for columns in (64, 512, 8192):
+        config = PAPER.with_(row_width=width, warp_columns=columns)
+        raw, most = stereo.disparity(config).raw_max, stereo.reach(config)
+        assert most == columns * 3 // 4 if columns < width else most >= width - 1
+        for sign in (-1, 1):
+            shift = abs(sign * raw + 128 >> stereo.DISPARITY_FRAC)
+            assert shift > most and shift.bit_length() == most.bit_length() + 1
 
 
 def test_the_largest_scale_moves_everything_out_of_frames_of_1023_pixels():
