@@ -56,7 +56,8 @@ TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
 _KEPT = (
     "scene", "size", "gaze", "levels", "config", "machine", "effects", "pixels", "merge", "pipeline", "bit_exact",
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
-    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cycles_per_s")
+    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cpu_s",
+    "cycles_per_s")
 
 
 def data_folder() -> Path:
