@@ -12,8 +12,8 @@ from spec.memory import BEAT_ENTRIES
 from spec.queues import SORT_MERGES
 
 layout = Layout(before.size)
-CAPACITY, TAKEN, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED, ACTIVE, SPILLED = layout.words(
-    "capacity taken chunk_out place_out sorted incremental ring_runs used active spilled")
+CAPACITY, TAKEN, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED, ACTIVE, SPILLED, FREEING = layout.words(
+    "capacity taken chunk_out place_out sorted incremental ring_runs used active spilled freeing")
 (PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
     "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
 (PARTS_THERE, OPEN_PART, PLANNING, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, PENDING, FREED, TURN, READ_FULL, FETCH_IN,
@@ -34,7 +34,7 @@ WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
 FETCHED = layout.ring(_WAYS * _WAY_BEATS)
 TREE = layout.ring(_TREE)
 
-_TREE_LATENCY = 3  # of eight ways, the paper's; two cycles from a beat to its way, one from the tree's last node
+_TREE_LATENCY = 3  # of eight ways, the paper's; three cycles from a beat to its way, one from the tree's last node
 
 
 @step
@@ -96,16 +96,16 @@ def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
 
 @step
 def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
-    """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each."""
+    """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each, two on their way there."""
     job = s[PLANNED]
     if s[PLANNING] == 0:
         if s[OPEN_PART] == 0:
             if s[PARTS_THERE]:
                 s[PARTS_THERE] -= 1
-                s[OPEN_PART], s[PLAN_AT] = 1, t + 2
+                s[OPEN_PART], s[PLAN_AT] = 1, t + 5
         elif t >= s[PLAN_AT] and job - s[FINISHED] < SORT_MERGES and s[PENDING] < (1 if job_waits[job] else _PENDING):
             s[PENDING] += not job_out[job]
-            s[PLANNING], s[PLAN_WAY], s[PLAN_AT] = 1, 0, t + 2
+            s[PLANNING], s[PLAN_WAY], s[PLAN_AT] = 1, 0, t + 4
         return
     way = s[PLAN_WAY]
     if t < s[PLAN_AT]:
@@ -117,7 +117,7 @@ def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
         s[READING] += s[WAY_LEFT + way]
     s[PLAN_WAY], s[PLAN_AT] = way + 1, t + 2
     if way + 1 == ways:
-        s[PLANNED], s[PLANNING] = job + 1, 0
+        s[PLANNED], s[PLANNING], s[PLAN_AT] = job + 1, 0, t + 3
         if job_out[job]:
             s[OPEN_PART] = 0
 
@@ -146,7 +146,7 @@ def _read_runs(s, t, ways, granted):
         way = s[FETCHED + (s[FETCH_OUT] & _WAYS * _WAY_BEATS - 1)]
         s[FETCH_OUT] += 1
         at = s[WAY_IN + way]
-        s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] = t + 2
+        s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] = t + 3
         s[WAY_IN + way] = at + 1
 
 
@@ -236,7 +236,8 @@ def step_sort_out(
 ):
     """What leaves the sorter for the hand-over; whether something did. `chunk_offers`: the chunk sorter offers an entry."""
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
-    moves = False
+    freed, moves = s[FREEING], False
+    s[FREEING] = 0
     if offers:
         moves = _hand_over(s, t, group_end[s[SORTED]])
         if moves:
@@ -252,10 +253,12 @@ def step_sort_out(
             _take_merged(s, offers)
             s[SPILLED] -= 1
             if offers == 1:
-                s[USED] -= part_runs[s[FREED]]
+                s[FREEING] = part_runs[s[FREED]]
                 s[FREED] += 1
-                s[ACTIVE] = s[USED] != 0
         s[SORTED] += 1
+    if freed:  # by what left a cycle before
+        s[USED] -= freed
+        s[ACTIVE] = s[USED] != 0
     if s[USED] or (s[RING_RUNS] and chunk_offers):
         _merge_back(s, t, job_entries, job_out)
         _spill(s, t, chunk_offers and not (moves and offers < 0), chunk_length, chunk_spill, chunk_last)

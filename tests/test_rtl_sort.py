@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import random
 import re
-from itertools import chain, pairwise
+from itertools import chain, pairwise, product
 
 import pytest
-from amaranth.hdl import ResetInserter, Signal
+from amaranth.hdl import Module, ResetInserter, Signal
 from amaranth.sim import Simulator
 from rtl_streams import assert_rejected, exchange
 
 from rtl.emit import to_rtlil
 from rtl.sort_tmu.chunk_sorter import ChunkSorter, chunk_capacity
 from rtl.sort_tmu.merge_stage import Kind, MergeStage, item_layout
+from rtl.sort_tmu.order import less
 from spec.config import DEFAULT, PAPER, TINY
 from spec.records import chunk_entry, tile_entry
 
@@ -215,3 +216,29 @@ def test_an_item_is_compared_as_one_number():
     low, high = {"index": (1 << 24) - 1, "depth_key": 5, "tile": 2}, {"index": 0, "depth_key": 6, "tile": 2}
     record = tile_entry(SMALL)
     assert record.pack(low) < record.pack(high) < record.pack(low | {"tile": 3})
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 65])
+def test_words_are_compared_as_numbers(width):
+    rng, pairs = random.Random(width), list(product(range(1 << width), repeat=2)) if width < 5 else []
+    for bit in range(width):  # words that differ from some bit on
+        base = rng.getrandbits(width)
+        pairs += [(base, base), (base, base ^ 1 << bit), (base, base ^ rng.getrandbits(bit + 1))]
+    m, a, b, out = Module(), Signal(width), Signal(width), Signal()
+    m.d.comb += out.eq(less(a, b))
+
+    async def bench(ctx):
+        for left, right in pairs:
+            ctx.set(a, left)
+            ctx.set(b, right)
+            assert ctx.get(out) == (left < right)
+
+    simulator = Simulator(m)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
+def test_words_of_different_widths_are_not_compared():
+    for widths in ((3, 4), (4, 3), (0, 0)):
+        with pytest.raises(ValueError, match=f"not {widths[0]} and {widths[1]}$"):
+            less(*(Signal(width) for width in widths))

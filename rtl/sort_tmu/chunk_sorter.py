@@ -86,7 +86,10 @@ class ChunkSorter(wiring.Component):
         ]
         inside = Signal(range(4 * self.capacity))
         m.d.comb += self.busy.eq(inside.any())
-        m.d.sync += inside.eq(inside + taken - left)
+        with m.If(taken & ~left):  # both sums are there before it is known whether something leaves
+            m.d.sync += inside.eq(inside + 1)
+        with m.Elif(left & ~taken):
+            m.d.sync += inside.eq(inside - 1)
         return m
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.fifo import SyncFIFO, SyncFIFOBuffered
+from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
@@ -53,11 +53,11 @@ class HierarchicalSorter(wiring.Component):
         error: a read was answered with an error; order and entries of its group mean nothing.
         busy: something is on its way.
 
-    Storage: that of ChunkSorter; merge_ways * 33 beats to read ahead (8.4 KB for 8 ways) and 32 beats to write.
+    Storage: that of ChunkSorter; merge_ways * 33 beats to read ahead (8.4 KB for 8 ways), and 32 beats to write.
     Throughput: one entry a cycle while groups fit, and while they are spilled ones of at most `merge_ways` chunks and the
     ring holds three of them or more. A group that fits waits for the merge of a spilled one before it. A larger group's
     entries pass the tree more than once: see MergePlan. Latency: that of ChunkSorter; of a spilled group the first entry
-    leaves about 20 + 2 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
+    leaves about 26 + 2 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -106,7 +106,9 @@ class HierarchicalSorter(wiring.Component):
         self._cut(m, sorter, dispatch)
         self._parts(m, dispatch, plan, writer.chunks_there)
         self._leave(m, dispatch, plan, tree, merged_packer)
-        moved = [s.valid & s.ready & ~s.payload.nothing for s in (dispatch.run_entries, merged_packer.sink)]
+        moved = Signal(2)
+        for place, s in enumerate((dispatch.run_entries, merged_packer.sink)):
+            m.d.sync += moved[place].eq(~self.clear & s.valid & s.ready & ~s.payload.nothing)
         m.d.sync += [
             self.spilled.eq(Mux(self.clear, 0, self.spilled + moved[0] + moved[1])),
             self.overflow.eq(~self.clear & (self.overflow | dispatch.overflow)),
@@ -117,18 +119,21 @@ class HierarchicalSorter(wiring.Component):
     def _ring(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, followers: tuple[wiring.Component, ...]) -> None:
         """The region's halves, in registers: whole runs each."""
         shift = run_beats(self.config).bit_length() - 1
-        runs, base, beats, end = (Signal(width, name=f"ring_{name}") for name, width in (
-            ("runs", len(dispatch.ring_runs)), ("base", BEAT_BITS), ("beats", BEAT_BITS), ("end", BEAT_BITS + 1)))
+        runs, base, beats, end, last = (Signal(width, name=f"ring_{name}") for name, width in (
+            ("runs", len(dispatch.ring_runs)), ("base", BEAT_BITS), ("beats", BEAT_BITS), ("end", BEAT_BITS + 1),
+            ("last", BEAT_BITS)))
         m.d.comb += [
-            dispatch.ring_runs.eq(runs), dispatch.ring_base.eq(base), plan.ring_base.eq(base), plan.ring_beats.eq(beats)]
-        m.d.comb += [signal.eq(value) for f in followers for signal, value in ((f.ring_end, end), (f.ring_base, base))]
+            dispatch.ring_runs.eq(runs), dispatch.ring_base.eq(base),
+            plan.ring_base.eq(base), plan.ring_beats.eq(beats), plan.ring_end.eq(end)]
+        m.d.comb += [signal.eq(value) for f in followers for signal, value in ((f.ring_last, last), (f.ring_base, base))]
         m.d.sync += [
-            runs.eq(self.spill_beats >> shift + 1), base.eq(self.spill_base), beats.eq(runs << shift), end.eq(base + beats)]
+            runs.eq(self.spill_beats >> shift + 1), base.eq(self.spill_base), beats.eq(runs << shift), end.eq(base + beats),
+            last.eq(end - 1)]
 
     def _cut(self, m: Module, sorter: ChunkSorter, dispatch: SpillDispatch) -> None:
         """Groups to chunks; which of them are not whole groups goes beside the sorter."""
         cut = cut_layout(self.config)
-        m.submodules.cuts = cuts = SyncFIFO(width=cut.size, depth=SORT_CUTS)  # seen in the next cycle: before it is sorted
+        m.submodules.cuts = cuts = SyncFIFOBuffered(width=cut.size, depth=SORT_CUTS)  # seen before its chunk is sorted
         place, number, more = Signal(range(sorter.capacity)), Signal(cut["number"].shape), Signal()
         item, chunk, put = self.groups.payload, sorter.chunks.payload, data.View(cut, cuts.w_data)
         taken = self.groups.valid & self.groups.ready

@@ -50,6 +50,71 @@ def run_bits(config: AcceleratorConfig) -> int:
     return BEAT_BITS - (run_beats(config).bit_length() - 1)
 
 
+class _Place(wiring.Component):
+    """Where runs lie in memory, of where they lie in the part: two registers."""
+
+    def __init__(self, config: AcceleratorConfig):
+        self._shape = data.StructLayout({"run": way_run(config), "place": BEAT_BITS + 1, "odd": 1})
+        super().__init__({
+            "sink": In(stream.Signature(self._shape)), "source": Out(stream.Signature(way_run(config))),
+            "ring_base": In(BEAT_BITS), "ring_beats": In(BEAT_BITS), "ring_end": In(BEAT_BITS + 1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        given, turned = (Signal(self._shape, name=name, reset_less=True) for name in ("given", "turned"))
+        given_valid, turned_valid, free = Signal(), Signal(), Signal()
+        m.d.comb += [
+            free.eq(~turned_valid | self.source.ready),
+            self.sink.ready.eq(~given_valid | free),
+            self.source.valid.eq(turned_valid),
+            self.source.payload.eq(turned.run),
+            self.source.payload.beat.eq(based(turned.place, turned.odd, self.ring_base, self.ring_end)),
+        ]
+        with m.If(self.sink.ready):
+            m.d.sync += [given_valid.eq(self.sink.valid), given.eq(self.sink.payload)]
+        with m.If(free):
+            m.d.sync += [turned_valid.eq(given_valid), turned.eq(given)]
+            m.d.sync += turned.place.eq(inside_ring(given.place, given.odd, self.ring_beats))
+        return m
+
+
+def inside_ring(place: Value, odd: Value, ring_beats: Value) -> Value:
+    """A place counted from the ring's base, in the ring, which ends where it begins; of an odd round, in the scratch half."""
+    return Mux(~odd & (place >= ring_beats), place - ring_beats, place)
+
+
+def based(place: Value, odd: Value, ring_base: Value, ring_end: Value) -> Value:
+    """The beat in memory of a place in the ring or, of an odd round, in the scratch half behind it."""
+    return (Mux(odd, ring_end, ring_base) + place)[:BEAT_BITS]
+
+
+class _Round:
+    """A part while it is merged: runs of this round's length that are left, and of the next: begin and end, how many."""
+
+    def __init__(self, config: AcceleratorConfig):
+        self.part = Signal(part_layout(config))
+        self.begin, self.end, self.longer_begin, self.longer_end = (
+            Signal(BEAT_BITS, name=name) for name in ("begin", "end", "longer_begin", "longer_end"))
+        self.runs, self.longer = (Signal(run_bits(config), name=name) for name in ("runs", "longer"))
+        self.length, self.longer_length = (Signal(BEAT_BITS, name=name) for name in ("length", "longer_length"))
+        self.odd = Signal()  # this round's runs lie in the scratch half
+        self._first, self._shift = run_beats(config), config.merge_ways.bit_length() - 1
+
+    def start(self, part: data.View) -> list:
+        """The first round."""
+        return [
+            self.part.eq(part), self.begin.eq(0), self.end.eq(part.beats), self.runs.eq(part.runs), self.longer_begin.eq(0),
+            self.longer_end.eq(0), self.longer.eq(0), self.odd.eq(0), self.length.eq(self._first),
+            self.longer_length.eq(self._first << self._shift)]
+
+    def turn(self) -> list:
+        """The next one."""
+        return [
+            self.begin.eq(0), self.end.eq(self.longer_end), self.runs.eq(self.longer), self.longer_end.eq(0), self.longer.eq(0),
+            self.odd.eq(~self.odd), self.length.eq(self.longer_length),
+            self.longer_length.eq(self.longer_length << self._shift)]
+
+
 class MergePlan(wiring.Component):
     """Parts to merges, in order.
 
@@ -58,9 +123,15 @@ class MergePlan(wiring.Component):
         runs: to the reader: a run or a blank for every way.
         merges: to the writer and the output: where the result goes.
         written: strobe, a merge that went back is in memory.
-        ring_base, ring_beats: the ring's place; the scratch half of the same size follows.
+        ring_base, ring_beats, ring_end: the ring's place, its size, its end; the scratch half of the same size follows.
 
-    Two cycles a way, and a few a merge; the next merge's runs are handed out while this one's entries leave.
+    Two cycles a way, and four a merge; the next merge's runs are handed out while this one's entries leave. A run is offered
+    three cycles after it was picked::
+
+        cycle     0      1      2      3      4      5      6      7      8      9
+        state     COUNT  SIZE   PLACE  MERGE  PICK   GIVE   PICK   GIVE   PICK   GIVE
+        merges                         <goal>
+        runs                                                       <0>           <1>
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -72,128 +143,118 @@ class MergePlan(wiring.Component):
             "written": In(1),
             "ring_base": In(BEAT_BITS),
             "ring_beats": In(BEAT_BITS),
+            "ring_end": In(BEAT_BITS + 1),
         })
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        config, ways = self._config, self._config.merge_ways
-        shift = ways.bit_length() - 1
-        part = Signal(part_layout(config))
-        # Runs of this round's length that are left: where they begin and end, how many. Those of the next: the end, how many.
-        begin, end, runs, longer_end, longer = (Signal(width, name=name) for name, width in (
-            ("begin", BEAT_BITS), ("end", BEAT_BITS), ("runs", run_bits(config)), ("longer_end", BEAT_BITS),
-            ("longer", run_bits(config))))
-        length, odd, pending = Signal(BEAT_BITS), Signal(), Signal(4)  # a run's; the round; merges not yet in memory
-        total, out, size = Signal(run_bits(config) + 1), Signal(), Signal(range(ways + 1))
-        surplus = total - ways + 1
-        m.d.comb += [
-            total.eq(runs + longer),
-            out.eq(total <= ways),
-            size.eq(Mux(out, total, _least(_least(surplus, ways), runs))),
-        ]
-        way, left, from_longer = Signal(range(ways)), Signal(range(ways + 1)), Signal()
-        longer_begin, going_out = Signal(BEAT_BITS), Signal()
-        launched = self.merges.valid & self.merges.ready & self.merges.payload.back
-        m.d.sync += pending.eq(pending + launched - self.written)
-        merge, run = self.merges.payload, self.runs.payload
-
+        m.submodules.place = place = _Place(self._config)
+        wiring.connect(m, place.source, wiring.flipped(self.runs))
+        m.d.comb += [getattr(place, name).eq(getattr(self, name)) for name in ("ring_base", "ring_beats", "ring_end")]
+        s, ways = _Round(self._config), self._config.merge_ways
+        out, left, way = Signal(), Signal(range(ways + 1)), Signal(range(ways))  # of the merge
+        longer = Signal()  # a longer run is next
         with m.FSM():
             with m.State("PART"):
                 m.d.comb += self.parts.ready.eq(1)
-                m.d.sync += [
-                    part.eq(self.parts.payload), begin.eq(0), end.eq(self.parts.payload.beats),
-                    runs.eq(self.parts.payload.runs), longer_end.eq(0), longer.eq(0), longer_begin.eq(0),
-                    length.eq(run_beats(config)), odd.eq(0),
-                ]
+                m.d.sync += s.start(self.parts.payload)
                 with m.If(self.parts.valid):
-                    m.next = "MERGE"
-            with m.State("MERGE"):
-                m.d.comb += [
-                    merge.back.eq(~out),
-                    merge.beat.eq(self._place(part, longer_end, ~odd)),
-                    merge.last.eq(part.last),
-                    merge.runs.eq(part.runs),
-                ]
-                m.d.sync += [left.eq(size), going_out.eq(out), way.eq(0)]
-                with m.If(runs == 0):
-                    with m.If(pending == 0):
-                        m.d.sync += [
-                            begin.eq(0), end.eq(longer_end), runs.eq(longer), longer_end.eq(0), longer.eq(0),
-                            length.eq(length << shift), odd.eq(~odd),
-                        ]
-                with m.Else():
-                    m.d.comb += self.merges.valid.eq(Mux(out, pending == 0, pending != 15))
-                    with m.If(self.merges.valid & self.merges.ready):
-                        m.d.sync += longer.eq(longer + ~out)
-                        m.next = "PICK"
+                    m.next = "COUNT"
+            self._merge(m, s, out, longer, left)
             with m.State("PICK"):
-                m.d.comb += from_longer.eq(going_out & (longer != 0))
-                picked = self._pick(m, from_longer, {
-                    "begin": begin, "end": end, "longer_begin": longer_begin, "longer_end": longer_end, "length": length,
-                    "odd": odd}, part, shift)
-                m.d.sync += run.way.eq(way)
+                picked = self._pick(m, s, longer)
                 m.next = "GIVE"
             with m.State("GIVE"):
-                m.d.comb += self.runs.valid.eq(1)
-                beats = self._give(m, run, picked, left, part)
-                with m.If(self.runs.ready):
+                m.d.comb += place.sink.valid.eq(1)
+                following = self._give(m, s.part, picked, way, left, place.sink.payload)
+                with m.If(place.sink.ready):
                     with m.If(left != 0):
                         m.d.sync += left.eq(left - 1)
                         with m.If(picked["longer"]):
-                            m.d.sync += [longer_begin.eq(picked["begin"] + beats), longer.eq(longer - 1)]
+                            m.d.sync += [s.longer_begin.eq(following), s.longer.eq(s.longer - 1), longer.eq(s.longer != 1)]
                         with m.Else():
-                            m.d.sync += [begin.eq(picked["begin"] + beats), runs.eq(runs - 1)]
-                            with m.If(~going_out):
-                                m.d.sync += longer_end.eq(longer_end + beats)
-                    m.d.sync += way.eq(way + 1)
+                            m.d.sync += [s.begin.eq(following), s.runs.eq(s.runs - 1)]
+                            with m.If(~out):  # what is merged back lies in one half where it lay in the other
+                                m.d.sync += s.longer_end.eq(following)
+                    m.d.sync += way.eq(way + 1)  # behind the last one 0 again
                     with m.If(way != ways - 1):
                         m.next = "PICK"
-                    with m.Elif(going_out):
+                    with m.Elif(out):
                         m.next = "PART"
                     with m.Else():
-                        m.next = "MERGE"
+                        m.next = "COUNT"
         return m
 
-    def _pick(
-        self, m: Module, from_longer: Signal, s: dict[str, Signal], part: data.View, shift: int,
-    ) -> dict[str, Signal]:
-        """The next way's run, in registers: the longer ones first, then this round's, then blanks.
+    def _merge(self, m: Module, s: _Round, out: Signal, longer: Signal, left: Signal) -> None:
+        """The states that say what is merged, how many runs of it, and where it goes."""
+        ways, merge, goal = self._config.merge_ways, self.merges.payload, Signal(BEAT_BITS + 1)
+        total, most, few = Signal(run_bits(self._config) + 1), Signal.like(left), Signal.like(left)
+        pending = Signal(4)  # merges not yet in memory
+        m.d.sync += pending.eq(pending + (self.merges.valid & self.merges.ready & merge.back) - self.written)
+        with m.State("COUNT"):
+            m.d.sync += [total.eq(s.runs + s.longer), goal.eq(s.longer_end + Mux(s.odd, s.part.offset, 0))]
+            with m.If(s.runs != 0):
+                m.next = "SIZE"
+            with m.Elif(pending == 0):
+                m.d.sync += s.turn()
+        with m.State("SIZE"):
+            m.d.sync += [
+                out.eq(total <= ways),
+                most.eq(Mux(total < 2 * ways - 1, total - (ways - 1), ways)),
+                few.eq(_least(s.runs, ways)),
+                goal.eq(inside_ring(goal, ~s.odd, self.ring_beats)),
+            ]
+            m.next = "PLACE"
+        with m.State("PLACE"):
+            m.d.sync += [
+                left.eq(Mux(out, total, _least(most, few))), goal.eq(based(goal, ~s.odd, self.ring_base, self.ring_end))]
+            m.next = "MERGE"
+        with m.State("MERGE"):
+            m.d.comb += [
+                merge.back.eq(~out), merge.beat.eq(goal), merge.last.eq(s.part.last), merge.runs.eq(s.part.runs),
+                self.merges.valid.eq(Mux(out, pending == 0, pending != 15)),
+            ]
+            with m.If(self.merges.valid & self.merges.ready):
+                m.d.sync += [s.longer.eq(s.longer + ~out), longer.eq(out & (s.longer != 0))]
+                m.next = "PICK"
 
-        Where it begins, in the part and from the ring's base; its beats if nothing cuts it; how long runs are.
+    def _pick(self, m: Module, s: _Round, longer: Signal) -> dict[str, Signal]:
+        """The next way's run, in registers: on the way out the longer ones first, then this round's, then blanks.
+
+        Its place, in the scratch half or, as if that went on, in the ring; beats from there to the last run's end; how long
+        runs are; where it ends if nothing cuts it, and where if something does.
         """
-        picked = {name: Signal(BEAT_BITS + (name == "inside"), name=f"picked_{name}")
-                  for name in ("begin", "inside", "rest", "length")}
+        picked = {name: Signal(BEAT_BITS, name=f"picked_{name}") for name in ("rest", "length", "after", "end")}
+        picked |= {"place": Signal(BEAT_BITS + 1, name="picked_place")}
         picked |= {name: Signal(name=f"picked_{name}") for name in ("longer", "odd")}
-        begin = Mux(from_longer, s["longer_begin"], s["begin"])
+        begin, end, length = (
+            Mux(longer, *pair) for pair in
+            ((s.longer_begin, s.begin), (s.longer_end, s.end), (s.longer_length, s.length)))
         m.d.sync += [
-            picked["begin"].eq(begin),
-            picked["inside"].eq(part.offset + begin),
-            picked["rest"].eq(Mux(from_longer, s["longer_end"], s["end"]) - begin),
-            picked["length"].eq(Mux(from_longer, s["length"] << shift, s["length"])),
-            picked["longer"].eq(from_longer),
-            picked["odd"].eq(s["odd"] ^ from_longer),
+            picked["place"].eq(begin + Mux(s.odd ^ longer, 0, s.part.offset)),
+            picked["rest"].eq(end - begin),
+            picked["length"].eq(length),
+            picked["after"].eq(begin + length),
+            picked["end"].eq(end),
+            picked["longer"].eq(longer),
+            picked["odd"].eq(s.odd ^ longer),
         ]
         return picked
 
-    def _give(self, m: Module, run: data.View, picked: dict[str, Signal], left: Signal, part: data.View) -> Signal:
-        """What has been picked; returns its beats."""
-        beats, rest, length = Signal(BEAT_BITS, name="given_beats"), picked["rest"], picked["length"]
+    def _give(
+        self, m: Module, part: data.View, picked: dict[str, Signal], way: Signal, left: Signal, given: data.View,
+    ) -> Value:
+        """What has been picked, to its way; returns where it ends."""
+        cut = Signal()
         m.d.comb += [
-            beats.eq(Mux(left == 0, 0, _least(rest, length))),
-            run.beat.eq(self._from(picked["inside"], picked["begin"], picked["odd"])),
-            run.beats.eq(beats),
-            run.tail.eq(Mux(~picked["longer"] & (rest <= length), part.tail, BEAT_ENTRIES - 1)),
+            cut.eq(picked["rest"] <= picked["length"]),
+            given.place.eq(picked["place"]),
+            given.odd.eq(picked["odd"]),
+            given.run.way.eq(way),
+            given.run.beats.eq(Mux(left == 0, 0, Mux(cut, picked["rest"], picked["length"]))),
+            given.run.tail.eq(Mux(cut & ~picked["longer"], part.tail, BEAT_ENTRIES - 1)),
         ]
-        return beats
-
-    def _place(self, part: data.View, offset: Value, odd: Value) -> Value:
-        """The beat in memory of a place in the part: in the ring, which ends where it begins, or in the scratch half."""
-        return self._from(part.offset + offset, offset, odd)
-
-    def _from(self, inside: Value, offset: Value, odd: Value) -> Value:
-        """The same, of a place in the ring, counted from its base."""
-        turned = Mux(inside >= self.ring_beats, inside - self.ring_beats, inside)
-        return (self.ring_base + Mux(odd, self.ring_beats + offset, turned))[:BEAT_BITS]
+        return Mux(cut, picked["end"], picked["after"])
 
 
 def _least(a: Value, b: Value | int) -> Value:

@@ -19,6 +19,8 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, enum, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.sort_tmu.order import less
+
 
 class Kind(enum.Enum, shape=unsigned(2)):
     """What a run is in its chunk; each of its items says it."""
@@ -56,14 +58,14 @@ class _Side:
         """The head is the last of its run."""
         return (self.place == self.run - 1) | self.head.last
 
-    def elaborate(self, m: Module, item: data.View, fetched_item: data.View) -> tuple[Value, Value]:
-        """Adds the logic; returns when the arriving item goes to memory and when the next one is fetched from there."""
+    def elaborate(self, m: Module, item: data.View, fetched_item: data.View) -> None:
+        """Adds the logic."""
         some, one = self.level != 0, self.level == 1
         m.d.comb += [
             self.there.eq(some | self.arrives),
             self.head.eq(Mux(some, Mux(self.fetched, fetched_item, self.front), item)),
         ]
-        to_front = self.push & Mux(some, one & self.pop, ~self.pop)
+        to_front = self.push & (~some | one & self.pop)  # of what leaves as it comes, nobody looks at the copy
         to_memory = self.push & some & ~(one & self.pop)
         fetch = self.pop & (self.level > 1)
         m.d.sync += self.fetched.eq(fetch)
@@ -73,7 +75,7 @@ class _Side:
             m.d.sync += self.level.eq(self.level - 1)
         with m.If(to_front):
             m.d.sync += self.front.eq(item)
-        with m.Elif(self.fetched & ~self.pop):
+        with m.Elif(self.fetched):
             m.d.sync += self.front.eq(fetched_item)
         with m.If(to_memory):
             m.d.sync += self.write.eq(self.write + 1)
@@ -81,7 +83,6 @@ class _Side:
             m.d.sync += self.read.eq(self.read + 1)
         with m.If(self.pop):
             m.d.sync += self.place.eq(Mux(self.run_ends, 0, self.place + 1))
-        return to_memory, fetch
 
 
 class MergeStage(wiring.Component):
@@ -95,9 +96,9 @@ class MergeStage(wiring.Component):
         sink: runs, chunk after chunk.
         source: the runs of every chunk merged in pairs.
 
-    Storage: 2 run items of width + 3 bits in one memory, never read and written at one address in a cycle, and two items in
-    registers. Throughput: one item a cycle. Latency: one cycle for the only run of a chunk, where that is known from its first
-    entry on; otherwise an item waits for the first entry of the second run or for the end of the chunk.
+    Storage: 2 run items of width + 3 bits in one memory, where what is read and written at one address in a cycle does not
+    count, and two items in registers. Throughput: one item a cycle. Latency: one cycle for the only run of a chunk, where that
+    is known from its first entry on; otherwise an item waits for the first entry of the second run or for the end of the chunk.
     """
 
     def __init__(self, width: int, run: int):
@@ -114,14 +115,15 @@ class MergeStage(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         sides = [_Side(number, self.layout, self.run) for number in range(2)]
-        self._enter(m, sides)
-        self._store(m, sides)
-        self._leave(m, sides)
+        entering, leaving, moves = Signal(), Signal(), Signal()  # sides; an item leaves
+        self._enter(m, sides, entering)
+        self._store(m, sides, entering, leaving, moves)
+        self._leave(m, sides, leaving, moves)
         return m
 
-    def _enter(self, m: Module, sides: list[_Side]) -> None:
+    def _enter(self, m: Module, sides: list[_Side], side: Signal) -> None:
         """Runs to their sides, in turn."""
-        item, side, place = self.sink.payload, Signal(), Signal(range(self.run))
+        item, place = self.sink.payload, Signal(range(self.run))
         m.d.comb += self.sink.ready.eq(Mux(side, *(s.level != self.run + 1 for s in reversed(sides))))
         for s in sides:
             m.d.comb += [s.arrives.eq(self.sink.valid & (side == s.number)), s.push.eq(s.arrives & self.sink.ready)]
@@ -129,20 +131,26 @@ class MergeStage(wiring.Component):
             run_ends = (place == self.run - 1) | item.last
             m.d.sync += [place.eq(Mux(run_ends, 0, place + 1)), side.eq(side ^ run_ends)]
 
-    def _store(self, m: Module, sides: list[_Side]) -> None:
-        """The memory of both sides: at most one of them is written in a cycle, and at most one read."""
+    def _store(self, m: Module, sides: list[_Side], entering: Signal, leaving: Signal, moves: Signal) -> None:
+        """The memory of both sides: at most one of them is written in a cycle, and at most one read.
+
+        Which side an item leaves is known late. So addresses follow the sides alone, what goes past an empty memory into
+        `front` is written, too, where the next item will be, and something is read wherever an item leaves: only what was
+        `fetched` counts.
+        """
         m.submodules.words = words = memory.Memory(shape=self.layout, depth=2 * self.run, init=[])
         write, read = words.write_port(), words.read_port()
-        (to_0, from_0), (to_1, from_1) = (s.elaborate(m, self.sink.payload, read.data) for s in sides)
+        for s in sides:
+            s.elaborate(m, self.sink.payload, read.data)
         m.d.comb += [
             write.data.eq(self.sink.payload),
-            write.en.eq(to_0 | to_1),
-            write.addr.eq(Cat(Mux(to_1, sides[1].write, sides[0].write), to_1)),
-            read.en.eq(from_0 | from_1),
-            read.addr.eq(Cat(Mux(from_1, sides[1].read, sides[0].read), from_1)),
+            write.en.eq(Cat(s.push & (s.level != 0) for s in sides).any()),
+            write.addr.eq(Cat(Mux(entering, sides[1].write, sides[0].write), entering)),
+            read.en.eq(moves & Cat(s.level > 1 for s in sides).any()),
+            read.addr.eq(Cat(Mux(leaving, sides[1].read, sides[0].read), leaving)),
         ]
 
-    def _leave(self, m: Module, sides: list[_Side]) -> None:
+    def _leave(self, m: Module, sides: list[_Side], side: Signal, moves: Signal) -> None:
         """The smaller head of a pair, or the next item of a run that has no second."""
         older = Signal()  # side of the pair's first run
         begun, gone, single, ended = Signal(), Signal(2), Signal(), Signal()  # of the pair that is being merged
@@ -150,9 +158,7 @@ class MergeStage(wiring.Component):
         alone = Signal()
         m.d.comb += alone.eq(Mux(begun, single, self._alone(m, sides, older)))
         absent = Mux(begun, gone, Cat(alone & older, alone & ~older))
-        side = Signal()
-        m.d.comb += side.eq(absent[0] | ~absent[1] & (heads[0].word > heads[1].word))
-        moves = Signal()
+        m.d.comb += side.eq(absent[0] | ~absent[1] & less(heads[1].word, heads[0].word))
         m.d.comb += moves.eq((absent | there).all() & (~self.source.valid | self.source.ready))
         for s in sides:
             m.d.comb += s.pop.eq(moves & (side == s.number))

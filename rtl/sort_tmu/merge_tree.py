@@ -15,6 +15,8 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.sort_tmu.order import less
+
 
 def run_layout(width: int) -> data.StructLayout:
     """An entry of a run as one number, the end of the run, and whether there is no entry: a blank, which ends its run, too."""
@@ -49,7 +51,7 @@ class MergeNode(wiring.Component):
         m.d.comb += [
             free.eq(~self.source.valid | self.source.ready),
             moves.eq(here[0] & here[1] & free),
-            side.eq(gone[0] | ~gone[1] & (heads[1].word < heads[0].word)),
+            side.eq(gone[0] | ~gone[1] & less(heads[1].word, heads[0].word)),
             ends.eq(blank | head.last & gone.any()),
         ]
         for i, sink in enumerate(self.sinks):

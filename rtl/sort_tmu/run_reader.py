@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
+from collections.abc import Iterable
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
@@ -35,13 +37,13 @@ class RunReader(wiring.Component):
     Ports:
         runs: runs of the ways, ways in order, merge after merge; blanks where a merge has fewer.
         reads, data: memory.
-        ring_end, ring_base: behind beat ring_end - 1 a run continues at ring_base.
+        ring_last, ring_base: behind beat ring_last a run continues at ring_base.
         sources: entries of each way's runs.
         error: strobe, memory answered with an error.
 
-    Storage: ways * (way_beats + 1) beats, and a memory of ways * way_beats words that says whose the beats on their way are.
-    Throughput: a beat a cycle from memory, an entry a cycle at every source. Latency: a run's first entry leaves 3 cycles after
-    its beat has come.
+    Storage: ways * (way_beats + 1) beats, an entry a way, and a memory of ways * way_beats words that says whose the beats on
+    their way are. Throughput: a beat a cycle from memory, an entry a cycle at every source. Latency: a run's first entry leaves
+    4 cycles after its beat has come.
     """
 
     def __init__(self, config: AcceleratorConfig, *, way_beats: int = 32):
@@ -55,7 +57,7 @@ class RunReader(wiring.Component):
             "runs": In(stream.Signature(way_run(config))),
             "reads": Out(stream.Signature(layout(read_request(config)))),
             "data": In(stream.Signature(layout(read_data(config)))),
-            "ring_end": In(BEAT_BITS + 1),
+            "ring_last": In(BEAT_BITS),
             "ring_base": In(BEAT_BITS),
             "sources": Out(stream.Signature(run_layout(self._width))).array(self._ways),
             "error": Out(1),
@@ -74,46 +76,45 @@ class RunReader(wiring.Component):
     def _request(self, m: Module, fetched: SyncFIFOBuffered, returned: Value) -> None:
         """One way's next beat a cycle, in turn."""
         ways, run = self._ways, self.runs.payload
-        wants, busy, turn, way, some = Signal(ways), Signal(ways), Signal(range(ways)), Signal(range(ways)), Signal()
+        wants, busy, later = Signal(ways), Signal(ways), Signal(ways)  # later: behind the last one whose turn it was
         beats, lefts, tails = (
             [Signal(width, name=f"{what}_{i}", reset_less=True) for i in range(ways)]
             for what, width in (("beat", BEAT_BITS), ("left", BEAT_BITS), ("tail", _TAIL_BITS)))
-        m.d.comb += [self.runs.ready.eq(~Array(busy)[run.way]), some.eq(wants.any())]
-        later = wants & ~((2 << turn) - 1)[:ways]
-        for i in reversed(range(ways)):
-            with m.If(wants[i]):
-                m.d.comb += way.eq(i)
-        for i in reversed(range(ways)):
-            with m.If(later[i]):
-                m.d.comb += way.eq(i)
+        m.d.comb += self.runs.ready.eq(~Array(busy)[run.way])
+        chosen, behind = Signal(ways), wants & later  # one bit at most
+        m.d.comb += chosen.eq(Mux(behind.any(), _first(behind), _first(wants)))
         blanks, finals = Signal(ways), Signal(ways)  # every way's own, so that only bits of it wait for the turn
-        m.d.comb += [blanks.eq(Cat(left == 0 for left in lefts)), finals.eq(Cat(left[1:] == 0 for left in lefts))]
-        blank, ends = blanks.bit_select(way, 1), finals.bit_select(way, 1)
+        m.d.comb += finals.eq(Cat(left[1:] == 0 for left in lefts))
+        blank, ends = (chosen & blanks).any(), (chosen & finals).any()
         item = data.View(self._fetched, fetched.w_data)
         free, grant = ~self.reads.valid | self.reads.ready, Signal()
         m.d.comb += [
-            grant.eq(some & (free | blank)),
+            grant.eq(wants.any() & (free | blank)),
             fetched.w_en.eq(grant),
-            item.way.eq(way),
+            item.way.eq(Cat(Cat(chosen[i] for i in range(ways) if i >> k & 1).any() for k in range(len(run.way)))),
             item.end.eq(ends),
             item.blank.eq(blank),
-            item.tail.eq(Mux(blank, 0, Mux(ends, Array(tails)[way], BEAT_ENTRIES - 1))),
+            item.tail.eq(Mux(blank, 0, Mux(ends, _chosen(chosen, tails), BEAT_ENTRIES - 1))),
         ]
+        beat = Signal(BEAT_BITS, name="beat", reset_less=True)
+        m.d.comb += self.reads.payload.beat.eq(beat)
         with m.If(free):
-            m.d.sync += self.reads.valid.eq(grant & ~blank)
-        with m.If(grant & ~blank):
-            m.d.sync += self.reads.payload.beat.eq(Array(beats)[way])
+            m.d.sync += [self.reads.valid.eq(grant & ~blank), beat.eq(_chosen(chosen, beats))]
         with m.If(grant):
-            m.d.sync += turn.eq(way)
-        final_beat = self.ring_end - 1
+            m.d.sync += later.eq(Cat(chosen[:i].any() for i in range(ways)))
         for i in range(ways):
-            following = Mux(beats[i] == final_beat, self.ring_base, beats[i] + 1)
-            room, mine = Signal(range(self._way_beats + 1), name=f"room_{i}", init=self._way_beats), grant & (way == i)
-            m.d.comb += wants[i].eq(busy[i] & room.any())
-            m.d.sync += room.eq(room - mine + returned[i])
+            following = Mux(beats[i] == self.ring_last, self.ring_base, beats[i] + 1)
+            room = Signal(range(self._way_beats + 1), name=f"room_{i}", init=self._way_beats)
+            some, mine = Signal(name=f"some_{i}", init=1), grant & chosen[i]  # there is room
+            m.d.comb += wants[i].eq(busy[i] & some)
+            with m.If(mine & ~returned[i]):
+                m.d.sync += [room.eq(room - 1), some.eq(room != 1)]
+            with m.Elif(returned[i] & ~mine):
+                m.d.sync += [room.eq(room + 1), some.eq(1)]
             with m.If(mine):
                 m.d.sync += [beats[i].eq(following), lefts[i].eq(lefts[i] - 1), busy[i].eq(~finals[i])]
             with m.If(self.runs.valid & self.runs.ready & (run.way == i)):
+                m.d.sync += blanks[i].eq(run.beats == 0)
                 m.d.sync += [busy[i].eq(1), beats[i].eq(run.beat), lefts[i].eq(run.beats), tails[i].eq(run.tail)]
 
     def _deliver(self, m: Module, fetched: SyncFIFOBuffered, returned: Value) -> None:
@@ -131,18 +132,36 @@ class RunReader(wiring.Component):
             fifo = SyncFIFOBuffered(width=kept.size, depth=self._way_beats + 1)  # its last word is a register
             m.submodules[f"way_{i}"] = fifo
             kept_in, kept_out = data.View(kept, fifo.w_data), data.View(kept, fifo.r_data)
-            place = Signal(_TAIL_BITS, name=f"place_{i}")
-            beat_ends, taken = place == kept_out.tail, source.valid & source.ready
+            place, goes_on = Signal(_TAIL_BITS, name=f"place_{i}"), ~source.valid | source.ready
+            beat_ends, moves = place == kept_out.tail, fifo.r_rdy & goes_on
             m.d.comb += [
                 kept_in.words.eq(words),
                 *(kept_in[name].eq(item[name]) for name in ("end", "blank", "tail")),
                 fifo.w_en.eq(arrives & (item.way == i)),
-                source.valid.eq(fifo.r_rdy),
-                source.payload.word.eq(kept_out.words.word_select(place, 8 * ENTRY_BYTES)),
-                source.payload.last.eq(kept_out.end & beat_ends),
-                source.payload.blank.eq(kept_out.blank),
-                fifo.r_en.eq(taken & beat_ends),
-                returned[i].eq(taken & beat_ends),
+                fifo.r_en.eq(goes_on & beat_ends),
             ]
-            with m.If(taken):
+            head = Signal(source.payload.shape(), name=f"head_{i}", reset_less=True)
+            m.d.comb += source.payload.eq(head)
+            m.d.sync += returned[i].eq(moves & beat_ends)
+            with m.If(goes_on):
+                m.d.sync += source.valid.eq(fifo.r_rdy)
+                m.d.sync += [
+                    head.word.eq(kept_out.words.word_select(place, 8 * ENTRY_BYTES)),
+                    head.last.eq(kept_out.end & beat_ends),
+                    head.blank.eq(kept_out.blank),
+                ]
+            with m.If(moves):
                 m.d.sync += place.eq(Mux(beat_ends, 0, place + 1))
+
+
+def _first(bits: Value) -> Value:
+    """The lowest bit that is high, alone."""
+    return Cat(bits[i] & ~bits[:i].any() for i in range(len(bits)))
+
+
+def _chosen(chosen: Value, values: Iterable[Value]) -> Value:
+    """The one whose bit is high."""
+    found: Value = Const(0)
+    for bit, value in zip(chosen, values, strict=True):
+        found = found | value & bit.replicate(len(value))
+    return found

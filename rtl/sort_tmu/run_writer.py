@@ -31,7 +31,7 @@ class BeatPacker(wiring.Component):
     Ports:
         sink: entries.
         begin: beat of the run whose first entry is taken.
-        ring_end, ring_base: behind beat ring_end - 1 a run continues at ring_base.
+        ring_last, ring_base: behind beat ring_last a run continues at ring_base.
         source: beats.
 
     Throughput: an entry a cycle. Latency: 1.
@@ -41,7 +41,7 @@ class BeatPacker(wiring.Component):
         super().__init__({
             "sink": In(stream.Signature(written_entry(config))),
             "begin": In(BEAT_BITS),
-            "ring_end": In(BEAT_BITS + 1),
+            "ring_last": In(BEAT_BITS),
             "ring_base": In(BEAT_BITS),
             "source": Out(stream.Signature(written_beat())),
         })
@@ -58,8 +58,7 @@ class BeatPacker(wiring.Component):
             *(out.words.word_select(i, _ENTRY_BITS).eq(word) for i, word in enumerate(words)),
         ]
         with m.If(left):
-            following = beat + 1
-            m.d.sync += [self.source.valid.eq(0), beat.eq(Mux(following == self.ring_end, self.ring_base, following))]
+            m.d.sync += [self.source.valid.eq(0), beat.eq(Mux(beat == self.ring_last, self.ring_base, beat + 1))]
         with m.If(taken):
             full = (place == BEAT_ENTRIES - 1) | item.last | item.nothing
             m.d.sync += [

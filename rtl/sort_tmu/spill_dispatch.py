@@ -35,7 +35,7 @@ class SpillDispatch(wiring.Component):
         run_entries, run_begin: entries for memory, and where the run of the first of them begins.
         parts: parts as they end; their last run's fence tells when they may be merged.
         ring_base, ring_runs: the ring's place, its size in runs.
-        freed: strobe, a part is merged and out, and `freed_runs` are free again.
+        freed: strobe, a part is merged and out, and `freed_runs` are free again: from the next cycle but one on.
         overflow: strobe, the ring is too small for a group.
         active: a part is open or not yet out.
     """
@@ -68,19 +68,22 @@ class SpillDispatch(wiring.Component):
         names = ("spills", "ends", "closes", "splits", "admitted")
         spills, ends, closes, splits, admitted = (Signal(name=name) for name in names)
         room, idle = used != self.ring_runs, parts == 0
-        few = ~parts.all()
+        few, closed = ~parts.all(), Signal()  # closed: a part has, in the cycle before
+        freed, freed_runs = Signal(), Signal(bits)
+        m.d.sync += [freed.eq(self.freed), freed_runs.eq(Mux(self.freed, self.freed_runs, 0))]
+        more = self.parts.ready & ~closed & few  # there is a place for a part
         m.d.comb += [
             spills.eq(cut & (self.ring_runs != 0)),
             ends.eq(item.last & self.cuts.payload.last),
             splits.eq(self.chunks.valid & spills & ~inside & ~room & opened & idle),
             self.active.eq(opened | ~idle),
-            self.overflow.eq(splits & self.parts.ready & self.run_entries.ready | taken & cut & ~spills),
-            # A part may end with this entry: then there must be a place for it.
-            admitted.eq((inside | room) & (~ends | self.parts.ready & few)),
+            self.overflow.eq(splits & more & self.run_entries.ready | taken & cut & ~spills),
+            admitted.eq((inside | room) & (~ends | more)),
             self.run_begin.eq(self.ring_base + (following << shift)),
         ]
-        self._out(m, cut, spills, admitted, splits, ends)
-        self._close(m, ends, splits, closes, count, Mux(opened, first, following), runs)
+        self._out(m, cut, spills, admitted, splits, ends, more)
+        m.d.comb += closes.eq(self.run_entries.valid & self.run_entries.ready & (ends | splits))
+        self._close(m, closes, closed, splits, count, Mux(opened, first, following), runs)
         m.d.comb += self.cuts.ready.eq(taken & item.last & cut)
         with m.If(taken):
             m.d.sync += [inside.eq(~item.last), number.eq(number + item.last), count.eq(Mux(item.last, 0, count + 1))]
@@ -94,19 +97,21 @@ class SpillDispatch(wiring.Component):
         with m.If(closes):
             m.d.sync += runs.eq(0)
         m.d.sync += [
-            used.eq(used + begins - Mux(self.freed, self.freed_runs, 0)),
-            parts.eq(parts + closes - self.freed),
+            used.eq(Mux(begins, used - freed_runs + 1, used - freed_runs)),  # both are there before it is known
+            parts.eq(parts + closes - freed),
         ]
         return m
 
-    def _out(self, m: Module, cut: Signal, spills: Signal, admitted: Signal, splits: Signal, ends: Signal) -> None:
+    def _out(
+        self, m: Module, cut: Signal, spills: Signal, admitted: Signal, splits: Signal, ends: Signal, more: Value,
+    ) -> None:
         """The two ways."""
         item, out, run = self.chunks.payload, self.direct.payload, self.run_entries.payload
         m.d.comb += [
             self.direct.valid.eq(self.chunks.valid & ~spills & ~self.active),
             out.eq(item),
             out.last.eq(item.last & (~cut | self.cuts.payload.last)),
-            self.run_entries.valid.eq(Mux(splits, self.parts.ready, self.chunks.valid & spills & admitted)),
+            self.run_entries.valid.eq(Mux(splits, more, self.chunks.valid & spills & admitted)),
             run.last.eq(item.last | splits),
             run.fence.eq(ends | splits),
             run.nothing.eq(splits),
@@ -116,20 +121,21 @@ class SpillDispatch(wiring.Component):
         ]
 
     def _close(
-        self, m: Module, ends: Signal, splits: Signal, closes: Signal, count: Signal, first: Value, runs: Signal,
+        self, m: Module, closes: Signal, closed: Signal, splits: Signal, count: Signal, first: Value, runs: Signal,
     ) -> None:
-        """The part that ends with this entry, or has ended with the run before."""
+        """The part that has ended with the entry before this one, or with the run before that."""
         part, shift, places = self.parts.payload, run_beats(self._config).bit_length() - 1, (BEAT_ENTRIES - 1).bit_length()
-        inside, all_runs = Signal(), Signal.like(runs)
-        final = self.run_entries.valid & self.run_entries.ready & ends & ~splits
+        offset, all_runs, length, split = (Signal.like(signal, name=name, reset_less=True) for name, signal in (
+            ("offset", runs), ("all_runs", runs), ("length", count), ("split", splits)))
+        m.d.sync += [
+            closed.eq(closes), offset.eq(first), length.eq(count), split.eq(splits),
+            all_runs.eq(Mux(splits | (count != 0), runs, runs + 1)),  # not yet of its first entry
+        ]
         m.d.comb += [
-            inside.eq(count != 0),
-            all_runs.eq(Mux(splits | inside, runs, runs + 1)),
-            closes.eq(final | splits & self.run_entries.ready & self.parts.ready),
-            self.parts.valid.eq(closes),
-            part.offset.eq(first << shift),
+            self.parts.valid.eq(closed),
+            part.offset.eq(offset << shift),
             part.runs.eq(all_runs),
-            part.beats.eq(Mux(splits, runs << shift, ((all_runs - 1) << shift) + (count >> places) + 1)),
-            part.tail.eq(Mux(splits, BEAT_ENTRIES - 1, count[:places])),
-            part.last.eq(~splits),
+            part.beats.eq(Mux(split, all_runs << shift, ((all_runs - 1) << shift) + (length >> places) + 1)),
+            part.tail.eq(Mux(split, BEAT_ENTRIES - 1, length[:places])),
+            part.last.eq(~split),
         ]
