@@ -128,7 +128,16 @@ class EntryWriter(wiring.Component):
         return m
 
     def _places(self, m: Module, advance: Signal, passed: Signal, begun: Signal) -> _Slot:
-        """Entries and their places, and the clearing of all places; `passed`: the frame's end leaves the slot that returns."""
+        """Entries and their places, and the clearing of all places; `passed`: the frame's end leaves the slot that returns.
+
+        A place is read a cycle before its slot, and the next one of its tile written in the slot's cycle: behind the memory is
+        time for a choice and a sum, not for going back into it as well. The two entries behind may be of the same tile, and
+        get what is on its way::
+
+            entries          < A >< B >< C >
+            read                  < A >< B >< C >    B of A's tile: `summed`; C of A's tile, B not: `before`
+            slot, written              < A >< B >
+        """
         tiles, bits = frame_tiles(self.config), (FIRST_PAGE_ENTRIES << self.slots + 1).bit_length()
         m.submodules.places = places = memory.Memory(shape=bits, depth=tiles, init=[])
         write, read = places.write_port(), places.read_port()
