@@ -31,9 +31,9 @@ def flat():
     return random_model(np.random.default_rng(5), 400).with_sh_degree(0)
 
 
-def work(model, foveation, effects="auto", **asked):
+def work(model, foveation, effects="auto", *, config=DEFAULT, **asked):
     args = SimpleNamespace(**{"effects": effects, "stereo": False, "depth": False} | asked)
-    return work_for(args, Request(model, orbit_camera(model, 0, 4, *SIZE), foveation, (0.1, 0.2, 0.3), {}), DEFAULT)
+    return work_for(args, Request(model, orbit_camera(model, 0, 4, *SIZE), foveation, (0.1, 0.2, 0.3), {}), config)
 
 
 def same_image(a, b):
@@ -75,6 +75,18 @@ def test_forced_effects_change_no_bit(flat, effects):
         assert eyes.source is b and eyes.target_pixels["coverage"].any()
     assert (b.config.level_banks == 2) == ("blend" in effects or effects == "all")
     assert bool(b.pixels.depth.any()) == b.config.depth and not a.pixels.depth.any()
+
+
+@pytest.mark.parametrize("effects", ["auto", "sh"])
+def test_harmonics_beyond_the_machines_degree_are_left_out(effects, capsys):
+    model = random_model(np.random.default_rng(5), 400, sh=3)
+    low = work(model, no_foveation(DISPLAY), effects, config=DEFAULT.with_(sh_degree=1))
+    assert "harmonics up to degree 1" in capsys.readouterr().out
+    assert low.config.sh_degree == low.words.sh_degree == 1
+    whole, cut = work(model, no_foveation(DISPLAY)), work(model.with_sh_degree(1), no_foveation(DISPLAY))
+    assert "harmonics up to" not in capsys.readouterr().out
+    same_image(low.render(), cut.render())
+    assert not np.array_equal(low.render().image, whole.render().image)
 
 
 @pytest.mark.parametrize("gaze", [(5, 60), (96, 0)])
