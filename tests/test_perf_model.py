@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from golden.msv2_ref.tile_lists import tile_lists
 from golden.scenes.load import EMBEDDED
 from perf import dram, validate
 from perf.model import MemoryModel, simulate
 from perf.perfetto import trace_events
-from perf.plan import _merges, cache_misses
+from perf.plan import _merges, cache_misses, eye_lists
 from perf.runs import tile_runs
 from perf.trace import EyeTrace, FrameTrace, load_trace, save_trace, trace_request
 from spec.config import PAPER
-from spec.memory import BEAT_BYTES
+from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, colour_beats
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -149,6 +150,35 @@ def test_the_cache_keeps_four_of_a_set_and_forgets_the_first():
     splat = np.array([0, 4, 8, 12, 0, 16, 0, 4], np.int32)  # 16 lines are 4 sets: all in set 0
     assert cache_misses(splat, np.zeros(8, np.int64), 16).tolist() == [1, 1, 1, 1, 0, 1, 1, 1]
     assert cache_misses(np.array([3, 3], np.int32), np.array([0, 1]), 16).tolist() == [1, 1]  # another level's view
+
+
+def test_entries_are_written_where_the_golden_lists_have_them(small):
+    eye, more = small.eyes[0], 2000  # of one tile, for pages of both beats of its directory
+    added = more * (np.arange(len(small.eyes[0].counts)) == 3)
+    eye = replace(eye, tile=np.concatenate([eye.tile, np.full(more, 3)]), counts=eye.counts + added)
+    found, lists = tile_lists(eye.tile, len(eye.counts), 1 << 28), eye_lists(eye)
+    assert lists.beats == found.beats
+    entries = lists.writes[lists.writes >= 0][: len(eye.tile)]
+    np.testing.assert_array_equal(entries, found.number // BEAT_ENTRIES)
+    np.testing.assert_array_equal(
+        -1 - lists.writes[lists.writes < 0], DIRECTORY_BEATS * found.page_tile + found.page_slot // WORDS)
+    assert lists.begins.sum() == len(found.page_tile)
+    for tile in (3, int(eye.counts.argmax())):
+        begin, end = lists.page_start[tile : tile + 2]
+        np.testing.assert_array_equal(lists.page_beat[begin:end], found.page_beat[found.page_tile == tile])
+
+
+def test_a_machine_without_harmonics_does_not_wait_for_them(small):
+    """The datapath takes a splat every 32 cycles, its record three; points come every 8."""
+    plain, totals = replace(small, sh_degree=0), []
+    for degree in (0, 3):
+        frame = simulate(plain, PAPER.with_(culling_units=1, sh_degree=degree))
+        assert frame.reads["colour"] == len(small.eyes[0].survivor) * colour_beats(PAPER, 0) * BEAT_BYTES
+        totals.append(frame.phases["geometry"])
+    assert totals[0] < 0.9 * totals[1]
+    assert totals[0] > 8 * small.points
+    with pytest.raises(ValueError, match="SH degree 3"):
+        simulate(small, PAPER.with_(sh_degree=2))
 
 
 def test_merges_are_those_of_the_plan():
