@@ -175,22 +175,31 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     ends = np.cumsum(chunks) - 1
     length[ends], last[ends] = sizes[filled] - (chunks - 1) * capacity, 1
     spill = np.repeat(chunks > 1, chunks).astype(np.uint8)
-    tile_of = np.repeat(np.arange(len(counts)), counts)
-    first = np.concatenate(([0], np.cumsum(sizes)))[groups[tile_of]]
-    place = np.concatenate(([0], np.cumsum(counts)))[tile_of] - first + eye.rank
-    arrival = np.zeros(len(tile_of) + 1, np.int32)
-    arrival[first + place] = np.arange(len(tile_of))
-    large = sizes[groups[tile_of]] > capacity
+    arrival, view = np.zeros(len(eye.splat) + 1, np.int32), np.zeros(len(eye.splat), np.int64)
+    _by_entry(counts, eye.rank, eye.splat, eye.level, trace.view_shift, arrival, view)
+    large = sizes[groups] > capacity
+    before = np.cumsum(counts) - counts - (np.cumsum(sizes) - sizes)[groups]  # of a tile's group, entries before the tile's
+    place = np.repeat(before[large], counts[large]) + eye.rank[np.repeat(large, counts)]
     runs = -(-largest // capacity) if largest > capacity else 1
-    level = eye.level[tile_of].astype(np.int64)
-    view = (eye.splat.astype(np.int64) << trace.view_shift) + level
-    parts, run_of = chunks > 1, (place[large] // capacity).astype(np.int64)
+    parts, run_of = chunks > 1, (place // capacity).astype(np.int64)
     merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        cache_misses(eye.splat, level, config.splat_cache_lines), view, length, spill, last,
+        cache_misses(eye.splat, np.repeat(eye.level, counts), config.splat_cache_lines), view, length, spill, last,
         np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts], *merges,
         2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
+
+
+@kernel
+def _by_entry(counts, rank, splat, level, view_shift, arrival, view):
+    """`arrival` and `view` of a RenderPlan, tile by tile."""
+    at = 0
+    for tile in range(len(counts)):
+        first = at
+        for _ in range(counts[tile]):
+            arrival[first + rank[at]] = at
+            view[at] = (np.int64(splat[at]) << view_shift) + level[tile]
+            at += 1
 
 
 def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray, ways: int) -> tuple[np.ndarray, ...]:
@@ -245,10 +254,10 @@ def cache_misses(splat: np.ndarray, level: np.ndarray, lines: int) -> np.ndarray
 
     Args:
         splat: (entries,) Gaussian of each, in rendering order.
-        level: (entries,) int64 its tile's.
+        level: (entries,) its tile's.
         lines: of the cache.
     """
-    return _misses(splat.astype(np.int64), level, lines // CACHE_WAYS)
+    return _misses(splat, level.astype(np.uint8), lines // CACHE_WAYS)
 
 
 @kernel
@@ -256,7 +265,7 @@ def _misses(splat, level, sets):
     tags = np.full((sets, CACHE_WAYS), -1, np.int64)
     oldest, missed = np.zeros(sets, np.int64), np.empty(len(splat), np.uint8)
     for i in range(len(splat)):
-        place, tag = splat[i] & sets - 1, splat[i] << 2 | level[i]
+        place, tag = splat[i] & sets - 1, np.int64(splat[i]) << 2 | level[i]
         missed[i] = 1
         for way in range(CACHE_WAYS):
             if tags[place, way] == tag:
