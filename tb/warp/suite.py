@@ -101,6 +101,7 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for share in (0.2, 0.5, 0.7, 0.9, 0.99):
         plan.add(f"{share} of pixels warped", with_holes(config, rng, rng.random((35, 61)) < share))
     for width, times in ((config.warp_columns + 37, 4), (config.row_width, 1), (reach(config) + 1, 3)):
+        width = min(width, config.row_width)
         for right in (False, True):  # to the frame's other side; a column more or less than may be
             size, most = (times * TILE - 5, width), reach(config)
             far = rng.choice([0.5, most - 1, most, most + 1, 2 * most], size).repeat(7, 1)[:, :width]
