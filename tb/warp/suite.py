@@ -91,6 +91,8 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(f"one disparity, {eye}", placed(config, rng, np.full((32, 48), 5.5), right))
         plan.add(f"off the row, {eye}", placed(config, rng, np.linspace(0, 120, 90) + np.zeros((17, 1)), right))
         plan.add(f"no depth, {eye}", placed(config, rng, np.full((16, 40), np.inf), right))
+    for width in (1, 16, 48):  # the scan begins where a row's last pixel has just come
+        plan.add(f"last to first, {width} wide", placed(config, rng, np.full((33, width), width - 1.0)))
     plan.add("background", with_holes(config, rng, np.ones((40, 37), bool), 1.0))
     plan.add("all holes", with_holes(config, rng, np.zeros((40, 37), bool)))
     plan.add("every neighbourhood", every_neighbourhood(config, rng))
