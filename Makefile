@@ -73,8 +73,8 @@ table-ecc: setup ## the threshold of selective warping: quality, work and cost o
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
 		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
 
-table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= OUT=
-	@$(RUN) -m tb.table_effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(call option,CONFIG,config) $(call option,OUT,out)
+table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= AREA=1 (MSV2_PDK=) OUT=
+	@$(RUN) -m tb.table_effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(call option,CONFIG,config) $(if $(filter-out 0,$(AREA)),--area) $(call option,OUT,out)
 
 tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
 	@$(RUN) -m perf.tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \

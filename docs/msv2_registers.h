@@ -572,6 +572,18 @@
 /* tiles of the target eye that were rendered (only with stereo) (read) */
 #define MSV2_TARGET_TILES 0x534u
 
+/* splats with a coordinate of the projected mean at its least or largest (read) */
+#define MSV2_SATURATED_MEANS 0x600u
+
+/* splats with the largest depth (read) */
+#define MSV2_SATURATED_DEPTHS 0x604u
+
+/* splats with the largest depth key (read) */
+#define MSV2_SATURATED_KEYS 0x608u
+
+/* views with a channel of either level at its largest (read) */
+#define MSV2_SATURATED_COLOURS 0x60Cu
+
 /* What the machine is doing. */
 enum msv2_phase {
     MSV2_PHASE_IDLE = 0, /* Nothing; ready for `start`. */

@@ -18,7 +18,7 @@ from golden.scenes.stereo import scene_scale, stereo_pair
 from spec.config import PAPER
 from spec.constants import MAX_LEVELS
 from spec.errors import run_command_line
-from spec.stereo import DISPARITY_FRAC
+from spec.stereo import DISPARITY_FRAC, reach
 
 BUDGET_PX, BUDGET_SHARE = 1 / 8, 0.999
 """Disparities must be this close to the oracle's, in this share of the pixels with a depth."""
@@ -34,7 +34,8 @@ def disparity_errors(frame: StereoFrame, request: Request) -> tuple[np.ndarray, 
     raw = warp_unit.raw_disparity(
         frame.source.config, records["transmittance"], records["depth"], frame.registers.disparity_scale)
     wanted = frame.pair.disparity(exact.depth)
-    both = np.isfinite(exact.depth) & np.isfinite(frame.source.depth) & (wanted < request.camera.width)
+    most = min(request.camera.width, reach(frame.source.config))
+    both = np.isfinite(exact.depth) & np.isfinite(frame.source.depth) & (wanted < most)
     return (np.abs(raw * 2.0**-DISPARITY_FRAC - wanted)[both], np.abs(frame.source.depth / exact.depth - 1)[both])
 
 

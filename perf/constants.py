@@ -36,8 +36,8 @@ ROW_PIPELINE, SUMS_LATER = 3, 2
 BLEND_LATENCY = 3
 """`rtl.vrc_array.blend`."""
 
-DISPARITY_STAGES, BANK_STAGES, WINDOW_STAGES, FILL_LATENCY = 4, 2, 3, 5
-"""`rtl.warp_unit`: stages around the divider, of a pixel's way into its bank, of the window beyond a column, of the median."""
+DISPARITY_STAGES, RING_STAGES, FILL_LATENCY = 4, 3, 5
+"""`rtl.warp_unit`: stages around the divider, from a tile that opens to its first place read ahead, and of the median."""
 
 SETUP_LATENCY = 15
 """`rtl.vrc_array.setup` LATENCY: registers of the setup unit's pipeline, and its output buffer."""

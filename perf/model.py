@@ -27,7 +27,7 @@ from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, P
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
-from spec.stereo import disparity
+from spec.stereo import disparity, reach
 
 LIMIT = 1 << 31
 """Cycles after which a phase is given up."""
@@ -273,8 +273,9 @@ def _set_warp(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, where
     waiting = max(2, groups - groups // config.warp_lanes + 1)
     s[warp.PRESENT], s[warp.LANES], s[warp.TO_TAKE] = 1, config.warp_lanes, trace.tiles_y
     s[warp.DEPTH] = max(2, groups * TILE // config.cores_x)
-    s[warp.SETTLE_CYCLES] = disparity(config).width + constants.DISPARITY_STAGES + constants.BANK_STAGES
-    s[warp.START_LATENCY] = groups + constants.WINDOW_STAGES + constants.FILL_LATENCY
+    s[warp.TO_SCAN], s[warp.RIGHT] = trace.tiles_y, trace.source_right
+    s[warp.RING], s[warp.REACH] = config.warp_columns // TILE, -(-reach(config) // TILE)
+    s[warp.SETTLE_CYCLES] = disparity(config).width + constants.DISPARITY_STAGES
     s[warp.QUEUE_DEPTH] = min(groups, 1 << (waiting - 1).bit_length())
     s[warp.TARGET_BASE] = where.target_frame
 

@@ -88,6 +88,7 @@ class FrameTrace:
         holes: (height, width) uint8, pixels of the target eye that the warp unit fills; empty for one eye.
         golden_seconds: what rendering and tracing took, not cached.
         record: the request as JSON-ready values.
+        source_right: of a frame of two eyes, the right one is rendered as a whole.
     """
 
     width: int
@@ -99,6 +100,7 @@ class FrameTrace:
     holes: np.ndarray
     golden_seconds: float
     record: dict[str, object]
+    source_right: bool = False
 
     @property
     def tiles_x(self) -> int:
@@ -153,12 +155,12 @@ def trace_of(
     r, begin = source.registers, time.perf_counter()
     traces = tuple(eye_trace(eye) for eye in eyes)
     shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
-    holes = np.zeros((0, 0), np.uint8)
+    holes, right = np.zeros((0, 0), np.uint8), False
     if isinstance(frame, StereoFrame):
-        holes = (frame.warped.origin == FILLED).astype(np.uint8)
+        holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + time.perf_counter() - begin, dict(record or {}))
+        seconds + time.perf_counter() - begin, dict(record or {}), right)
 
 
 @dataclass(frozen=True)
@@ -243,7 +245,7 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
-    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width)
+    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width, config.warp_columns)
     return hashlib.sha256(repr((VERSION, asked, files, machine, _sources())).encode()).hexdigest()[:16]
 
 

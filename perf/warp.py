@@ -1,8 +1,11 @@
 """The warp unit, a cycle a step (rtl/warp_unit/).
 
-Rows wait in the queues of their lanes, whose pixels leave one by one into the open strip; a full strip is swapped for the one
-that is scanned, group by group of `warp_lanes` pixels down its columns. A group takes a cycle, or one for each of its holes
-that are filled, and waits where the beats it completes find no room in the queue before memory.
+Rows wait in the queues of their lanes, whose pixels leave one by one into the ring of columns; a tile has settled some cycles
+after its last pixel has left. Tiles that no pixel can reach any more open to the scan, which goes down their columns group by
+group of `warp_lanes` pixels. A group takes a cycle, or one for each of its holes that are filled, and waits where the beats it
+completes find no room in the queue before memory, or where the columns behind it are not open. A tile is taken where the ring
+has room for all that it can reach. What pixels cost the scan when both want one memory is not modelled: places read ahead make
+up for it.
 """
 
 from __future__ import annotations
@@ -10,20 +13,25 @@ from __future__ import annotations
 from perf import blending, bus
 from perf.blending import layout as before
 from perf.bus import W_WARP
+from perf.constants import FILL_LATENCY, RING_STAGES
 from perf.kernel import step
 from perf.layout import Layout
 from spec.constants import TILE
 from spec.memory import WORDS
 
 layout = Layout(before.size)
-(PRESENT, DONE, ROW, WRITE, LANES, DEPTH, SETTLE_CYCLES, START_LATENCY, QUEUE_DEPTH, TARGET_BASE, MOVING, SETTLE, TO_TAKE, FULL,
- SCANS, WRITTEN, STRIP, SCAN_AT, GROUP, SLOTS, Q_IN, Q_OUT, Q_LEFT, STRIPS) = layout.words(
-    "present done row write lanes depth settle_cycles start_latency queue_depth target_base moving settle to_take full "
-    "scans written strip scan_at group slots q_in q_out q_left strips")
-LANE_ROWS, LANE_LEFT, LANE_IN, LANE_OUT = (layout.ring(TILE) for _ in range(4))
+(PRESENT, DONE, ROW, WRITE, LANES, DEPTH, SETTLE_CYCLES, QUEUE_DEPTH, TARGET_BASE, RING, REACH, RIGHT, TO_TAKE, TO_SCAN, HELD,
+ OPENED, TAKE_COLUMN, GONE, SETTLE_IN, SETTLE_OUT, SETTLED, OPEN_COLUMN, STARTS, SCANS, WRITTEN, STRIP, SCAN_AT, GROUP, FREED,
+ SLOTS, Q_IN, Q_OUT, Q_LEFT, STRIPS) = layout.words(
+    "present done row write lanes depth settle_cycles queue_depth target_base ring reach right to_take to_scan held "
+    "opened take_column gone settle_in settle_out settled open_column starts scans written strip scan_at group freed "
+    "slots q_in q_out q_left strips")
+LANE_ROWS, LANE_LEFT, LANE_IN, LANE_OUT, LANE_TILES = (layout.ring(TILE) for _ in range(5))
 _QUEUED = 128  # rows of a lane, at most
 LANE_PIXELS = layout.ring(TILE * _QUEUED)
 Q_BEATS, Q_ADDRESS = layout.ring(16), layout.ring(16)
+SETTLES = layout.ring(64)
+OPEN_AT = layout.ring(512)  # by column of tiles
 
 
 @step
@@ -33,25 +41,41 @@ def finished(s, t):
 
 
 @step
-def _move_pixels(s):
-    """A pixel a lane into the open strip; whether one is on its way."""
-    moving = False
+def _move_pixels(s, t):
+    """A pixel a lane into the ring; a tile that has left all lanes is on its way."""
+    rows = TILE // s[LANES] * TILE // s[blending.CORES_X]
+    every = True
+    for lane in range(s[LANES]):
+        every = every and s[LANE_TILES + lane] != 0
     for lane in range(s[LANES]):
         left = s[LANE_LEFT + lane]
-        if left or s[LANE_IN + lane] != s[LANE_OUT + lane]:
-            moving = True
-            if left <= 1 and s[LANE_IN + lane] != s[LANE_OUT + lane]:
-                at = s[LANE_OUT + lane]
-                s[LANE_LEFT + lane] = s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)]
-                s[LANE_OUT + lane] = at + 1
-            else:
-                s[LANE_LEFT + lane] = max(0, left - 1)
-    return moving
+        if every:
+            s[LANE_TILES + lane] -= 1
+        if left == 1:
+            s[LANE_ROWS + lane] += 1
+            if s[LANE_ROWS + lane] == rows:
+                s[LANE_ROWS + lane] = 0
+                s[LANE_TILES + lane] += 1
+        if left <= 1 and s[LANE_IN + lane] != s[LANE_OUT + lane]:
+            at = s[LANE_OUT + lane]
+            s[LANE_LEFT + lane] = s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)]
+            s[LANE_OUT + lane] = at + 1
+        else:
+            s[LANE_LEFT + lane] = max(0, left - 1)
+    if every:
+        s[SETTLES + (s[SETTLE_IN] & 63)] = t + s[SETTLE_CYCLES]
+        s[SETTLE_IN] += 1
+
+
+@step
+def _reached(s, column):
+    """By how many tiles the reach goes to the right of a tile, in its row."""
+    return min(s[REACH], s[blending.TILES_X] - 1 - column)
 
 
 @step
 def _take_row(s, row):
-    """A row into its lane's queue, if any of it lies in the frame; whether there is room."""
+    """A row into its lane's queue; whether there is room."""
     rows = TILE * TILE // s[blending.CORES_X]
     tile, place = row // rows, row % rows
     columns = TILE // s[blending.CORES_X]
@@ -63,55 +87,106 @@ def _take_row(s, row):
         return False
     y = tile // s[blending.TILES_X] * TILE + inner
     x = tile % s[blending.TILES_X] * TILE + block % columns * s[blending.CORES_X]
-    pixels = min(s[blending.WIDTH] - x, s[blending.CORES_X])
-    if y < s[blending.HEIGHT] and pixels > 0:
-        s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)] = pixels
-        s[LANE_IN + lane] = at + 1
-    if (row + 1) % (rows * s[blending.TILES_X]) == 0:
-        s[FULL] = 1
-        s[TO_TAKE] -= 1
+    inside = y < s[blending.HEIGHT] and x < s[blending.WIDTH]
+    s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)] = min(s[blending.WIDTH] - x, s[blending.CORES_X]) if inside else 1
+    s[LANE_IN + lane] = at + 1
     return True
 
 
 @step
+def _take(s, offered, row):
+    """Whether the row on offer is taken."""
+    room = s[HELD] + (_reached(s, s[TAKE_COLUMN]) if s[RIGHT] else 0) < s[RING]
+    taken = offered and s[TO_TAKE] != 0 and s[OPENED] != 0 and _take_row(s, row)
+    s[HELD] -= s[GONE]
+    s[GONE] = 0
+    ends = taken and (row + 1) % (TILE * TILE // s[blending.CORES_X]) == 0
+    if ends:
+        s[HELD] += 1
+        s[TAKE_COLUMN] += 1
+        if s[TAKE_COLUMN] == s[blending.TILES_X]:
+            s[TAKE_COLUMN] = 0
+            s[TO_TAKE] -= 1
+    s[OPENED] = room and not ends
+    return taken
+
+
+@step
+def _open(s, t):
+    """Tiles that have settled open to the scan, and strips begin."""
+    opens = s[SCANS] and s[OPEN_COLUMN] < s[blending.TILES_X] and (
+        s[SETTLED] > (0 if s[RIGHT] else _reached(s, s[OPEN_COLUMN])))
+    if s[STARTS]:
+        s[STARTS], s[SCANS], s[OPEN_COLUMN], s[GROUP], s[SLOTS], s[FREED] = 0, 1, 0, 0, 0, 0
+        s[STRIP] = s[STRIPS]
+        s[STRIPS] += 1
+        s[TO_SCAN] -= 1
+    elif s[SETTLED] != 0 and s[SCANS] == 0:
+        s[STARTS] = 1
+    if opens:
+        if s[OPEN_COLUMN] == 0:
+            s[SCAN_AT] = t + RING_STAGES + TILE // s[LANES] + 2 + FILL_LATENCY
+        s[OPEN_AT + (s[OPEN_COLUMN] & 511)] = t + RING_STAGES
+        s[OPEN_COLUMN] += 1
+        s[SETTLED] -= 1
+    if s[SETTLE_OUT] != s[SETTLE_IN] and s[SETTLES + (s[SETTLE_OUT] & 63)] <= t:
+        s[SETTLE_OUT] += 1
+        s[SETTLED] += 1
+
+
+@step
+def _there(s, t, group, later):
+    """Whether the scan can have read a strip's group `later` cycles ago."""
+    column = group // (TILE // s[LANES] * TILE)
+    return column < s[OPEN_COLUMN] and s[OPEN_AT + (column & 511)] + later <= t
+
+
+@step
 def _group(s, fills):
-    """Of the group that is scanned: slots that it takes, beats that it completes, and the last of them's address."""
+    """Of the group that is scanned: slots that it takes, whether beats are complete, those to write, the last one's address."""
     lanes, width = s[LANES], s[blending.WIDTH]
     groups = TILE // lanes
     x, first = s[GROUP] // groups, s[GROUP] % groups * lanes
     top = s[STRIP] * TILE
-    holes, beats, address = 0, 0, 0
+    holes, beats, address, whole = 0, 0, 0, False
     for lane in range(lanes):
         y = top + first + lane
+        word = y * width + x
+        ends = word % WORDS == WORDS - 1 or x == width - 1
+        whole = whole or ends
         if y < s[blending.HEIGHT]:
             holes += fills[y, x]
-            word = y * width + x
-            if word % WORDS == WORDS - 1 or x == width - 1:
+            if ends:
                 beats += 1
                 address = word // WORDS
-    return max(1, holes), beats, address
+    return max(1, holes), whole, beats, address
 
 
 @step
 def _scan(s, t, fills):
-    """The next slot of the closed strip."""
-    if t < s[SCAN_AT]:
-        return
-    groups = TILE // s[LANES] * s[blending.WIDTH]
-    if s[GROUP] == groups:
+    """The next slot of the strip."""
+    groups = TILE // s[LANES]
+    total, ahead = groups * s[blending.WIDTH], groups + 2
+    if s[GROUP] == total:
         if s[Q_IN] == s[Q_OUT] and s[WRITE] == 0:
             s[SCANS] = 0
-            s[WRITTEN] = s[FULL] == 0 and s[TO_TAKE] == 0
+            s[WRITTEN] = s[TO_SCAN] == 0
         return
-    slots, beats, address = _group(s, fills)
+    read = min(s[GROUP] + ahead + FILL_LATENCY, total - 1)
+    if s[FREED] < s[blending.TILES_X] and read >= min((s[FREED] + 1) * TILE * groups, total) - 1 and _there(s, t, read, 0):
+        s[FREED] += 1
+        s[GONE] = 1
+    if s[OPEN_COLUMN] == 0 or t < s[SCAN_AT] or not _there(s, t, min(s[GROUP] + ahead, total - 1), FILL_LATENCY):
+        return
+    slots, whole, beats, address = _group(s, fills)
     if s[SLOTS] + 1 < slots:
         s[SLOTS] += 1
         return
-    if beats and s[Q_IN] - s[Q_OUT] >= s[QUEUE_DEPTH]:
+    if whole and s[Q_IN] - s[Q_OUT] >= s[QUEUE_DEPTH]:
         return
     s[SLOTS] = 0
     s[GROUP] += 1
-    if beats:
+    if whole:
         at = s[Q_IN]
         s[Q_BEATS + (at & 15)], s[Q_ADDRESS + (at & 15)] = beats, address
         s[Q_IN] = at + 1
@@ -124,26 +199,17 @@ def step_warp(s, t, granted, offered, row, fills):
         bus.write(s, W_WARP, s[TARGET_BASE] + s[Q_ADDRESS + (s[Q_OUT] & 15)])
         s[WRITE] = 0
     queued = s[Q_IN]
-    scans, full = s[SCANS], s[FULL]
+    taken = _take(s, offered, row)
+    scans = s[SCANS]
+    _open(s, t)
     if scans:
         _scan(s, t, fills)
     if s[WRITE] == 0 and queued != s[Q_OUT]:
-        s[WRITE] = 1
+        beats = s[Q_BEATS + (s[Q_OUT] & 15)]
+        s[WRITE] = beats != 0
         s[Q_LEFT] += 1
-        if s[Q_LEFT] == s[Q_BEATS + (s[Q_OUT] & 15)]:
+        if s[Q_LEFT] >= beats:
             s[Q_LEFT] = 0
             s[Q_OUT] += 1
-    settle = s[SETTLE]
-    moving = _move_pixels(s)
-    swaps = full and not moving and settle == 0 and scans == 0
-    taken = offered and s[TO_TAKE] != 0 and full == 0 and _take_row(s, row)
-    if moving:
-        s[SETTLE] = s[SETTLE_CYCLES]
-    elif settle:
-        s[SETTLE] = settle - 1
-    if swaps:
-        s[FULL], s[SCANS], s[GROUP], s[SLOTS] = 0, 1, 0, 0
-        s[SCAN_AT] = t + s[START_LATENCY]
-        s[STRIP] = s[STRIPS]
-        s[STRIPS] += 1
+    _move_pixels(s, t)
     return taken

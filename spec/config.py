@@ -127,6 +127,8 @@ class AcceleratorConfig:
         counters: performance counters present.
         stereo: the warp unit and the passes of a second eye present; needs depth.
         warp_lanes: rows that the warp unit works on side by side, a pixel each a cycle.
+        warp_columns: columns of the target eye that the warp unit holds, a ring; where rows are wider, pixels move by three
+            quarters of them at most (`spec.stereo.reach`).
         warp_fill: which holes the warp unit fills: "majority", more than half of the neighbours that exist in strip and frame
             are warped; "interior", five are, so that only holes with rows of the strip on both sides are.
         warp_veiled: pixels of a coverage from 1/255 to 1/2, which have no depth, are warped too, by what their splats say.
@@ -153,6 +155,7 @@ class AcceleratorConfig:
     counters: bool = True
     stereo: bool = False
     warp_lanes: int = 4
+    warp_columns: int = 512
     warp_fill: str = "majority"
     warp_veiled: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
@@ -167,7 +170,7 @@ class AcceleratorConfig:
             ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, 64),
             ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
-            ("warp_lanes", 1, TILE),
+            ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -177,7 +180,7 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        for name in ("merge_ways", "splat_cache_lines", "warp_lanes"):
+        for name in ("merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled"):
@@ -239,8 +242,8 @@ class AcceleratorConfig:
 
 TINY = AcceleratorConfig(
     name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096, merge_ways=4,
-    splat_cache_lines=64, warp_lanes=1)
-DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2)
+    splat_cache_lines=64, warp_lanes=1, warp_columns=128)
+DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
 PAPER = AcceleratorConfig(name="paper")
 
 SHORT_FORMATS = NumberFormats(

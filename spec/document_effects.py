@@ -14,7 +14,7 @@ with the reason, and keep that in their JSON. `--effects` (`EFFECTS=`) is `auto`
 them. The golden renderer has kernels without depth sums, tile tests without levels, and colours of any degree. `make frame`
 builds the machine without the units of absent effects and keeps its simulator; `--machine full` (`MACHINE=full`) builds all
 of the configuration, where they idle. A forced second eye is rendered and dropped: through the RTL in frames for displays,
-as no other frames have two eyes. `make table-effects` measures what each effect costs.
+as no other frames have two eyes. `make table-effects` measures what each effect costs, with `AREA=1` in area, too.
 """
 
 

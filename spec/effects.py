@@ -7,7 +7,7 @@ more on neutral data, which changes no bit of the image. A list or none that lea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from spec.config import AcceleratorConfig
@@ -74,11 +74,7 @@ class EffectPlan:
 
         Harmonics of a higher degree than the configuration's stay left out.
         """
-        levels = config.levels if "levels" in self.active else 1
-        return config.with_(
-            sh_degree=min(self.sh_degree, config.sh_degree), levels=levels, blend="blend" in self.active,
-            depth="depth" in self.active, fine_depth="depth" in self.active and "stereo" not in self.active,
-            stereo="stereo" in self.active)
+        return machine_with(config, self.active, min(self.sh_degree, config.sh_degree))
 
     @property
     def record(self) -> dict[str, object]:
@@ -93,6 +89,13 @@ class EffectPlan:
     def lines(self) -> list[str]:
         """A line for every effect, for people."""
         return [f"{name:12}{self.state(name):12}{self.reasons[name]}" for name in EFFECTS]
+
+
+def machine_with(config: AcceleratorConfig, active: Collection[str], sh_degree: int) -> AcceleratorConfig:
+    """`config` with those effects and no others; `sh_degree`: of its harmonics, 0 without `sh`."""
+    levels, depth, stereo = config.levels if "levels" in active else 1, "depth" in active, "stereo" in active
+    return config.with_(sh_degree=sh_degree, levels=levels, blend="blend" in active, depth=depth,
+                        fine_depth=depth and not stereo, stereo=stereo)
 
 
 def choose_plan(wanted: str, reasons: Mapping[str, str], called: frozenset[str], sh_degree: int) -> EffectPlan:

@@ -7,6 +7,7 @@ register, and any access where no register is, is answered with SLVERR and has n
     0x020  control, status, errors, interrupts
     0x100  settings of the frame, a register a number, in the order of `spec.memory.frame_settings`
     0x400  counters
+    0x600  counters of saturated values
 
 **A frame.** Write the settings, then `control.start`. The machine checks the settings, takes a copy of all of them and is
 busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error` and
@@ -30,6 +31,7 @@ from enum import Enum, IntEnum
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed, Format, SmallFloat
 from spec.host_settings import limits, settings
+from spec.saturations import SATURATIONS
 
 REGISTER_ADDRESS_BITS = 12
 """Byte addresses of the register space."""
@@ -37,8 +39,9 @@ REGISTER_ADDRESS_BITS = 12
 MAGIC = 0x4D535632
 """What register `id` reads: "MSV2"."""
 
-VERSION_MAJOR, VERSION_MINOR = 1, 0
-"""Of this map. A higher minor version only adds registers: machines with stereo have the next one."""
+VERSION_MAJOR, VERSION_MINOR = 1, 2
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, odd. Versions below 1.2 have
+no counters of saturated values."""
 
 CONTROL_BASE = 0x020
 """First of the control registers."""
@@ -48,6 +51,9 @@ SETTINGS_BASE = 0x100
 
 COUNTERS_BASE = 0x400
 """First of the counters."""
+
+SATURATIONS_BASE = 0x600
+"""First of the counters of saturated values: in all machines the same, whatever other counters they have."""
 
 STAGES = (
     "geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover", "fetch", "array",
@@ -221,11 +227,11 @@ def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
 
 def events(config: AcceleratorConfig) -> dict[str, str]:
     """What the units of a machine report of a frame that has ended, by name."""
-    return EVENTS | STEREO_EVENTS if config.stereo else EVENTS
+    return EVENTS | (STEREO_EVENTS if config.stereo else {}) | {s.name: s.doc for s in SATURATIONS}
 
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
-    """Every counter of a machine, in the order of its registers; those of stereo come after all others."""
+    """Every counter of a machine, in the order of its registers; those of stereo come after what all have, saturations last."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -248,6 +254,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         *of_clients("read", READ_CLIENTS), *of_clients("write", WRITE_CLIENTS), *of_stages(STAGES),
         *(Counter(name, doc) for name, doc in EVENTS.items()),
         *(stereo if config.stereo else ()),
+        *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
 
 
@@ -336,6 +343,7 @@ def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
 def _counter_registers(config: AcceleratorConfig) -> Iterator[Register]:
     offset = COUNTERS_BASE
     for counter in counters(config):
+        offset = SATURATIONS_BASE if counter.name == SATURATIONS[0].name else offset
         halves = {"": ""} if counter.width == 32 else {"_low": ", lower half", "_high": ", upper half"}
         for half, words in halves.items():
             yield Register(counter.name + half, offset, Access.READ_ONLY, counter.doc + words)

@@ -33,9 +33,24 @@ def disparity_drop(formats: NumberFormats) -> int:
     return DISPARITY_SCALE_FRAC + formats.transmittance.frac_bits - formats.depth_accumulator.frac_bits - DISPARITY_FRAC
 
 
+def reach(config: AcceleratorConfig) -> int:
+    """Most columns that a pixel may move by; those that would move further are dropped, as those are that leave the frame.
+
+    Three quarters of the columns that the warp unit holds: where the target's pixel of the largest shift and the source's are
+    both among them, a quarter is left for tiles that come while others are written. Where whole rows are held no shift is too
+    large: none inside a frame is as large as this.
+    """
+    return config.row_width if config.warp_columns >= config.row_width else config.warp_columns * 3 // 4
+
+
+def clear_cycles(config: AcceleratorConfig) -> int:
+    """Cycles in which the warp unit clears its columns after a reset: two places of a lane in each."""
+    return config.warp_columns * TILE // config.warp_lanes // 2
+
+
 def disparity(config: AcceleratorConfig) -> Fixed:
-    """Magnitude of a disparity in pixels. Saturates; what saturates is wider than any frame, so its pixel is dropped."""
-    return UQ(config.row_width.bit_length(), DISPARITY_FRAC)
+    """Magnitude of a disparity in pixels. Saturates; what saturates lies beyond `reach`, so its pixel is dropped."""
+    return UQ(reach(config).bit_length(), DISPARITY_FRAC)
 
 
 def background_transmittance(formats: NumberFormats) -> int:
@@ -65,12 +80,12 @@ def _pixel(config: AcceleratorConfig) -> tuple[Field, ...]:
 
 
 def warp_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel of the source eye's frame on its way into the strip."""
+    """A pixel of the source eye's frame on its way into the target's."""
     return Record("WarpPixel", warp_pixel.__doc__, (
         Field("x", uint(TILE_BITS + (TILE - 1).bit_length()), "column in the target eye's frame; 0 where nothing is kept"),
         Field("row", uint((TILE - 1).bit_length()), "row inside the strip"),
         *_pixel(config),
-        Field("keep", uint(1), "it lies in the frame and may be warped; otherwise the rest means nothing"),
+        Field("keep", uint(1), "warped, by `reach` at most, it lies in the frame; otherwise the rest means nothing"),
     ))
 
 

@@ -155,14 +155,16 @@ class AreaReport:
 
 def machine_area(
     config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = Path("build/synth"),
-    jobs: int = 2, progress: Callable[[str], None] = print, runs: int = MOST_RUNS,
+    jobs: int = 2, progress: Callable[[str], None] = print, runs: int = MOST_RUNS, exact: bool = False,
 ) -> AreaReport:
     """Synthesise every unit of a machine, `jobs` at a time, each at most `runs` times; what is in `folder` is not made again.
+
+    `exact`: unless it took more runs.
 
     Raises:
         InputError: unknown technology, a clock that is not accepted, Yosys or liberty files absent.
     """
-    settings = Settings(technology, clock_ps, folder, runs=runs)
+    settings = Settings(technology, clock_ps, folder, runs=runs, exact=exact)
     settings.check()
     progress(f"{config.name}: elaborating the machine")
     design = machine_design(config, folder)

@@ -8,7 +8,7 @@ _WHY = {
     "array": "falloff by forward differences in the log2 domain: additions in a core, no product but T (1 - alpha); "
              "weights telescope; narrow words in two banks ([array.md](../docs/array.md))",
     "other logic": "culling in floats of 18 and 20 bits, one pipeline instead of eight units; warp unit and bus are in it",
-    "SRAM": "counters of tiles, a cache of views, queues in front of memory, the sorter's words, the warp unit's strips; "
+    "SRAM": "counters of tiles, a cache of views, queues in front of memory, the sorter's words, the warp unit's columns; "
             "the paper does not say what its own holds",
 }
 

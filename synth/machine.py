@@ -12,6 +12,7 @@ import importlib.metadata
 import json
 import re
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from rtl.top.machine import Machine
@@ -31,7 +32,7 @@ UNIT_GROUPS = {
     "": CONTROL, "registers": CONTROL, "controller": CONTROL, "master": CONTROL, "counters": CONTROL,
     **{f"queue_{client}": LISTS for client in ("geometry", "tiles", "colour", "entries", "spill", "views")},
     "geometry": CONTROL, "geometry.reader": LISTS, "geometry.loader": LISTS, "geometry.projection": CULLING,
-    "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS,
+    "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS, "geometry.saturations": CONTROL,
     "render": CONTROL, "render.tile_merge": SORTING, "render.fork": LISTS, "render.reader": LISTS, "render.headers": LISTS,
     "render.sorter": SORTING, "render.sorter.sorter": SORTING, "render.sorter.writer": SORTING,
     "render.sorter.reader": SORTING, "render.sorter.tree": SORTING, "render.handover": SORTING,
@@ -83,6 +84,39 @@ def modules_of(text: str) -> dict[str, str]:
     return modules
 
 
+def steady(modules: Mapping[str, str]) -> dict[str, str]:
+    """Modules whose ports without a name are numbered by the module alone.
+
+    Amaranth numbers them by the nets of the whole machine, so that every text would change with any other module, and nothing
+    that was synthesised before would do again.
+    """
+    names = {_module_name(text): _steady_ports(text) for text in modules.values()}
+    return {path: "\n".join(_with_ports(text, names)) for path, text in modules.items()}
+
+
+def _module_name(text: str) -> str:
+    return re.match(r"module \\(\S+)", text)[1]
+
+
+def _steady_ports(text: str) -> dict[str, str]:
+    """New names of a module's ports `port$NET$BIT`: the net's place among them instead of its number."""
+    places: dict[str, int] = {}
+    return {f"\\port${net}${bit}": f"\\port${places.setdefault(net, len(places))}${bit}"
+            for net, bit in re.findall(r"(?m)^\s*wire .*\\port\$(\d+)\$(\d+)$", text)}
+
+
+def _with_ports(text: str, names: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Lines of a module with its ports, and those of the modules in it, called by their new names."""
+    own = names[_module_name(text)]
+    of = own
+    for line in text.split("\n"):
+        cell = re.match(r"\s*cell \\(\S+) ", line)
+        if cell or line.strip() == "end":
+            of = names.get(cell[1], {}) if cell else own
+        begin, port, value = re.match(r"(\s*connect )?((?<=connect )\S+)?(.*)", line).groups("")
+        yield begin + of.get(port, port) + re.sub(r"\\port\$\d+\$\d+", lambda found: own[found[0]], value)
+
+
 def unit_of(path: str) -> str:
     """The unit that a module belongs to."""
     parent = path
@@ -95,7 +129,7 @@ def unit_of(path: str) -> str:
 
 def cut(design: Design) -> Design:
     """The machine's own module cut into one a unit."""
-    modules = modules_of(design.texts[design.top])
+    modules = steady(modules_of(design.texts[design.top]))
     shared = {name: text for name, text in design.texts.items() if name != design.top}
     parts: dict[str, list[str]] = {}
     for path, text in modules.items():

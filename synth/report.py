@@ -124,8 +124,9 @@ def module_result(
         library = technology, liberty.name  # whose name holds its hash, wherever it lies
     tools = flow.version(), timing.available() and is_timed, _flow_source()
     inputs = source, settings.technology, settings.clock_ps, settings.memory_limit, blocks, library, tools
-    kept = [_kept(settings, module, inputs, runs) for runs in dict.fromkeys((MOST_RUNS, settings.runs))]
-    cached = next((path for path in kept if path.exists()), kept[-1])  # one that took more runs will do
+    accepted = dict.fromkeys((settings.runs,) if settings.exact else (MOST_RUNS, settings.runs))  # one that took more will do
+    kept = [_kept(settings, module, inputs, runs) for runs in accepted]
+    cached = next((path for path in kept if path.exists()), kept[-1])
     if not cached.exists():
         run = to_gates if settings.technology == "generic" else to_cells
         write_json(cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))

@@ -28,6 +28,7 @@ class Settings:
         folder: of the cache.
         memory_limit: bits of the largest memory that is made of flip-flops.
         runs: how often a module is made at most, with faster sums each time; 1: all sums fast at once, which takes more area.
+        exact: no result that took more runs will do: for areas of modules that are compared.
     """
 
     technology: str
@@ -35,6 +36,7 @@ class Settings:
     folder: Path
     memory_limit: int = LIMIT
     runs: int = MOST_RUNS
+    exact: bool = False
 
     @property
     def label(self) -> str:

@@ -1,8 +1,10 @@
-"""`make table-effects`: what a scene does not pay for: golden time, cycles and simulation time saved by each effect left out.
+"""`make table-effects`: what a scene does not pay for: golden time, cycles, simulation time and area saved by effects left out.
 
 For every frame, the golden renderer runs with what the frame calls for, then with each further effect forced beside it, then
 with all of them but a second eye, in turns on one thread; times are the medians of CPU time. The RTL runs the first and the
-last of these, each on the machine that has its effects and no others; its times, too, are the processor's.
+last of these, each on the machine that has its effects and no others; its times, too, are the processor's. Areas are of
+synthesised machines of --area-config at 16 nm, memories included: of what the frame calls for beside all but a second eye,
+and of each effect, the machine with it less the same machine without it.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,12 +31,14 @@ from perf.energy import counter_counts, frame_energy, load_table
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError, run_command_line
+from synth.effect_area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from tb.common.runner import ROOT
 
 EXAMPLES = """examples:
   python -m tb.table_effects                                   the embedded scene, with and without a gaze
   python -m tb.table_effects truck.splat embedded@320,180      truck without a gaze, embedded with one; @centre is the frame's
   python -m tb.table_effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
+  MSV2_PDK=DIR python -m tb.table_effects --area               and areas: minutes for each machine not synthesised before
 """
 
 BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
@@ -43,8 +47,8 @@ SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "d
 
 CENTRE = "centre"
 
-RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio")
-"""Of the RTL: all effects but a second eye over those that are called for."""
+RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio", "area_ratio")
+"""Of the RTL, and of its area: all effects but a second eye over those that are called for."""
 
 RUNS = 9
 
@@ -83,12 +87,15 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
     parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
+    parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
     parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
     parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
     parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
     args = parser.parse_args(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    for name in (args.config, args.area_config):
+        if name not in CONFIGS:
+            raise InputError(f"config {name!r} is not accepted: choose one of {', '.join(CONFIGS)}")
     for size in (args.size, args.rtl):
         if size is not None:
             parse_size(size)
@@ -154,8 +161,8 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
 
 
-def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]:
-    """One frame's row."""
+def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None = None) -> dict[str, object]:
+    """One frame's row; its machine's area where `area` measures it."""
     frame = Frame.parse(text)
     found = works(args, frame)
     seconds = golden_seconds(found, args.runs, frame.label)
@@ -170,20 +177,33 @@ def measure(args: argparse.Namespace, text: str, out: Path) -> dict[str, object]
         energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
         row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
                 "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
+    if area:
+        config = CONFIGS[args.area_config]
+        mm2, most = area(found["auto"].plan.machine(config)), area(machine_of(config, ONE_EYE))
+        row |= {"area_config": config.name, "area_mm2": mm2, "area_most_mm2": most, "area_ratio": most / mm2}
     return row
 
 
 def table(rows: list[dict[str, object]]) -> str:
     """The rows as Markdown."""
     lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
-             + " | all but a second eye | golden | cycles | energy | simulation |", "|---" * (len(SINGLE) + 8) + "|"]
+             + " | all but a second eye | golden | cycles | energy | simulation | area | area, mm^2 |",
+             "|---" * (len(SINGLE) + 10) + "|"]
     for row in rows:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
         rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS]
         lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
-                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl]) + " |")
+                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
+                                        f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"]) + " |")
     return "\n".join(lines)
+
+
+def area_table(areas: Mapping[str, EffectArea]) -> str:
+    """Areas of effects as Markdown."""
+    lines = ["| effect | with it, mm^2 | without it | its own | share |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:z.3f} | {a.share:z.1%} |"
+                                for effect, a in areas.items())])
 
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
@@ -196,11 +216,12 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    names = ("golden_ratio", *RATIOS)
+    names = ("golden_ratio", *(name for name in RATIOS if any(name in row for row in rows)))
     figure, axes = pyplot.subplots(figsize=(8, 3.5), layout="constrained")
     for i, name in enumerate(names):
-        bars = axes.bar([x + 0.2 * (i - 1.5) for x in range(len(rows))], [row.get(name, 0) for row in rows], 0.18,
-                        label=name.removesuffix("_ratio"))
+        step = 0.8 / len(names)
+        bars = axes.bar([x + step * (i - (len(names) - 1) / 2) for x in range(len(rows))], [row.get(name, 0) for row in rows],
+                        0.9 * step, label=name.removesuffix("_ratio"))
         axes.bar_label(bars, fmt="%.2f", fontsize=7)
     axes.axhline(1, color="grey", linewidth=0.8)
     axes.set_xticks(range(len(rows)), [row["frame"] for row in rows])
@@ -215,12 +236,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     """The command line's work."""
     args = parse_arguments(argv)
     out = make_folder(args.out)
-    rows = [measure(args, text, out) for text in args.scenes]
-    write_json(out / "effects.json", {"rows": rows})
+    area = measure_in(ROOT / "build" / "synth") if args.area else None
+    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first: they need what may be absent
+    rows = [measure(args, text, out, area) for text in args.scenes]
+    kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
+    write_json(out / "effects.json", {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})})
+    tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
+    text = "\n\n".join(["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables])
     with atomic_output(out / "effects.md") as file:
-        file.write(f"# What scenes do not pay for\n\n{__doc__.partition(':')[2].strip()}\n\n{table(rows)}\n".encode())
+        file.write(f"{text}\n".encode())
     draw(rows, out / "effects.png")
-    print(table(rows))
+    print("\n\n".join(tables))
 
 
 if __name__ == "__main__":

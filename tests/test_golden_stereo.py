@@ -14,7 +14,7 @@ from golden.msv2_ref import warp_unit
 from golden.oracle import warp as oracle
 from spec.config import TINY
 from spec.memory import frame_pixel
-from spec.stereo import background_transmittance, solid_transmittance
+from spec.stereo import background_transmittance, reach, solid_transmittance
 
 CONFIG = TINY.with_(name="stereo", stereo=True)
 INTERIOR, VEILS = CONFIG.with_(warp_fill="interior"), CONFIG.with_(warp_veiled=True)
@@ -45,7 +45,8 @@ def warped(frame: np.ndarray, scale: int = SCALE, *, right: bool = False, config
 def by_hand(frame: np.ndarray, scale: int, right: bool, veiled: bool) -> tuple[np.ndarray, np.ndarray]:
     """Column and key of every pixel in Python's integers, -1 where it is not warped; the text of docs/stereo.md."""
     columns, keys = np.full(frame.shape, -1), np.zeros(frame.shape, int)
-    most = (1 << CONFIG.row_width.bit_length() + 8) - 1
+    furthest = CONFIG.warp_columns * 3 // 4
+    most = (1 << furthest.bit_length() + 8) - 1
     for (y, x), pixel in np.ndenumerate(frame):
         t, d = int(pixel["transmittance"]), int(pixel["depth"])
         if 255 * (32768 - t) < 32768:
@@ -53,7 +54,7 @@ def by_hand(frame: np.ndarray, scale: int, right: bool, veiled: bool) -> tuple[n
         elif veiled or 2 * (32768 - t) >= 32768:
             raw = most if d == 0 else min(most, scale * (32767 - t) // 8 // d)
             to = x + ((raw if right else -raw) + 128) // 256
-            if 0 <= to < frame.shape[1]:
+            if 0 <= to < frame.shape[1] and abs(to - x) <= furthest:
                 columns[y, x], keys[y, x] = to, raw + 1
     return columns, keys
 
@@ -98,6 +99,23 @@ def test_scatter_and_fill_are_the_oracles(config, right):
 
 def display_colours(frame: np.ndarray) -> np.ndarray:
     return np.minimum((510 * frame["colour"].astype(int) + (1 << 14)) // (2 << 14), 255)
+
+
+@pytest.mark.parametrize("right", [False, True])
+def test_pixels_move_as_far_as_the_window_reaches(right):
+    """By three quarters of its columns, not a pixel further; where it holds whole rows, to the frame's other side."""
+    for config, most in ((CONFIG, 96), (CONFIG.with_(warp_columns=64), 48), (CONFIG.with_(warp_columns=512), 511)):
+        scale, at, disparity = 12_500 * most, 0 if right else 511, np.full((4, 512), 1e-3)
+        disparity[:, at] = most, most + 0.25, most + 0.75, most + 1
+        frame = pixels(disparity, np.where(disparity > 1, SOLID, EMPTY))
+        frame["depth"][:, at] = np.round(scale * 32767 / 8 / 256 / disparity[:, at])
+        moved = warp_unit.warp_pixels(config, frame, scale, right)[:, at]
+        assert moved["keep"].tolist() == [1, 1, 0, 0]
+        assert (moved["x"][:2] == (most if right else 511 - most)).all()
+        found, depth = warp_unit.warp(config, frame, scale, right), 1 / disparity
+        wanted = oracle.warp(display_colours(frame) / 255.0, depth, 1 - frame["transmittance"] / 32768, 1.0, 1 if right else -1,
+                             reach=reach(config))
+        assert np.array_equal(found.origin, wanted.origin)
 
 
 def test_equal_keys_never_meet():

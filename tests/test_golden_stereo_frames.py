@@ -109,8 +109,13 @@ def test_48_a_frame_narrower_than_its_disparities_is_said():
     assert frame.rendered.all() and any("wider than the frame's 16 pixels" in w for w in frame.warnings)
     huge = stereo_pair(view(16, 16), ipd_metres=1e9)
     assert disparity_scale(CONFIG, huge, 1.0) == (1 << 24) - 1
+    huge = stereo_pair(view(2048, 16), ipd_metres=1e9)
+    assert disparity_scale(CONFIG, huge, 1.0) == (1 << 24) - 1  # beyond what it reaches
     with pytest.raises(InputError, match="frames 2048 wide are not accepted"):
-        disparity_scale(CONFIG, stereo_pair(view(2048, 16), ipd_metres=1e9), 1.0)
+        disparity_scale(CONFIG.with_(row_width=2048, warp_columns=2048), huge, 1.0)
+    narrow, pair = CONFIG.with_(warp_columns=64), stereo_pair(view(64, 16), ipd_metres=1.1)
+    frame = render_stereo(wall, pair, config=narrow, threshold_deg=0)
+    assert any("wider than the 48 pixels that the machine moves them by" in w for w in frame.warnings)
 
 
 def test_52_gazes():

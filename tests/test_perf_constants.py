@@ -15,7 +15,7 @@ from rtl.vrc_array import blend, collect, row, setup
 from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
 from rtl.warp_unit.pack import queue_groups
-from rtl.warp_unit.queue import queue_rows
+from rtl.warp_unit.queue import queue_rows, ring_tiles
 from spec.config import CONFIGS, PAPER, PRESETS, TINY
 from spec.stereo import disparity
 
@@ -68,7 +68,7 @@ def test_the_warp_units_sizes_are_the_rtls(config):
     assert constants.FILL_LATENCY == FILL_LATENCY
 
     class Trace:
-        tiles_y = 3
+        tiles_y, source_right = 3, False
 
     class Map:
         target_frame = 0
@@ -77,3 +77,5 @@ def test_the_warp_units_sizes_are_the_rtls(config):
     model._set_warp(s, Trace, config, Map)
     assert s[model.warp.QUEUE_DEPTH] == queue_groups(config)
     assert s[model.warp.DEPTH] == queue_rows(config)
+    assert s[model.warp.SETTLE_CYCLES] == disparity_latency(config)
+    assert s[model.warp.RING] == ring_tiles(config) > s[model.warp.REACH]

@@ -16,6 +16,7 @@ from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
 from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access, ErrorCode, Phase
+from spec.saturations import SATURATIONS
 
 ROOT = Path(__file__).parents[1]
 STEREO = PAPER.with_(name="stereo", stereo=True)
@@ -68,6 +69,8 @@ def test_counters():
     assert all(f"{stage}_{what}" in names for stage in STAGES for what in ("busy", "starved", "blocked"))
     mapped = {r.name: r.offset for r in MAPS["paper"]}
     assert mapped["cycles_total_high"] == mapped["cycles_total_low"] + 4 == COUNTERS_BASE + 4
+    saturations = [mapped[saturation.name] for saturation in SATURATIONS]
+    assert saturations == [registers.SATURATIONS_BASE + 4 * n for n in range(4)] == list(mapped.values())[-4:]
     assert sum(c.width // 32 for c in registers.counters(PAPER)) == sum(r.offset >= COUNTERS_BASE for r in MAPS["paper"])
 
 

@@ -91,6 +91,31 @@ def test_a_module_is_named_once() -> None:
         machine.modules_of(text)
 
 
+def instances_of(modules: dict[str, str]) -> list[tuple[str, str, str]]:
+    """(module, instance, port) of every connection to a module among them."""
+    kinds = {machine._module_name(text) for text in modules.values()}
+    return [(cell[1], cell[2], port) for text in modules.values()
+            for cell in re.finditer(r"(?ms)^\s*cell \\(\S+) (\S+)\n(.*?)^\s*end$", text) if cell[1] in kinds
+            for port in re.findall(r"(?m)^\s*connect (\S+) ", cell[3])]
+
+
+def test_ports_without_a_name_are_numbered_by_their_module_alone() -> None:
+    """Other numbers for the machine's nets change no module; every port is still connected to what it was."""
+    before = machine.modules_of(emitted().texts[machine.TOP])
+    number = re.compile(r"(?<=\\port\$)\d+")
+    renumbered = {path: number.sub(lambda found: f"{7 * int(found[0]) + 1}", text) for path, text in before.items()}
+    after = machine.steady(before)
+    assert before != after == machine.steady(renumbered) == machine.steady(after)
+    for path, text in before.items():
+        names = machine._steady_ports(text)
+        assert len(set(names.values())) == len(names)
+        assert number.sub("", text) == number.sub("", after[path])
+    ports = {machine._module_name(text): set(re.findall(r"(?m)^\s*wire .*(?:input|output) \d+\s+(\S+)$", text))
+             for text in after.values()}
+    found = instances_of(after)
+    assert len(found) == len(instances_of(before)) > 1000 and all(port in ports[kind] for kind, _, port in found)
+
+
 def result(name: str) -> dict:
     """A stand-in for what synthesis gives of a module: an area of its own, and the memories that its text declares."""
     stores = [{"name": memory, "words": int(words), "width": int(width), "reads": 1, "writes": 1,

@@ -61,7 +61,7 @@ def test_equal_eyes_pass_and_are_reported(played, tmp_path, capfd, source):
     status, report = run_command(f"{SCENE} --source {source}", tmp_path)
     frame, run = played["golden"][0], played["runs"][0]
     assert status == 0 and report["bit_exact"] is True and report["mismatches"] == 0 and report["counter_errors"] == []
-    assert played["config"] == TINY.with_(stereo=True) and run.settle == 1024 + 16 * 512
+    assert played["config"] == TINY.with_(stereo=True) and run.settle == 1024 + 8 * 128
     assert run.image.settings["source_right"] == (source == "right") and run.image.settings["auto_beta"] == 1
     assert report["pixels_checked"] == 2 * 70 * 50 and report["pixels"] == "display" and report["cycles"] == 1_010_000
     assert report["entries"] == report["source_entries"] + report["target_entries"] > report["source_entries"] > 100

@@ -100,6 +100,13 @@ def test_the_machine_plays_cases_and_shows_faults():
     assert all(seen for seen, _ in caught), caught
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("fault", [fault for fault in faults.FAULTS if fault.part == "machine"], ids=lambda fault: fault.name)
+def test_a_machine_without_a_guard_is_told(fault):
+    seen, words = faults.machine_caught(fault, ROOT / "build" / "test-stability" / "machine-faults")
+    assert seen, words
+
+
 def test_a_machine_that_differs_fails_its_case(tmp_path, monkeypatch):
     class Outcome:
         failures, recordings = {"01-point-at-the-camera: shot": ["counter culled_near must be 2, not 0"]}, {}

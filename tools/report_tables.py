@@ -70,15 +70,26 @@ def effects_table(reports: dict[str, dict]) -> str | None:
     """What frames do not pay for."""
     if "effects" not in reports:
         return None
-    rows = []
-    for row in reports["effects"]["rows"]:
+    rows, found = [], reports["effects"]["rows"]
+    ratios = ["cycles", "energy", "simulation", *["area"] * any("area_ratio" in row for row in found)]
+    for row in found:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[n] - ms['auto']:+.1f}" if n in ms else "called for" for n in SINGLE_EFFECTS]
-        rtl = [f"{row[n]:.2f}x" if n in row else "-" for n in ("cycles_ratio", "energy_ratio", "simulation_ratio")]
+        rtl = [f"{row[f'{n}_ratio']:.2f}x" if f"{n}_ratio" in row else "-" for n in ratios]
         rows.append([f"{row['frame']}, {row['size']}", ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
                      f"{row['golden_ratio']:.2f}x", *rtl])
     return _table(["frame", "called for", "golden, ms", *(f"+ {n}" for n in SINGLE_EFFECTS), "all but a second eye: golden",
-                   "cycles", "energy", "simulation"], rows)
+                   *ratios], rows)
+
+
+def effect_areas_table(reports: dict[str, dict]) -> str | None:
+    """Area of each effect that has hardware."""
+    areas = reports.get("effects", {}).get("areas")
+    if not areas:
+        return None
+    return _table(["effect", "machine with it, mm² at 16 nm", "without it", "the effect", "share"], [
+        [name, f"{a['with_mm2']:.3f}", f"{a['without_mm2']:.3f}", f"{a['mm2']:z.3f}", f"{a['mm2'] / a['with_mm2']:z.1%}"]
+        for name, a in areas.items()])
 
 
 def area_table(reports: dict[str, dict]) -> str | None:
@@ -137,5 +148,6 @@ REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
     "model": model_table,
     "depths": depths_table, "threshold": threshold_table, "effects": effects_table,
+    "effect_areas": effect_areas_table,
 }
 """By name; None where a report is not there."""

@@ -22,6 +22,7 @@ from spec.stereo import (
     DISPARITY_SCALE_BITS,
     DISPARITY_SCALE_FRAC,
     background_transmittance,
+    reach,
     solid_transmittance,
 )
 
@@ -134,7 +135,8 @@ def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: floa
     most = (1 << DISPARITY_SCALE_BITS) - 1
     pixels = float(pair.disparity(depth_far))
     scale = int(np.floor(min(np.ldexp(pixels, DISPARITY_SCALE_FRAC) + 0.5, 2.0 * most)))
-    if scale > most and pair.source.width > most >> DISPARITY_SCALE_FRAC:  # narrower: all leave it either way
+    wide = min(pair.source.width, reach(config) + 1)
+    if scale > most and wide > most >> DISPARITY_SCALE_FRAC:  # narrower: all are dropped either way
         raise InputError(f"disparities of {pixels:.4g} pixels and more in frames {pair.source.width} wide are not accepted: "
                          f"check the IPD of {pair.baseline:g} world units")
     return min(scale, most)
@@ -171,10 +173,16 @@ def _warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> lis
     found = []
     if not solid.any() and not background.all() and not frame.config.warp_veiled:
         found.append("no pixel of the source eye has a depth: every tile with holes is rendered")
-    far = solid & (moved["keep"] == 0) & (pair.disparity(np.where(solid, frame.depth, np.inf)) >= pair.source.width)
+    dropped, most = solid & (moved["keep"] == 0), reach(frame.config)
+    disparity = pair.disparity(np.where(solid, frame.depth, np.inf))
+    far = dropped & (disparity >= pair.source.width)
     if far.any():
         found.append(f"{int(far.sum())} pixels have disparities wider than the frame's {pair.source.width} pixels: they are "
                      "dropped; check IPD and scale")
+    beyond = int((dropped & ~far & (disparity >= most + 1)).sum())
+    if beyond:
+        found.append(f"{beyond} pixels have disparities wider than the {most} pixels that the machine moves them by: "
+                     "they are dropped; check IPD and scale")
     return found
 
 

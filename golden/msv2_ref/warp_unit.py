@@ -20,6 +20,7 @@ from spec.stereo import (
     background_transmittance,
     disparity,
     disparity_drop,
+    reach,
     strip_pixel,
     warp_pixel,
     warped_transmittance,
@@ -75,9 +76,10 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
     background, solid = t >= background_transmittance(config.formats), t <= warped_transmittance(config)
     raw = raw_disparity(config, t, pixels["depth"], scale)
     shift = (raw if source_right else -raw) + (1 << DISPARITY_FRAC - 1) >> DISPARITY_FRAC
-    x = np.arange(width) + np.where(background, 0, shift)
+    shift = np.where(background, 0, shift)
+    x = np.arange(width) + shift
     out = np.zeros(pixels.shape, warp_pixel(config).dtype)
-    keep = (background | solid) & (x >= 0) & (x < width)
+    keep = (background | solid) & (np.abs(shift) <= reach(config)) & (x >= 0) & (x < width)
     out["keep"], out["x"] = keep, np.where(keep, x, 0)
     out["row"] = np.arange(pixels.shape[0])[:, None] % TILE
     out["colour"] = np.where(keep[..., None], displayed(config, pixels)["colour"], 0)

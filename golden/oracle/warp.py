@@ -56,7 +56,7 @@ def signed_disparity(
 
 def warp(
     image: np.ndarray, depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int, *, veiled: bool = False,
-    majority: bool = True,
+    majority: bool = True, reach: float = math.inf,
 ) -> OracleWarp:
     """The target eye's frame, its holes filled as far as they may be, and the tiles in which some are left.
 
@@ -64,6 +64,7 @@ def warp(
         image: (H, W, 3) float64 of the source eye.
         depth, coverage, baseline_px, sign, veiled: see `signed_disparity`.
         majority: a hole is filled where more than half of its neighbours in strip and frame are warped; else where five are.
+        reach: most columns that a pixel moves by; those that would move further are dropped.
     """
     height, width = coverage.shape
     disparity = signed_disparity(depth, coverage, baseline_px, sign, veiled)
@@ -77,7 +78,7 @@ def warp(
                 continue
             background = coverage[y, x] < COVERAGE_VISIBLE
             moved = x + disparity[y, x] + 0.5
-            if not 0 <= moved < width:  # infinite disparities too
+            if not 0 <= moved < width or abs(math.floor(moved) - x) > reach:  # infinite disparities too
                 continue
             to, closeness = math.floor(moved), -1.0 if background else abs(disparity[y, x])
             if closeness > nearest[to]:  # ties stay with the lower x, which came first

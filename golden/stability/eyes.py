@@ -22,7 +22,7 @@ from golden.stability.makers import random_model, splats, turned_view, view
 from spec.constants import TILE
 from spec.errors import InputError
 from spec.memory import frame_pixel
-from spec.stereo import background_transmittance, solid_transmittance
+from spec.stereo import background_transmittance, reach, solid_transmittance
 
 STEREO_MACHINE = MACHINE.with_(name=f"{MACHINE.name}_stereo", stereo=True)
 """The machine that plays frames of two eyes."""
@@ -53,7 +53,7 @@ class TwoEyes:
         """The oracle's frame of the source, warped in float64."""
         seen = see_oracle(Shot(self.model, self.camera, background=self.background))
         return oracle.warp(seen.image, seen.depth, seen.coverage, self.baseline * self.camera.fx,
-                           -1 if self.source_eye == "left" else 1)
+                           -1 if self.source_eye == "left" else 1, reach=reach(STEREO_MACHINE))
 
 
 @dataclass(frozen=True)

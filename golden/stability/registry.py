@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from golden.stability import colour, coverage, eyes, inputs, order, projection, self_check
+from golden.stability import colour, coverage, eyes, inputs, order, projection, saturated, self_check
 from golden.stability.case import Case
 
 CASES: tuple[Case, ...] = tuple(sorted(
-    (case for part in (projection, coverage, inputs, colour, order, eyes, self_check) for case in part.CASES),
+    (case for part in (projection, coverage, inputs, colour, saturated, order, eyes, self_check) for case in part.CASES),
     key=lambda case: case.id))
 
 

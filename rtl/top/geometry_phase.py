@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.culling.colour import ColourUnit
 from rtl.culling.projection_unit import ProjectionUnit
+from rtl.culling.saturations import SaturationCounters
 from rtl.culling.tile_test import TileTest
 from rtl.shapes import layout
 from rtl.tile_lists.entry_writer import EntryWriter
@@ -17,6 +18,7 @@ from rtl.tile_lists.tile_settings import mask_port
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
 from spec.records import frame_tiles, tile_hit
+from spec.saturations import SATURATIONS
 
 READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
 """Its memory clients, by the names of `spec.registers`."""
@@ -24,7 +26,9 @@ READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
 STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
 """Its stages whose input streams are watched."""
 
-_COUNTS = ("points", "culled_near", "culled_faint", "culled_outside", "survivors", "entries", "filtered")
+_COUNTS = (
+    "points", "culled_near", "culled_faint", "culled_outside", "survivors", "entries", "filtered",
+    *(saturation.name for saturation in SATURATIONS))
 
 
 class GeometryPhase(wiring.Component):
@@ -49,6 +53,7 @@ class GeometryPhase(wiring.Component):
         ready: nothing is being cleared.
         stage_valid, stage_ready: of the streams into STAGES, a bit each.
         points, culled_near, culled_faint, culled_outside, survivors, entries, filtered: counts of the frame.
+        saturated_means, saturated_depths, saturated_keys, saturated_colours: likewise, see `spec.saturations`.
 
     With stereo:
         target: the target eye's pass.
@@ -96,6 +101,7 @@ class GeometryPhase(wiring.Component):
                          self.rendered_tiles.eq(loader.rendered_tiles)]
         if self.config.counters:
             self._count(m, reader, projection, tile_test)
+            self._count_saturated(m, projection, colour)
         return m
 
     def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
@@ -119,3 +125,12 @@ class GeometryPhase(wiring.Component):
         m.d.comb += [
             self.culled_near.eq(projection.culled_near), self.culled_faint.eq(projection.culled_faint),
             self.culled_outside.eq(projection.culled_outside), self.filtered.eq(tile_test.filtered)]
+
+    def _count_saturated(self, m: Module, projection: ProjectionUnit, colour: ColourUnit) -> None:
+        m.submodules.saturations = counts = SaturationCounters(self.config)
+        splats, views = projection.source, colour.writes
+        m.d.comb += [
+            counts.clear.eq(self.clear),
+            counts.splats.eq(splats.payload), counts.splats_move.eq(splats.valid & splats.ready & ~splats.payload.end),
+            counts.views.eq(views.payload.word.as_value()), counts.views_move.eq(views.valid & views.ready),
+            *(getattr(self, s.name).eq(getattr(counts, s.name)) for s in SATURATIONS)]

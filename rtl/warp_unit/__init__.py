@@ -4,9 +4,9 @@
     divider     floored quotients, a bit a stage
     disparity   where a pixel goes
     delay       what is carried past the division
-    bank        a lane's part of the open and of the closed strip: the nearest pixel stays
-    window      the closed strip, every pixel with its neighbours; holes
+    bank        a lane's part of the ring of columns: the nearest pixel stays; complete columns are read and cleared
+    window      a strip, every pixel with its neighbours; holes
     fill        medians
     pack        columns to beats
-    warp_unit   all of it, and the order of strips
+    warp_unit   all of it, and which columns are held
 """

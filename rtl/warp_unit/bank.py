@@ -1,4 +1,4 @@
-"""A lane's rows of two strips: one is open, pixels are scattered into it; the other is closed, it is read and cleared.
+"""A lane's rows of the ring of columns: pixels are scattered ahead, and columns that are complete are read and cleared behind.
 
 Of pixels that meet at a place the one with the largest key stays. A pixel's place is read, and written in the next cycle if
 the pixel wins. One that follows to the same place just then reads too early: it is compared with what was written instead::
@@ -9,89 +9,139 @@ the pixel wins. One that follows to the same place just then reads too early: it
     compared                <  A, old  ><  B, A     >     where B's place is A's
     written                 <  A       ><  B        >
 
-Keys are kept of the open strip alone: a place that is not valid has none, and the closed strip needs no more than to know which
-pixels are background's.
+The scan reads a place and clears it in the next cycle. Places are dealt out to two memories, so that a port to read and one
+to write are enough: neighbours along a row lie in different ones, and so do neighbours down a column. What reads a memory
+writes it in the next cycle, so who may read is all that is decided. That is a pixel, always; the scan takes what the pixels
+leave: for each memory it runs ahead by itself, into a few registers, wherever a pixel wants the other one::
+
+    cycle            0      1      2      3      4      5      6
+    memory 0     < A    >< scan >< C    >< scan >< E    >< scan >< scan >
+    memory 1     < scan >< B    >< scan >< D    >< scan >< scan >< scan >      after E no pixels come
 """
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.warp_unit.disparity import moved_layout
-from rtl.warp_unit.queue import place_layout, sub_rows
+from rtl.warp_unit.queue import sub_bits, sub_rows
 from spec.config import AcceleratorConfig
 from spec.stereo import disparity
 
+MEMORIES = 2
 
-def kept_layout(config: AcceleratorConfig) -> data.StructLayout:
+AHEAD = 4
+"""Places that the scan of a memory reads ahead, a power of two. As pixels change rows and the scan columns, either turns to the
+same memory twice: with half as many places the scan of PAPER's lanes stood still in every eighth cycle."""
+
+
+def kept_layout() -> data.StructLayout:
     """A place of a strip: its colour, whether there is any, and whether that is not the background's."""
     return data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1, "solid": 1})
 
 
-class StripBank(wiring.Component):
-    """A lane's part of both strips.
+def place_memory(config: AcceleratorConfig, place: data.View) -> Value:
+    """In which memory a place is: another one than the places beside, above and below it."""
+    return place.x[0] ^ place.sub[0] if sub_bits(config) else place.x[0]
+
+
+def pair_bits(config: AcceleratorConfig) -> int:
+    """Bits of the number of a pair of places, one in each memory."""
+    return (sub_rows(config) * config.warp_columns // MEMORIES - 1).bit_length()
+
+
+class RingBank(wiring.Component):
+    """A lane's part of the ring.
 
     Parameters:
-        config: the machine; `row_width` and `warp_lanes` matter here.
+        config: the machine; `warp_columns`, `row_width` and `warp_lanes` matter here.
 
     Ports:
-        open: which strip is; it changes only where no pixel came in the cycle before and nothing is read or cleared.
-        moved: a pixel for it, where `keep` is high.
-        read, place: strobe, the closed strip's place is read; `kept` is what was there, from the next cycle to the next read.
-        clear, clear_place: strobe, the closed strip's place becomes empty.
-        wipe: both strips' places become empty by `clear`; no pixel may come.
+        moved: a pixel, where `keep` is high; never to a place that may be scanned.
+        start: strobe, the scan goes on at the pairs of places `limits`; nothing is before them.
+        limits: of each memory, the pair of places before which all are complete, with a bit more than a pair's number.
+        which: the memory of the place that is next in the scan.
+        kept_valid, kept: that place. take: strobe, the next one.
+        wipe, wipe_pair: strobe, the places of the pair become empty; no pixel may come, and nothing may be scanned.
 
-    Storage in bits: 2 * 26 and a key's at each of row_width * 16 / warp_lanes places: for PAPER two memories of 7,680 words of
-    26 bits and one of 7,680 of 19. Throughput: a pixel a cycle, and a read and a clearing.
+    Storage in bits: a pixel's 25 and a key's at each of warp_columns * 16 / warp_lanes places: for PAPER two memories of 1,024
+    words of 42 bits; 8 pixels of registers. Throughput: a pixel a cycle, and a place of the scan a cycle as long as pixels take
+    turns with the memories.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
+        pair = pair_bits(config)
         super().__init__({
-            "open": In(1), "moved": In(moved_layout(config)),
-            "read": In(1), "place": In(place_layout(config)), "kept": Out(kept_layout(config)),
-            "clear": In(1), "clear_place": In(place_layout(config)), "wipe": In(1),
+            "moved": In(moved_layout(config)),
+            "start": In(1), "limits": In(pair + 1).array(MEMORIES),
+            "which": In(1), "kept_valid": Out(1), "kept": Out(kept_layout()), "take": In(1),
+            "wipe": In(1), "wipe_pair": In(pair),
         })
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        places, key_bits = sub_rows(self.config) * self.config.row_width, disparity(self.config).width
-        m.submodules.keys = keys = memory.Memory(shape=key_bits, depth=places, init=[])
-        key_write, key_read = keys.write_port(), keys.read_port()
-        reads, writes = [], []
-        for strip in range(2):
-            m.submodules[f"strip_{strip}"] = kept = memory.Memory(shape=kept_layout(self.config), depth=places, init=[])
-            writes.append(kept.write_port())
-            reads.append(kept.read_port())
-
-        moved, compared = self.moved, Signal(moved_layout(self.config), reset_less=True)
-        comes, wins, wrote, near = Signal(), Signal(), Signal(), Signal()
-        old_valid, old_key, key = Signal(), Signal(key_bits), Signal(key_bits, reset_less=True)
+        key_bits, moved = disparity(self.config).width, self.moved
+        compared = Signal(moved_layout(self.config), reset_less=True)
+        comes, wins, wrote, near, at = Signal(), Signal(), Signal(), Signal(), Signal(reset_less=True)
+        key = Signal(key_bits, reset_less=True)
         m.d.sync += [comes.eq(moved.keep), wrote.eq(wins)]
         with m.If(moved.keep):
-            m.d.sync += [compared.eq(moved), near.eq(moved.place.as_value() == compared.place.as_value())]
+            m.d.sync += [compared.eq(moved), near.eq(moved.place.as_value() == compared.place.as_value()),
+                         at.eq(place_memory(self.config, moved.place))]
         with m.If(wins):
             m.d.sync += key.eq(compared.key)
+        olds, valids, heads = zip(*(self._memory(m, number, compared, wins) for number in range(MEMORIES)), strict=True)
+        old_valid, old_key = Signal(), Signal(key_bits)
         m.d.comb += [
-            old_valid.eq(near & wrote | Mux(self.open, reads[1].data.valid, reads[0].data.valid)),
-            old_key.eq(Mux(near & wrote, key, key_read.data)),
+            old_valid.eq(near & wrote | Mux(at, olds[1].valid, olds[0].valid)),
+            old_key.eq(Mux(near & wrote, key, Mux(at, olds[1].key, olds[0].key))),
             wins.eq(comes & (~old_valid | (compared.key > old_key))),
-            key_read.en.eq(moved.keep), key_read.addr.eq(moved.place),
-            key_write.en.eq(wins), key_write.addr.eq(compared.place), key_write.data.eq(compared.key),
-            self.kept.eq(Mux(self.open, reads[0].data, reads[1].data)),
+            self.kept_valid.eq(Mux(self.which, valids[1], valids[0])),
+            self.kept.eq(Mux(self.which, heads[1], heads[0])),
         ]
-        for strip, (read, write) in enumerate(zip(reads, writes, strict=True)):
-            scatters = Signal(name=f"scatters_{strip}")
-            m.d.comb += [
-                scatters.eq((self.open == strip) & ~self.wipe),
-                read.en.eq(Mux(scatters, moved.keep, self.read)),
-                read.addr.eq(Mux(scatters, moved.place, self.place)),
-                write.en.eq(Mux(scatters, wins, self.clear)),
-                write.addr.eq(Mux(scatters, compared.place, self.clear_place)),
-                write.data.colour.eq(compared.colour),
-                write.data.valid.eq(scatters),
-                write.data.solid.eq(compared.key.any()),
-            ]
         return m
+
+    def _memory(self, m: Module, number: int, compared: data.View, wins: Value) -> tuple[data.View, Value, Value]:
+        """One of the memories and the scan of it: what was read, whether the scan has a place ready, and that place."""
+        bits, names = pair_bits(self.config), f"_{number}"
+        word = data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1, "key": disparity(self.config).width})
+        m.submodules[f"places{names}"] = store = memory.Memory(shape=word, depth=1 << bits, init=[])
+        read, write, moved = store.read_port(), store.write_port(), self.moved
+        pair, pixel, scan = Signal(bits + 1, name=f"pair{names}"), Signal(name=f"pixel{names}"), Signal(name=f"scan{names}")
+        pixel_read, scan_read = Signal(name=f"pixel_read{names}"), Signal(name=f"scan_read{names}")
+        address = Signal(bits, name=f"address{names}", reset_less=True)
+        ready, head, room = self._ahead(m, number, read.data, scan_read)
+        m.d.comb += [
+            pixel.eq(moved.keep & (place_memory(self.config, moved.place) == number)),
+            scan.eq((pair != self.limits[number]) & room & ~pixel & ~self.start),
+            read.en.eq(pixel | scan), read.addr.eq(Mux(pixel, moved.place.as_value() >> 1, pair[:bits])),
+            write.en.eq(pixel_read & wins | scan_read | self.wipe), write.addr.eq(Mux(self.wipe, self.wipe_pair, address)),
+            write.data.colour.eq(compared.colour), write.data.key.eq(compared.key), write.data.valid.eq(pixel_read)]
+        m.d.sync += [pixel_read.eq(pixel), scan_read.eq(scan)]
+        with m.If(read.en):
+            m.d.sync += address.eq(read.addr)
+        with m.If(self.start):
+            m.d.sync += pair.eq(self.limits[number])
+        with m.Elif(scan):
+            m.d.sync += pair.eq(pair + 1)
+        return read.data, ready, head
+
+    def _ahead(self, m: Module, number: int, word: data.View, comes: Value) -> tuple[Value, Value, Value]:
+        """What the scan has read of a memory: whether there is a place, the first of them, and whether one more may be read."""
+        kept = Array(Signal(kept_layout(), name=f"kept_{number}_{i}", reset_less=True) for i in range(AHEAD))
+        first, free = (Signal(range(AHEAD), name=f"{name}_{number}") for name in ("first", "free"))
+        more, takes = Signal(AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")  # bit i: more than i are kept
+        m.d.comb += takes.eq(self.take & (self.which == number))  # comes late: a sum behind it would not make the clock
+        with m.If(takes & ~comes):
+            m.d.sync += more.eq(more >> 1)
+        with m.Elif(comes & ~takes):
+            m.d.sync += more.eq(Cat(1, more))
+        with m.If(comes):
+            m.d.sync += [kept[free].colour.eq(word.colour), kept[free].valid.eq(word.valid),
+                         kept[free].solid.eq(word.key.any()), free.eq(free + 1)]
+        with m.If(takes):
+            m.d.sync += first.eq(first + 1)
+        return more[0], kept[first], ~(more[-1] | comes & more[-2])

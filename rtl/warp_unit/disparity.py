@@ -1,13 +1,14 @@
 """Where a pixel of the source eye goes: its disparity, its column in the target eye, and how near it is.
 
-The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the quotient it is wider than any frame, and the
-pixel is dropped; so are those that leave the frame and, without `warp_veiled`, those whose coverage lies between the
-background's and that of a solid one. Rounded to whole pixels, half up, it is added where the source is the right eye, else
-subtracted::
+The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the quotient it is wider than `reach`, and the
+pixel is dropped; so are those that would move further than that or leave the frame and, without `warp_veiled`, those whose
+coverage lies between the background's and that of a solid one. Rounded to whole pixels, half up, it is added where the source
+is the right eye, else subtracted. How far a pixel may move, as far as the frame goes and `reach`, is found before its disparity
+is::
 
-    stage   1      2            3      4 .. Q + 3       Q + 4
-            -      class,       S w    long division,   column, inside the frame?
-                   half of S w         Q bits           key
+    stage   1          2             3      4 .. Q + 3       Q + 4
+            columns    class, most,  S w    long division,   column in the ring, not too far?
+            to go      half of S w          Q bits           key
 """
 
 from __future__ import annotations
@@ -19,28 +20,35 @@ from amaranth.lib.wiring import In, Out
 from rtl.pipeline import Pipeline, Staged
 from rtl.vrc_array.pixel_writer import display_byte
 from rtl.warp_unit.divider import Divider
-from rtl.warp_unit.queue import place_layout, source_layout
+from rtl.warp_unit.queue import column_bits, place_layout, source_layout, sub_bits
 from spec.config import AcceleratorConfig
-from spec.memory import frame_settings
+from spec.constants import TILE
 from spec.stereo import (
     DISPARITY_FRAC,
     DISPARITY_SCALE_BITS,
     background_transmittance,
     disparity,
     disparity_drop,
+    reach,
     warped_transmittance,
 )
 
 
+def ring_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Where a pixel of the target is: its row among the lane's, its column in the ring. Read as a number it is dense."""
+    return data.StructLayout({"sub": sub_bits(config), "x": range(config.warp_columns)})
+
+
 def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A pixel on its way into a lane's part of the strip: of WarpPixel, what is not the same for the whole lane."""
+    """A pixel on its way into a lane's part of the ring: of WarpPixel, what is not the same for the whole lane."""
     return data.StructLayout({
-        "place": place_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
+        "place": ring_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
 
 
 def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What a pixel is while its disparity is computed."""
-    return data.StructLayout({"place": place_layout(config), "colour": data.ArrayLayout(8, 3), "background": 1})
+    """What a pixel is while its disparity is computed: its own column in the ring, and by how many it may move at most."""
+    return data.StructLayout({
+        "place": ring_layout(config), "most": range(reach(config) + 1), "colour": data.ArrayLayout(8, 3), "background": 1})
 
 
 def carried_cycles(config: AcceleratorConfig) -> int:
@@ -64,24 +72,24 @@ class Disparity(wiring.Component):
     """A pixel of the source eye to where it goes.
 
     Parameters:
-        config: the machine; `row_width` and `warp_veiled` matter here, and `warp_lanes` for the places.
+        config: the machine; `row_width`, `warp_columns` and `warp_veiled` matter here, and `warp_lanes` for the places.
 
     Ports:
         load: a pixel is at the input; without it the stages keep what they hold.
         place, pixel: the pixel, which lies in the frame.
-        width, disparity_scale, source_right: settings of the frame.
+        last: the frame's last column. disparity_scale, source_right: settings of the frame.
         carries, early, late: what is carried past the division: `late` is what `early` was, with `carries` high,
             `carried_cycles` before (`rtl.warp_unit.delay`: one memory serves all lanes).
         moved: the pixel, `disparity_latency` cycles later; `keep` is low for those that are dropped, and where none is.
 
-    Throughput: one a cycle; it never waits. Latency: 23 cycles for PAPER.
+    Throughput: one a cycle; it never waits. Latency: 21 cycles for PAPER.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__({
             "load": In(1), "place": In(place_layout(config)), "pixel": In(source_layout(config)),
-            "width": In(next(f.width for f in frame_settings(config).fields if f.name == "width")),
+            "last": In(column_bits(config)),
             "disparity_scale": In(DISPARITY_SCALE_BITS), "source_right": In(1), "moved": Out(moved_layout(config)),
             "carries": Out(1), "early": Out(carried_layout(config)), "late": In(carried_layout(config)),
         })
@@ -98,18 +106,23 @@ class Disparity(wiring.Component):
                                                for i in range(3)), p.data("sums", self.pixel.colour.as_value()).to(1))
         raw, over = self._quotient(m, p, loads, t, depth, background)
         may = p.reg("fits", lambda may, over: may & ~over, may, over)
+        x = p.data("x", self.place.x)
+        goes = p.reg("goes", lambda x: Mux(self.source_right, self.last - x, x)[: len(x)], x)
+        most = p.reg("most", lambda goes: Mux(goes < reach(self.config), goes, reach(self.config)), goes)
+        ring = p.data("ring", Cat(self.place.sub, x.value[: (TILE - 1).bit_length()], self.place.slot))
         m.d.comb += [
-            self.carries.eq(loads.at(colour.stage)), self.early.place.eq(p.data("place", self.place).at(colour.stage)),
-            self.early.colour.as_value().eq(colour.value), self.early.background.eq(background.value)]
+            self.carries.eq(loads.at(colour.stage)), self.early.place.as_value().eq(ring.at(colour.stage)),
+            self.early.most.eq(most.at(colour.stage)), self.early.colour.as_value().eq(colour.value),
+            self.early.background.eq(background.value)]
         if raw.stage != colour.stage + carried_cycles(self.config):
             raise AssertionError(f"{raw.stage - colour.stage} cycles, not {carried_cycles(self.config)}")
 
         late = {name: Staged(p, name, value, raw.stage, False) for name, value in (
-            ("late_x", self.late.place.x), ("late_sub", self.late.place.sub), ("late_background", self.late.background),
-            ("late_colour", self.late.colour.as_value()))}
+            ("late_x", self.late.place.x), ("late_most", self.late.most), ("late_sub", self.late.place.sub),
+            ("late_background", self.late.background), ("late_colour", self.late.colour.as_value()))}
         key = p.reg("key", lambda raw, background: Mux(background, 0, raw + 1)[: len(raw)], raw, late["late_background"])
-        x = p.reg("x", self._column, raw, late["late_x"])
-        keep = p.reg("keep", self._inside, may, raw, late["late_x"])
+        x = p.reg("column", self._column, raw, late["late_x"])
+        keep = p.reg("keep", self._near_enough, may, raw, late["late_most"])
         end, moved = keep.stage, self.moved
         m.d.comb += [
             moved.keep.eq(keep.value), moved.place.x.eq(x.at(end)), moved.key.eq(key.at(end)),
@@ -142,14 +155,14 @@ class Disparity(wiring.Component):
                 Staged(p, "over", divider.over, start + 1, False))
 
     def _column(self, raw: Value, x: Value) -> Value:
-        """x plus or minus the disparity rounded: -(whole + past) = ~whole + 1 - past."""
+        """x plus or minus the disparity rounded, round the ring: -(whole + past) = ~whole + 1 - past."""
         left, (whole, past) = ~self.source_right, self._rounded(raw)
-        return x + (Cat(whole, Const(0, 1)) ^ left.replicate(len(whole) + 1)).as_signed() + (past ^ left)
+        return (x + (Cat(whole, Const(0, 1)) ^ left.replicate(len(whole) + 1)).as_signed() + (past ^ left))[: len(x)]
 
-    def _inside(self, may: Value, raw: Value, x: Value) -> Value:
-        """Whether it may be warped to its column: from the right eye's column to one below the width, else to 0 or more."""
+    def _near_enough(self, may: Value, raw: Value, most: Value) -> Value:
+        """Whether it may be warped, and moves no further than it may."""
         whole, past = self._rounded(raw)
-        return may & Mux(self.source_right, (x + whole + past - self.width)[-1], ~self._column(raw, x)[-1])
+        return may & (whole + past <= most)
 
     def _rounded(self, raw: Value) -> tuple[Value, Value]:
         """Whole pixels of the disparity, and whether one more is nearer: halves go to the right."""

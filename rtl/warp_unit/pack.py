@@ -4,7 +4,8 @@ Eight neighbours of a row share a beat, and rows begin anywhere in one. Each lan
 word for each row and parity of the beat's address: a pixel is written into its place of the word. Where a pixel completes its
 beat, or its row, the group goes into a queue, and its complete beats leave one by one while the columns that follow fill the
 words of the other parity. A word is used again nine columns later, in which every group of rows has gone through the queue at
-least once: so the queue, no longer than a column has groups, holds the scan back before it could overrun a beat::
+least once, those below the frame too, without a beat: so the queue, no longer than a column has groups, holds the scan back
+before it could overrun a beat::
 
     cycle            0      1      2      3      4      5
     filled       <  A  ><  B  ><  C  >                       A completes three beats, B one, C none
@@ -41,7 +42,7 @@ def queue_groups(config: AcceleratorConfig) -> int:
 
 
 def _complete_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A group with beats to write: their lanes, which of the lanes' rows, the address of lane 0's pixel, its column."""
+    """A group that completes beats: the lanes to write of, which of their rows, the address of lane 0's pixel, its column."""
     return data.StructLayout({"lanes": config.warp_lanes, "sub": sub_bits(config), "word": ADDRESS_BITS, "near": _WORD_BITS,
                               "far": 1})
 
@@ -124,7 +125,7 @@ class Pack(wiring.Component):
             write.addr.eq(Cat(place[_WORD_BITS], sub)),
             write.en.eq(Mux(self.filled.valid & (patch | whole), 1 << place[:_WORD_BITS], 0)),
             *(write.data[i].eq(pixel) for i in range(WORDS)),
-            complete.eq((place[:_WORD_BITS].all() | (self.column == self.last)) & (self._row(lane, sub) < self.rows)),
+            complete.eq(place[:_WORD_BITS].all() | (self.column == self.last)),
         ]
         return store.read_port()
 
@@ -137,8 +138,9 @@ class Pack(wiring.Component):
         words = Array(Signal(shape, name=f"complete_{i}", reset_less=True) for i in range(depth))
         count, first, free = Signal(range(depth + 1)), Signal(range(depth)), Signal(range(depth))
         pushes, pops, new = Signal(), Signal(), Signal(shape)
+        inside = Cat(self._row(lane, sub) < self.rows for lane in range(self.config.warp_lanes))
         m.d.comb += [
-            pushes.eq(commits & complete.any()), new.lanes.eq(complete), new.sub.eq(sub), new.word.eq(word),
+            pushes.eq(commits & complete.any()), new.lanes.eq(complete & inside), new.sub.eq(sub), new.word.eq(word),
             new.near.eq(self.column[:_WORD_BITS]), new.far.eq((self.column >> _WORD_BITS).any())]
         m.d.sync += count.eq(count + pushes - pops)
         with m.If(pushes):
@@ -162,7 +164,7 @@ class Pack(wiring.Component):
             place = (head.word[:bits] + i * self.width[:bits])[_WORD_BITS]
             m.d.comb += [read.en.eq(moves & pick[i]), read.addr.eq(Cat(place, head.sub))]
         with m.If(self.writes.ready | ~self.writes.valid):
-            m.d.sync += self.writes.valid.eq(valid)
+            m.d.sync += self.writes.valid.eq(valid & todo.any())
         with m.If(moves):
             m.d.sync += [
                 done.eq(Mux(last, 0, done | pick)), lane.eq(which), near.eq(head.near), far.eq(head.far),

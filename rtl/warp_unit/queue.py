@@ -8,6 +8,7 @@ it::
     row          <  A  ><  B  >
     read                ~~~~~~~       ~~~~~~~
     pixel                      < A0  >< A1  >< B0  >< B1  >
+    tile_ends    __________________________________~~~~~~~        B is the tile's last row of this lane
 """
 
 from __future__ import annotations
@@ -45,20 +46,31 @@ def source_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def place_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Where a pixel is: its row among the lane's, its column in the frame. Read as a number it is dense, whatever the width."""
-    return data.StructLayout({"sub": sub_bits(config), "x": column_bits(config)})
+    """Where a pixel of the source is: its row among the lane's, its column in the frame, its tile's place in the ring."""
+    return data.StructLayout({
+        "sub": sub_bits(config), "x": column_bits(config), "slot": (ring_tiles(config) - 1).bit_length()})
+
+
+def ring_tiles(config: AcceleratorConfig) -> int:
+    """Tiles of a tile row that the ring of columns holds."""
+    return config.warp_columns // TILE
 
 
 def row_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A row of pixels: the first one's place, the last that lies in the frame, and all of them."""
+    """A row of pixels: the first one's place, the last that lies in the frame, whether any does, and all of them."""
     return data.StructLayout({
-        "place": place_layout(config), "last": range(config.cores_x),
+        "place": place_layout(config), "last": range(config.cores_x), "inside": 1,
         "pixels": data.ArrayLayout(source_layout(config), config.cores_x)})
+
+
+def lane_rows(config: AcceleratorConfig) -> int:
+    """Rows of the array that a lane takes of a tile."""
+    return sub_rows(config) * TILE // config.cores_x
 
 
 def queue_rows(config: AcceleratorConfig) -> int:
     """Rows that a lane's queue holds besides the one in work: a tile's, and two at least."""
-    return max(2, sub_rows(config) * TILE // config.cores_x)
+    return max(2, lane_rows(config))
 
 
 class RowQueue(wiring.Component):
@@ -70,16 +82,18 @@ class RowQueue(wiring.Component):
     Ports:
         push: strobe, `row` comes; only while there is `room`.
         valid, place, pixel: a pixel of the frame; whoever is behind takes it in that cycle.
+        tile_ends: strobe, the last row of a tile leaves; rows outside the frame, which have no pixel, are counted too.
         busy: a row is inside.
 
-    Storage: `queue_rows`, for PAPER 4 of 1,265 bits. Throughput: a pixel a cycle. Latency: 2 cycles. Order: as they come.
+    Storage: `queue_rows`, for PAPER 4 of 1,271 bits. Throughput: a pixel a cycle, a cycle a row outside. Latency: 2 cycles.
+    Order: as they come.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__({
             "push": In(1), "row": In(row_layout(config)), "room": Out(1), "valid": Out(1), "place": Out(place_layout(config)),
-            "pixel": Out(source_layout(config)), "busy": Out(1),
+            "pixel": Out(source_layout(config)), "tile_ends": Out(1), "busy": Out(1),
         })
 
     def elaborate(self, platform) -> Module:
@@ -96,12 +110,17 @@ class RowQueue(wiring.Component):
             ends.eq(index == head.last),
             pops.eq(waiting.any() & (ends | ~shown)),
             read.en.eq(pops),
-            self.valid.eq(shown), self.pixel.eq(Array(head.pixels)[index]),
-            self.place.sub.eq(head.place.sub), self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
+            self.valid.eq(shown & head.inside), self.pixel.eq(Array(head.pixels)[index]),
+            self.place.sub.eq(head.place.sub), self.place.slot.eq(head.place.slot),
+            self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
             self.busy.eq(shown | waiting.any()),
         ]
         fewer = Mux(pops, waiting - 1, waiting)
         m.d.sync += [waiting.eq(Mux(self.push, fewer + 1, fewer)), shown.eq(pops | shown & ~ends)]  # `push` comes late
+        rows = Signal(range(lane_rows(self.config)))  # a power of two
+        m.d.comb += self.tile_ends.eq(shown & ends & (rows == lane_rows(self.config) - 1))
+        with m.If(shown & ends):
+            m.d.sync += rows.eq(rows + 1)
         with m.If(shown):
             m.d.sync += index.eq(Mux(ends, 0, index + 1))
         for moves, address in ((self.push, write.addr), (pops, read.addr)):

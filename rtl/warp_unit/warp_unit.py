@@ -1,16 +1,25 @@
 """The warp unit: rows of the source eye's frame, as they leave the array, to the target eye's frame in memory.
 
-      rows ─► lanes: RowQueue ─► Disparity ─► StripBank ─► Window ─► Fill ─► Pack ─► writes
-              row r of a tile to lane r mod warp_lanes       │                 │
-                                                    neighbours and holes       └─► mask: tiles with holes left
+      rows ─► lanes: RowQueue ─► Disparity ─► RingBank ─► Window ─► Fill ─► Pack ─► writes
+              row r of a tile to lane r mod warp_lanes      │                 │
+                                                   neighbours and holes       └─► mask: tiles with holes left
 
-Rows of a tile row are scattered into the open strip while the closed one, the tile row before, is filled, written and cleared.
-When both are done they swap; rows that come early wait. docs/stereo.md defines the result::
+The target's columns lie in a ring, tile after tile and tile row after tile row. A column is in it from when the first pixel may
+come there until it is scanned: filled, written and cleared. docs/stereo.md defines the result. Pixels move by `reach` at most,
+by K tiles, to the left where the source is the left eye and else to the right::
 
-    rows      < tile row 0            >  < tile row 1            >  < tile row 2            >
-    open      < strip 0               >  < strip 1               >  < strip 0               >
-    closed                               < strip 0    >             < strip 1    >             < strip 0    >
-    finished  ____________________________________________________________________________________________~~~~
+    left    ... scanned | complete      | may still get pixels | next tile | later tiles | ... scanned
+    right   ... scanned | complete      | next tile | gets its pixels      | later tiles | ... scanned
+                          s: next scanned             t: next taken
+
+Tile s is complete when the tile K later in its row, or the row's last, has settled (right: when s itself has). Tile t is taken
+where all that its pixels may reach is in the ring: up to itself (right: to the tile K later in its row, or the row's last). The
+two never wait for each other: when all that was taken has settled and s is not complete, then t is at most K tiles later
+(right: t is s), no further than the row's last, and the ring holds K + 1 tiles or a whole row. Rows that come early wait::
+
+    rows      < tile row 0            >< tile row 1            >
+    scanned        < tile row 0            > < tile row 1            >
+    finished  _________________________________________________________~~~~
 """
 
 from __future__ import annotations
@@ -21,25 +30,23 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.emit import add_shared, to_verilog
 from rtl.shapes import layout, shape
-from rtl.warp_unit.bank import StripBank
+from rtl.warp_unit.bank import MEMORIES, RingBank, pair_bits
 from rtl.warp_unit.delay import Delay
 from rtl.warp_unit.disparity import Disparity, carried_cycles, carried_layout, disparity_latency
 from rtl.warp_unit.fill import Fill
 from rtl.warp_unit.pack import ADDRESS_BITS, Pack
-from rtl.warp_unit.queue import RowQueue, column_bits, place_layout, sub_rows
+from rtl.warp_unit.queue import RowQueue, column_bits, lane_rows, queue_rows, ring_tiles, sub_rows
 from rtl.warp_unit.window import Window
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, frame_settings, write_request
 from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row, tile_index
+from spec.stereo import reach
 
 _SETTINGS = ("width", "height", "source_right", "disparity_scale", "target_frame_base")
 
 _TILE_BITS = (TILE - 1).bit_length()
-
-_IN_BANK = 2
-"""Cycles from a pixel's arrival at a bank until it is written."""
 
 EVENTS = ("warped", "filled", "invalid_tiles")
 """What is counted, as `spec.registers.STEREO_EVENTS` says."""
@@ -52,23 +59,23 @@ class WarpUnit(wiring.Component):
         config: the machine, with stereo; `cores_x`, `row_width`, `counters` and those of warping matter here.
 
     Ports:
-        rows: PixelRow items; those of a tile row in any order, tile rows from the top. Nothing is taken before `begin`.
+        rows: PixelRow items; tiles in the frame's order, a tile's rows in any. Nothing is taken before `begin`.
         writes: the memory's; words whose strobe is low are 0.
         writes_idle: the memory has all writes that were taken.
         width, height, source_right, disparity_scale, target_frame_base: settings of the frame.
         begin: strobe before a frame's first row: `finished` falls, events are 0 again.
         finished: all rows of the frame have come since `begin`, and memory has the target's. Stays until `begin`.
-        busy: a pixel is on its way, or the strips are being cleared after a reset.
+        busy: a pixel is on its way, or not in memory yet; or the ring is being cleared after a reset.
         tile: a tile's number; `invalid`, a cycle later: holes are left in it. Right while `finished`.
         warped, filled, invalid_tiles: events since `begin`; 0 for ever without `config.counters`.
 
-    Storage in bits, of W = row_width and keys of k = 8 + bits of W: strips 16 W (2 * 26 + k), 2,181,120 for PAPER; queues of a
-    tile, or two rows a lane, of 78 a pixel, 20,240; beats 6,400; pixels in division 3,040; mask 1 a
-    tile, 14,400.
-    Throughput: warp_lanes pixels a cycle into the open strip; as many out of the closed one, but 8 at most, a beat a cycle, and
-    a cycle more for every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w + 27
-    cycles in, and from the swap to the last write 4 w + 26. Latency for PAPER: 27 cycles from a row's arrival to the strip, 42
-    from the swap to the first write. After a reset the strips are cleared first: 16 W / warp_lanes cycles.
+    Storage in bits, of C = warp_columns and keys of k = 8 + bits of `reach`: the ring 16 C (25 + k), 344,064 for PAPER; queues
+    of a tile, or two rows a lane, of 79 a pixel, 20,336; beats 6,400; pixels in division 3,240; mask 1 a tile, 14,400.
+    Throughput: warp_lanes pixels a cycle into the ring; as many out of it, but 8 at most, a beat a cycle, and a cycle more for
+    every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w cycles in, one more a tile
+    where they come without a pause, and 4 w + 20 out. Latency for PAPER: 25 cycles from a row's arrival to the ring, 44 from
+    a tile's last pixel there to the first write where columns are complete with it. After a reset the ring is cleared first:
+    8 C / warp_lanes cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -101,11 +108,11 @@ class WarpUnit(wiring.Component):
         for lane in range(self.config.warp_lanes):
             queues.append(add_shared(m, platform, f"queue_{lane}", "warp_queue", RowQueue, self.config))
             disparity = add_shared(m, platform, f"disparity_{lane}", "warp_disparity", Disparity, self.config)
-            banks.append(add_shared(m, platform, f"bank_{lane}", "warp_bank", StripBank, self.config))
+            banks.append(add_shared(m, platform, f"bank_{lane}", "warp_bank", RingBank, self.config))
             m.d.comb += [
                 delay.early[lane].eq(disparity.early), disparity.late.eq(delay.late[lane]),
                 disparity.load.eq(queues[lane].valid), disparity.place.eq(queues[lane].place),
-                disparity.pixel.eq(queues[lane].pixel), disparity.width.eq(self._width),
+                disparity.pixel.eq(queues[lane].pixel), disparity.last.eq(self._last),
                 disparity.disparity_scale.eq(scale), disparity.source_right.eq(self.source_right),
                 banks[lane].moved.eq(disparity.moved)]
             carries.append(disparity.carries)
@@ -117,94 +124,140 @@ class WarpUnit(wiring.Component):
         wiring.connect(m, fill.filled, pack.filled)
         wiring.connect(m, pack.writes, wiring.flipped(self.writes))
 
-        whole = self._take(m, queues)
-        moving = Cat(queue.busy for queue in queues).any()
-        swap, scans = self._strips(m, whole, moving, pack)
-        self._scan(m, swap, scans, banks, window, pack)
+        row_taken, held = self._take(m, queues, window.tile_ends)
+        starts, scans, limits = self._complete(m, self._settles(m, queues))
+        self._strips(m, row_taken, held, starts, scans, pack)
+        self._scan(m, starts, scans, limits, banks, window, pack)
         tile_ends, left = self._mask(m, pack)
         if self.config.counters:
             self._count(m, pack, tile_ends & left)
         return m
 
-    def _take(self, m: Module, queues: list[RowQueue]) -> Value:
-        """Rows to their lanes, those outside the frame to nowhere; whether a tile row's last row is taken."""
+    def _take(self, m: Module, queues: list[RowQueue], scanned: Value) -> tuple[Value, Value]:
+        """Rows to their lanes; whether a tile row's last row is taken, and whether any tile has begun to come and is not
+        scanned."""
         row, lane_bits = self.rows.payload, (self.config.warp_lanes - 1).bit_length()
         x, y, lane = Cat(row.column, row.tile_x), Cat(row.row, row.tile_y), row.row[:lane_bits]
-        taken, behind, inside = Signal(), Signal.like(self._width), Signal()  # pixels of the frame behind the row's first
-        m.d.comb += [taken.eq(self.rows.valid & self.rows.ready), Cat(behind, inside).eq(self._width + ~x[: len(behind)])]
+        taken, behind, in_row = Signal(), Signal.like(self._width), Signal()  # pixels of the frame behind the row's first
+        inside, slot = Signal(), Signal(range(ring_tiles(self.config)))
+        m.d.comb += [
+            taken.eq(self.rows.valid & self.rows.ready), Cat(behind, in_row).eq(self._width + ~x[: len(behind)]),
+            inside.eq(in_row & (y < self.height))]
         for number, queue in enumerate(queues):
             m.d.comb += [
-                queue.push.eq(taken & (lane == number) & inside & (y < self.height)),
-                queue.row.place.x.eq(x), queue.row.place.sub.eq(row.row[lane_bits:]),
-                queue.row.last.eq(Mux(behind < self.config.cores_x, behind, self.config.cores_x - 1))]
+                queue.push.eq(taken & (lane == number)), queue.row.inside.eq(inside), queue.row.place.x.eq(x),
+                queue.row.place.sub.eq(row.row[lane_bits:]), queue.row.place.slot.eq(slot),
+                queue.row.last.eq(Mux(inside, Mux(behind < self.config.cores_x, behind, self.config.cores_x - 1), 0))]
             for i in range(self.config.cores_x):
                 pixel = queue.row.pixels[i]
                 m.d.comb += [pixel.depth.eq(row.depth[i]), pixel.transmittance.eq(row.transmittance[i])]
                 m.d.comb += [pixel.colour[c].eq(row.colour[3 * i + c]) for c in range(3)]
-        room = Cat(queue.room for queue in queues)
-        m.d.comb += self.rows.ready.eq(self._accepts & room.bit_select(lane, 1))
 
         count, column = Signal(range(TILE * TILE // self.config.cores_x)), Signal(range(-(-self.config.row_width // TILE)))
-        whole = Signal()
-        m.d.comb += whole.eq(taken & count.all() & (column == self._last[_TILE_BITS:]))
-        with m.If(self.begin | whole):
-            m.d.sync += [count.eq(0), column.eq(0)]
-        with m.Elif(taken):
-            m.d.sync += [count.eq(count + 1), column.eq(column + count.all())]  # a power of two to a tile
-        return whole
-
-    def _strips(self, m: Module, whole: Value, moving: Value, pack: Pack) -> tuple[Signal, Signal]:
-        """The order of a frame's strips: when they swap, and while one is scanned."""
-        strips = (self.height + (TILE - 1)) >> _TILE_BITS
-        to_take, full, scans, ended, written = Signal.like(strips), Signal(), Signal(), Signal(), Signal()
-        settle, swap = Signal(range(disparity_latency(self.config) + _IN_BANK + 1)), Signal()
-        with m.If(moving):
-            m.d.sync += settle.eq(disparity_latency(self.config) + _IN_BANK)
-        with m.Elif(settle.any()):
-            m.d.sync += settle.eq(settle - 1)
+        held, ends, opened = Signal(range(ring_tiles(self.config) + 1)), Signal(), Signal()  # tiles from the scan's to this one
+        room, ahead = Cat(queue.room for queue in queues), Mux(self.source_right, self._reached(column), 0)
         m.d.comb += [
-            self._accepts.eq(to_take.any() & ~full & ~self._wiping),
-            swap.eq(full & ~moving & ~settle.any() & ~scans),
-            self.finished.eq(written & self.writes_idle),
-            self.busy.eq(self._wiping | moving | settle.any() | scans)]
-        with m.If(whole):
-            m.d.sync += [full.eq(1), to_take.eq(to_take - 1)]
+            ends.eq(taken & count.all()),  # a power of two to a tile
+            self.rows.ready.eq(self._accepts & opened & room.bit_select(lane, 1))]
+        gone = Signal()
+        m.d.sync += [gone.eq(scanned), opened.eq((held + ahead < ring_tiles(self.config)) & ~ends)]  # it stays for a whole tile
+        with m.If(ends & ~gone):
+            m.d.sync += held.eq(held + 1)
+        with m.Elif(gone & ~ends):
+            m.d.sync += held.eq(held - 1)
+        row_ends = column == self._last[_TILE_BITS:]
+        with m.If(taken):
+            m.d.sync += count.eq(count + 1)
+        with m.If(ends):
+            m.d.sync += [slot.eq(slot + 1), column.eq(Mux(row_ends, 0, column + 1))]
+        with m.If(self.begin):
+            m.d.sync += [count.eq(0), column.eq(0)]
+        return ends & row_ends, held.any() | count.any()
+
+    def _reached(self, column: Value) -> Value:
+        """By how many tiles `reach` goes to the right of a tile, in its row."""
+        most, behind = -(-reach(self.config) // TILE), (self._last[_TILE_BITS:] - column)[: len(column)]
+        return Mux(behind < most, behind, most)
+
+    def _settles(self, m: Module, queues: list[RowQueue]) -> Value:
+        """Strobe, a tile has settled: its pixels have left the queues of all lanes, and had the time to reach the ring."""
+        most = 1 - -(queue_rows(self.config) + 1) // lane_rows(self.config)  # tiles that a lane may be before another
+        left = [Signal(range(most + 1), name=f"left_{lane}") for lane in range(len(queues))]
+        every, way = Signal(), Signal(disparity_latency(self.config))  # the scan comes later still than the last pixel
+        m.d.comb += every.eq(Cat(count.any() for count in left).all())
+        m.d.sync += [way.eq(Cat(every, way)), *(
+            count.eq(count + queue.tile_ends - every) for count, queue in zip(left, queues, strict=True))]
+        return way[-1]
+
+    def _complete(self, m: Module, settles: Value) -> tuple[Signal, Signal, list[Value]]:
+        """Columns open to the scan tile by tile when no pixel can come to them any more.
+
+        Gives a strobe before a strip, whether one is scanned, and for each memory the pair of places to which it may be.
+        """
+        tiles, pairs = ring_tiles(self.config), TILE * sub_rows(self.config) // MEMORIES
+        settled, slot = Signal(range(tiles + 1)), Signal(range(tiles))  # tiles that have and are not open; the next to open
+        column, more, starts, scans = Signal(range(-(-self.config.row_width // TILE))), Signal(), Signal(), Signal()
+        goes, opens, ends = Signal(), Signal(), Signal()
+        limits = [Signal(pair_bits(self.config) + 1, name=f"limit_{i}") for i in range(MEMORIES)]
+        m.d.comb += [
+            goes.eq(settled.any() & ~scans & ~starts), ends.eq(column == self._last[_TILE_BITS:]),
+            opens.eq(scans & more & (settled > Mux(self.source_right, 0, self._reached(column))))]
+        m.d.sync += [starts.eq(goes), settled.eq(settled + settles - opens)]
+        with m.If(starts):
+            m.d.sync += [scans.eq(1), more.eq(1), column.eq(0)]
+        with m.If(opens):
+            m.d.sync += [slot.eq(slot + 1), column.eq(column + 1), more.eq(~ends)]
+        places = (self._last[:_TILE_BITS] + 1) * sub_rows(self.config)  # of a tile row's last tile, in a lane
+        for number, limit in enumerate(limits):
+            with m.If(goes):
+                m.d.sync += limit.eq(slot * pairs)
+            with m.Elif(opens):
+                m.d.sync += limit.eq(limit + Mux(ends, places + (MEMORIES - 1 - number) >> 1, pairs))
+        return starts, scans, limits
+
+    def _strips(
+        self, m: Module, row_taken: Value, held: Value, starts: Signal, scans: Signal, pack: Pack,
+    ) -> None:
+        """The order of a frame's strips."""
+        strips = (self.height + (TILE - 1)) >> _TILE_BITS
+        to_take, to_scan, ended, written = Signal.like(strips), Signal.like(strips), Signal(), Signal()
+        m.d.comb += [
+            self._accepts.eq(to_take.any() & ~self._wiping), self.finished.eq(written & self.writes_idle),
+            self.busy.eq(self._wiping | held | starts | scans)]
+        with m.If(row_taken):
+            m.d.sync += to_take.eq(to_take - 1)
+        with m.If(starts):
+            m.d.sync += to_scan.eq(to_scan - 1)
         with m.If(pack.strip_ends):
             m.d.sync += ended.eq(1)
         with m.If(scans & ended & ~pack.busy):
-            m.d.sync += [scans.eq(0), ended.eq(0), written.eq(~full & ~to_take.any())]
-        with m.If(swap):
-            m.d.sync += [full.eq(0), scans.eq(1)]
+            m.d.sync += [scans.eq(0), ended.eq(0), written.eq(~to_scan.any())]
         with m.If(self.begin):
-            m.d.sync += [to_take.eq(strips), written.eq(0)]
-        return swap, scans
+            m.d.sync += [to_take.eq(strips), to_scan.eq(strips), written.eq(0)]
 
     def _scan(
-        self, m: Module, swap: Signal, scans: Signal, banks: list[StripBank], window: Window, pack: Pack,
+        self, m: Module, starts: Signal, scans: Signal, limits: list[Value], banks: list[RingBank], window: Window, pack: Pack,
     ) -> None:
-        """The strip that is scanned, its place in the frame, and the clearing of both after a reset."""
-        open_, rows, left = Signal(), Signal(range(TILE + 1)), Signal.like(self.height)
-        base, place = Signal(ADDRESS_BITS, reset_less=True), Signal(place_layout(self.config))
+        """The strip that is scanned, its place in the frame, and the clearing of the ring after a reset."""
+        rows, left = Signal(range(TILE + 1)), Signal.like(self.height)
+        base, pair = Signal(ADDRESS_BITS, reset_less=True), Signal(pair_bits(self.config))
         for number, bank in enumerate(banks):
             m.d.comb += [
-                bank.open.eq(open_), bank.read.eq(window.read), bank.place.eq(window.place), window.kept[number].eq(bank.kept),
-                bank.wipe.eq(self._wiping), bank.clear.eq(window.clear | self._wiping),
-                bank.clear_place.eq(Mux(self._wiping, place, window.clear_place))]
+                bank.start.eq(starts), *(bank.limits[i].eq(limit) for i, limit in enumerate(limits)),
+                bank.which.eq(window.which), bank.take.eq(window.take),
+                window.kept_valid[number].eq(bank.kept_valid), window.kept[number].eq(bank.kept),
+                bank.wipe.eq(self._wiping), bank.wipe_pair.eq(pair)]
         m.d.comb += [
-            window.start.eq(swap), window.run.eq(scans), window.last.eq(self._last), window.rows.eq(rows),
-            pack.start.eq(swap), pack.base.eq(base), pack.width.eq(self._width), pack.last.eq(self._last),
+            window.start.eq(starts), window.run.eq(scans), window.last.eq(self._last), window.rows.eq(rows),
+            pack.start.eq(starts), pack.base.eq(base), pack.width.eq(self._width), pack.last.eq(self._last),
             pack.rows.eq(rows)]
         with m.If(self.begin):
             m.d.sync += [left.eq(self.height), base.eq(self.target_frame_base << ADDRESS_BITS - BEAT_BITS)]
-        with m.If(swap):
+        with m.If(starts):
             m.d.sync += [
-                open_.eq(~open_), rows.eq(Mux(left > TILE, TILE, left)), left.eq(left - TILE),
-                base.eq(base + (self._width << _TILE_BITS))]
+                rows.eq(Mux(left > TILE, TILE, left)), left.eq(left - TILE), base.eq(base + (self._width << _TILE_BITS))]
         with m.If(self._wiping):
-            last = place.sub == sub_rows(self.config) - 1
-            m.d.sync += [
-                place.sub.eq(place.sub + 1), place.x.eq(place.x + last),
-                self._wiping.eq(~(last & (place.x == self.config.row_width - 1)))]
+            m.d.sync += [pair.eq(pair + 1), self._wiping.eq(~pair.all())]
 
     def _mask(self, m: Module, pack: Pack) -> tuple[Signal, Signal]:
         """The tiles' bits: when one is written, and what."""

@@ -1,4 +1,4 @@
-"""The closed strip, column by column: every pixel with its neighbours, and the holes that they fill one by one.
+"""A strip of the target, column by column as they are complete: every pixel with its neighbours, and the holes that they fill.
 
 Pixels follow each other down a column and then to the next, `warp_lanes` a step, through a chain of registers in which a
 pixel's neighbours are always the same distance away: 1, 15, 16 and 17 pixels before it and behind. What lies above a strip's
@@ -25,7 +25,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.warp_unit.bank import kept_layout
-from rtl.warp_unit.queue import column_bits, place_layout, sub_rows
+from rtl.warp_unit.queue import column_bits, sub_bits, sub_rows
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.stereo import FILL_NEIGHBOURS
@@ -79,11 +79,13 @@ class Window(wiring.Component):
         start: strobe before a strip, after which `run` rises.
         run: high until all slots have left, and what follows them is empty.
         last, rows: the frame's last column, rows of the strip that lie in it.
-        read, place, kept: the closed strip of every lane's bank. clear, clear_place: what was read.
+        which: the memory of the place that is next, in every lane. kept_valid, kept: that place; take: strobe, the next one.
+        tile_ends: strobe, with the last place of a tile.
         slots: the groups, down every column, left to right.
 
     Storage: 38 pixels of 26 bits for 4 lanes. Throughput: a group a cycle where it has no more than one hole to fill, else a
-    cycle a hole. Latency: a column and 3 cycles, and as many without a group at a strip's end.
+    cycle a hole; it waits where a place is not there. Latency: a column and 2 cycles, and as many without a group at a strip's
+    end.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -91,18 +93,18 @@ class Window(wiring.Component):
         super().__init__({
             "start": In(1), "run": In(1), "rows": In(range(TILE + 1)),
             "last": In(column_bits(config)),
-            "read": Out(1), "place": Out(place_layout(config)), "kept": In(kept_layout(config)).array(config.warp_lanes),
-            "clear": Out(1), "clear_place": Out(place_layout(config)),
+            "which": Out(1), "kept_valid": In(config.warp_lanes), "kept": In(kept_layout()).array(config.warp_lanes),
+            "take": Out(1), "tile_ends": Out(1),
             "slots": Out(stream.Signature(slot_layout(config))),
         })
 
     def elaborate(self, platform) -> Module:
         m = Module()
         step, real = Signal(), Signal(sub_rows(self.config) + 2)
-        fetched = self._fetch(m, step)
+        more, there = self._places(m, step)
         with m.If(step):
-            m.d.sync += real.eq(Cat(fetched, real))
-        pixels = self._chain(m, step, fetched)
+            m.d.sync += real.eq(Cat(more, real))
+        pixels = self._chain(m, step, more)
         sub = Signal(range(sub_rows(self.config)))
         first = Signal()
         with m.If(self.start):
@@ -112,31 +114,31 @@ class Window(wiring.Component):
             with m.If(sub == sub_rows(self.config) - 1):
                 m.d.sync += first.eq(0)
         columns = (~first, real[1])  # a column behind the middle, the group of the same rows has been read already
-        last = self._slots(m, pixels, sub, real[-1], columns)
-        m.d.comb += step.eq(self.run & (~real[-1] | self.slots.ready & last))
+        last = self._slots(m, pixels, sub, real[-1] & there, columns)
+        m.d.comb += step.eq(self.run & there & (~real[-1] | self.slots.ready & last))
         return m
 
-    def _fetch(self, m: Module, step: Signal) -> Signal:
-        """Reads all places, one a step; whether memory has given one."""
-        place, more, fetched = Signal(place_layout(self.config)), Signal(), Signal()
-        x, sub = place.x, place.sub
-        sub_ends = sub == sub_rows(self.config) - 1
-        m.d.comb += [self.read.eq(step & more), self.place.eq(place)]
-        m.d.sync += [self.clear.eq(self.read), self.clear_place.eq(place)]
+    def _places(self, m: Module, step: Signal) -> tuple[Signal, Signal]:
+        """Takes all places, one a step; whether the strip has one more, and whether it is there or none is wanted."""
+        sub, x, more, there = Signal(range(sub_rows(self.config))), Signal(column_bits(self.config)), Signal(), Signal()
+        column_ends, ends = Signal(), Signal()
+        m.d.comb += [
+            column_ends.eq(sub == sub_rows(self.config) - 1), ends.eq(x == self.last),
+            self.which.eq(x[0] ^ sub[0] if sub_bits(self.config) else x[0]),
+            there.eq(~more | self.kept_valid.all()), self.take.eq(step & more),
+            self.tile_ends.eq(self.take & column_ends & (x[: (TILE - 1).bit_length()].all() | ends))]
         with m.If(self.start):
-            m.d.sync += [place.eq(0), more.eq(1)]
-        with m.Elif(step):
-            m.d.sync += [fetched.eq(more), sub.eq(sub + 1)]
-            with m.If(sub_ends):
-                m.d.sync += x.eq(x + 1)
-                with m.If(x == self.last):
-                    m.d.sync += more.eq(0)
-        return fetched
+            m.d.sync += [sub.eq(0), x.eq(0), more.eq(1)]
+        with m.Elif(self.take):
+            m.d.sync += sub.eq(sub + 1)
+            with m.If(column_ends):
+                m.d.sync += [x.eq(x + 1), more.eq(~ends)]
+        return more, there
 
-    def _chain(self, m: Module, step: Signal, fetched: Signal) -> dict[int, _Pixel]:
+    def _chain(self, m: Module, step: Signal, more: Signal) -> dict[int, _Pixel]:
         """The pixels by how much later they come than the first of the group in the middle."""
         lanes, reach = self.config.warp_lanes, sub_rows(self.config) + 1
-        before: list[_Pixel] = [_Pixel(kept.colour.as_value(), kept.valid & fetched, kept.solid) for kept in self.kept]
+        before: list[_Pixel] = [_Pixel(kept.colour.as_value(), kept.valid & more, kept.solid) for kept in self.kept]
         pixels: dict[int, _Pixel] = {}
         for group in range(reach, -reach - 1, -1):
             now = []
@@ -164,9 +166,10 @@ class Window(wiring.Component):
         inside = Cat(row < self.rows for row in rows)
         enough = Cat(self._enough(count, (row.any(), row + 1 < self.rows), columns)
                      for row, count in zip(rows, counts, strict=True))
-        last = ~(todo & ~pick).any()
+        before = [todo[:lane].any() for lane in lanes]  # by gates, not by a difference: the whole chain waits for `last`
+        last = ~Cat(todo[lane] & before[lane] for lane in lanes).any()
         m.d.comb += [
-            todo.eq(fillable & ~done), pick.eq(Cat(todo[lane] & ~todo[:lane].any() for lane in lanes)),
+            todo.eq(fillable & ~done), pick.eq(Cat(todo[lane] & ~before[lane] for lane in lanes)),
             fillable.eq(~valid & inside & enough),
             self.slots.valid.eq(real & self.run),
             slot.holes.eq(fillable), slot.fills.eq(todo.any()), slot.last.eq(last),

@@ -7,8 +7,8 @@ from pathlib import Path
 from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.stereo import StereoFrame
 from golden.scenes.pictures import kinds_picture, save_png
-from spec.constants import TILE
 from spec.records import frame_tiles
+from spec.stereo import clear_cycles
 from tb.common.runner import Waves
 from tb.frame.whole import performance, played
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
@@ -28,7 +28,7 @@ def simulate_eyes(
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     source, target, config = frame.source, frame.target, frame.source.config
-    cleared = frame_tiles(config) + TILE * config.row_width // config.warp_lanes  # once after a reset, not of the frame
+    cleared = frame_tiles(config) + clear_cycles(config)  # once after a reset, not of the frame
     run = stereo_run(frame, beta, speed, settle=cleared)
     result, build_s = played(machine, run, folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers

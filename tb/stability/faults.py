@@ -1,20 +1,26 @@
-"""Seeded faults in hardware: settings that a guard stands on, dropped in the machine, and arrays emitted without a guard."""
+"""Seeded faults in hardware: settings that a guard stands on, dropped; arrays and whole machines, emitted without a guard."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
+
+from amaranth.hdl import Const
 
 from golden.msv2_ref.pipeline import Frame
 from golden.stability.case import GOLDEN
 from golden.stability.check import MACHINE, see_golden
 from golden.stability.registry import case_named
+from rtl.top.machine import emit_msv2_top
 from rtl.vrc_array.array import emit_vrc_array
 from spec.config import AcceleratorConfig
 from tb.common.player import play
+from tb.top import planned as frames
+from tb.top.device import machine
 from tb.top.planned import PlannedFrame, planned
+from tb.top.player import play_frames
 from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
 from tb.vrc.check import golden_pixels, problems, run_of
@@ -30,7 +36,8 @@ class RtlFault:
         name: of the fault.
         case, shot: whose golden frame is played.
         settings: of the machine, by register: what is written instead.
-        patches: names in rtl's modules, and what stands there while the array is emitted.
+        patches: names in rtl's modules, and what stands there while the part is emitted.
+        part: array or machine.
     """
 
     name: str
@@ -38,6 +45,7 @@ class RtlFault:
     shot: str
     settings: Mapping[str, int] | None = None
     patches: Mapping[str, object] | None = None
+    part: str = "array"
 
     column = "rtl"
 
@@ -59,8 +67,12 @@ FAULTS = (
              patches={"rtl.vrc_array.pixel_core.saturation_threshold": lambda formats: 1 << 12}),
     RtlFault("pixels do not stop", "opaque-against-the-stop", "veils",
              patches={"rtl.vrc_array.pixel_core.t_stop": lambda formats: 0}),
+    RtlFault("colours wrap", "saturations-are-counted", "colours", part="machine",
+             patches={"rtl.culling.views.saturate": lambda value, number: value[: number.width]}),
+    RtlFault("saturated values are not counted", "saturations-are-counted", "means", part="machine",
+             patches={"rtl.culling.saturations.at_limit": lambda value, number: Const(0)}),
 )
-"""All of them; those with settings are played in one simulation, the others each in an array of their own."""
+"""All of them; those with settings are played in one simulation, the others each in an array, or a machine, of their own."""
 
 
 def frame_of(fault: RtlFault) -> tuple[Frame, int | None, bool]:
@@ -83,22 +95,37 @@ def settings_caught(faults: Sequence[RtlFault], folder: Path) -> list[tuple[bool
     return [_told(failures.get(right.name), failures.get(faulty.name)) for right, faulty in frames]
 
 
-def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
-    """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
-    case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
+def emitted_without(fault: RtlFault, emit: Callable[[AcceleratorConfig], str], config: AcceleratorConfig) -> str:
+    """Verilog with the fault's patches in place."""
     patches = [mock.patch(name, value) for name, value in fault.patches.items()]
     for patch in patches:
         patch.start()
     try:
-        verilog = emit_vrc_array(config)
+        return emit(config)
     finally:
         for patch in patches:
             patch.stop()
+
+
+def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
+    """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
+    case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
+    verilog = emitted_without(fault, emit_vrc_array, config)
     if verilog == usual.verilog:
         return False, "the array is what it was"
     faulty = replace(usual, name="vrc-faulty", verilog=verilog)
     recording, = play(faulty, [run_of(config, case)], folder)
     return _told([], problems(config, case, recording, golden_pixels(config, case)))
+
+
+def machine_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
+    """The same of a fault in another unit of the machine; without it the machine is right by the case's own frames."""
+    item, usual = planned(Played(fault.name, *frame_of(fault)), "faulty"), machine(config)
+    verilog = emitted_without(fault, emit_msv2_top, config)
+    if verilog == usual.verilog:
+        return False, "the machine is what it was"
+    result, = play_frames(replace(usual, name=f"{usual.name}-faulty", verilog=verilog), [item.run], folder)
+    return _told([], frames.problems(item, result))
 
 
 def _told(right: list[str] | None, faulty: list[str] | None) -> tuple[bool, str]:
@@ -112,5 +139,6 @@ def caught(folder: Path) -> dict[str, tuple[bool, str]]:
     in_settings = [fault for fault in FAULTS if fault.settings is not None]
     found = dict(zip((fault.name for fault in in_settings), settings_caught(in_settings, folder / "settings"), strict=True))
     for number, fault in enumerate(fault for fault in FAULTS if fault.patches is not None):
-        found[fault.name] = array_caught(fault, folder / f"array{number}")
+        caught_in = machine_caught if fault.part == "machine" else array_caught
+        found[fault.name] = caught_in(fault, folder / f"{fault.part}{number}")
     return found

@@ -6,6 +6,7 @@ import numpy as np
 
 from golden.msv2_ref import culling
 from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.saturations import frame_saturations
 from golden.msv2_ref.views import display_pixels, frame_pixels
 from spec.constants import TILE
 from tb.top.image import DisplayPixels, FramePixels, memory_image, page_beats, spill_beats
@@ -64,7 +65,7 @@ def expected_events(frame: Frame) -> dict[str, int]:
         "points": len(reason), "culled_near": int((reason == culling.NEAR).sum()),
         "culled_faint": int((reason == culling.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height}
+        "pixels": frame.registers.width * frame.registers.height, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:

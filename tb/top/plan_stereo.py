@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, ErrorCode, write_clients
+from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
 from tb.top.stimuli import case, cloud, crowd
@@ -47,7 +47,7 @@ def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFram
     def add(frame: PlannedFrame, reset: bool = False) -> None:
         plan.extend([frame, planned((mixed, single)[len(plan) // 2 % 2], f"after: {frame.name}", reset=reset)])
 
-    cleared = TILE * config.row_width // config.warp_lanes  # the warp unit's strips, after a reset
+    cleared = clear_cycles(config)  # the warp unit's ring, after a reset
     for late, frame in ((False, scene.frame.source), (True, scene.frame.target)):
         least, begun = array_ops(frame), 0 if late else cleared  # no pass is done before
         for cycles in (1, 250, begun + least // 2, begun + 7 * least // 8):

@@ -8,9 +8,11 @@ from golden.msv2_ref.views import frame_pixels
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS
+from spec.stereo import clear_cycles, reach
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.framed import IDLE_AFTER
+from tb.common.patterns import Pattern
 from tb.common.scenes import traced_frames, traced_size
 from tb.warp.cones import cones, cones_folder, psnr_of_cones
 from tb.warp.device import playback
@@ -30,19 +32,22 @@ from tb.writer.stimuli import random_pixels, rows_of
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY.with_(stereo=True),
-    "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2, warp_fill="interior"),
-    "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False, warp_veiled=True),
+    "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2, warp_fill="interior", warp_columns=64),
+    "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False, warp_veiled=True, warp_columns=512),
     "default": DEFAULT.with_(stereo=True), "paper": PAPER.with_(stereo=True)}
 """Machines that can be tested."""
 
 DISTINCT = tuple(VARIANTS)
-"""Every number of lanes, both rules of filling, veiled pixels warped and not."""
+"""Every number of lanes, both rules of filling, veiled pixels warped and not; the smallest ring, and one of whole rows."""
 
 PORTS = ("rows", "writes", "tiles")
 
 SIZES = ((1, 1), (2, 3), (7, 17), (8, 16), (9, 17), (15, 33), (16, 16), (17, 16), (24, 32), (31, 49), (33, 5), (40, 40),
          (97, 18))
 """Frames narrower than a beat, than a tile, of whole and of broken beats and tiles, of one tile row and several."""
+
+LEAST_COLUMNS = 4 * TILE
+"""Of a machine's ring."""
 
 BETWEEN_STRIPS = 36
 """Cycles that are lost where a strip follows another: the last pixel's way into it, or the last group's through the median."""
@@ -61,7 +66,7 @@ class Plan:
 
     def add(self, name: str, source: Source, **options: object) -> Planned:
         """Adds the run that warps a frame, after a reset only where `options`, those of `planned`, say so: it costs the
-        clearing of the strips."""
+        clearing of the ring."""
         self._frame = self._frame % 255 + 1  # never 0, the number before the first
         height, width = source.pixels.shape
         base, warped = int(self._rng.integers(1 << BEAT_BITS)), source.warped(self._config)
@@ -95,6 +100,13 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
             plan.add(f"narrow, {width} x {height}, {share}", with_holes(config, rng, rng.random((height, width)) < share))
     for share in (0.2, 0.5, 0.7, 0.9, 0.99):
         plan.add(f"{share} of pixels warped", with_holes(config, rng, rng.random((35, 61)) < share))
+    for width, times in ((config.warp_columns + 37, 4), (config.row_width, 1), (reach(config) + 1, 3)):
+        width = min(width, config.row_width)
+        for right in (False, True):  # to the frame's other side; a column more or less than may be
+            size, most = (times * TILE - 5, width), reach(config)
+            far = rng.choice([0.5, most - 1, most, most + 1, 2 * most], size).repeat(7, 1)[:, :width]
+            far = np.maximum(far + rng.choice([-1, -0.5, 0, 0.5, 1], size), 0)
+            plan.add(f"reached, {width} wide, {'right' if right else 'left'}", placed(config, rng, far, right))
     wide = np.random.default_rng(seed).random((18, config.row_width)) * rng.choice([1, 30, 300], (18, config.row_width))
     plan.add("widest", placed(config, rng, wide, True))
     return plan.runs
@@ -107,9 +119,12 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(f"{width} x {height}", anything(config, rng, width, height, n % 2 == 1))
     for n, (name, patterns) in enumerate(every_pattern(PORTS, seed).items()):
         plan.add(name, anything(config, rng, 37, 50, n % 2 == 1), patterns=patterns)
+    for k in range(6):  # the last strip has rows in few groups, whose beats wait while other columns are packed
+        plan.add(f"paused writes of a low strip {k}", anything(config, rng, 61 + k, 17 + k // 2, k % 2 == 1),
+                 patterns={"writes": (Pattern.BURSTY, seed + k)})
     for k in range(6):
         plan.add(f"back to back {k}", anything(config, rng, 33 + k, 17, k % 2 == 1))
-    for cycles in (30, 3000 + 16 * config.row_width // config.warp_lanes):  # before the strips are clear, and far in the frame
+    for cycles in (30, 3000 + clear_cycles(config)):  # before the ring is clear, and far in the frame
         plan.add(f"cut off after {cycles} cycles", anything(config, rng, 64, 96), abort=cycles)
         plan.add(f"whole frame after a reset at {cycles}", anything(config, rng, 35, 17), reset=True)
     return plan.runs
@@ -122,16 +137,18 @@ def strip_cycles(config: AcceleratorConfig, width: int) -> int:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """`warp_lanes` pixels a cycle without holes, whatever the width; a strip is scattered while the one before is written."""
+    """`warp_lanes` pixels a cycle without holes, whatever the width: columns are scattered while others are written, but in the
+    smallest ring, which has no room for more than the tiles that a pixel reaches."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed + 2)
     plan.add("clear", anything(config, rng, 16, 16))
     for width, height in ((128, 64), (127, 64), (250, 32)):
         full = with_holes(config, rng, np.ones((height, width), bool))
         item = plan.add(f"rate, {width} x {height}", full)
         tiles = 4 * len(item.expected["tiles"])
+        most = (height // TILE + 1) * strip_cycles(config, width) + tiles + IDLE_AFTER
         plan.runs[-1] = planned(
             item.name, item.run.inputs, item.expected, settings=item.run.settings, observed=item.observed, reset=False,
-            most_cycles=(height // TILE + 1) * strip_cycles(config, width) + tiles + IDLE_AFTER)
+            most_cycles=None if config.warp_columns == LEAST_COLUMNS else most)
     return plan.runs
 
 

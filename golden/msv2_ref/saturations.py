@@ -1,0 +1,32 @@
+"""What hardware counts of saturated values, read off a frame's records."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref.culling import VISIBLE
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.views import splat_views
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.saturations import SATURATIONS, Saturation, limits
+
+
+def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
+    """(records, ...) raw values of the field that a saturation is counted by, of the records that its stream transfers."""
+    if saturation.stream == "splats":  # as `culling.projected_splats` makes them
+        return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
+    tile = np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))
+    pairs = np.unique(np.stack([frame.entries.splat, frame.registers.header[tile, 0]], 1), axis=0)
+    return splat_views(frame, MAX_LEVELS)[saturation.field][pairs[:, 0], pairs[:, 1]]
+
+
+def count_saturated(config: AcceleratorConfig, saturation: Saturation, values: np.ndarray) -> int:
+    """Records, one a row of (records, ...) raw values, with a number at a limit."""
+    at_limit = np.isin(values, limits(saturation.field_of(config).format))
+    return int(at_limit.reshape(len(values), -1).any(axis=1).sum()) if len(values) else 0
+
+
+def frame_saturations(frame: Frame) -> dict[str, int]:
+    """The counters of `spec.saturations` after a frame, or after an eye's pass."""
+    return {s.name: count_saturated(frame.config, s, transferred(frame, s)) for s in SATURATIONS}

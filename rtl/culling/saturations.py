@@ -1,0 +1,76 @@
+"""Counts of values at their formats' limits, read off the records that pass."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.formats import Fixed
+from spec.queues import COUNTER_BITS
+from spec.saturations import SATURATIONS, STREAMS, Saturation, limits
+
+
+def at_limit(value: Value, number: Fixed) -> Value:
+    """Whether a number of the format counts as saturated."""
+    return Cat(value == limit for limit in limits(number)).any()
+
+
+class SaturationCounters(wiring.Component):
+    """Counts what `spec.saturations` names. It only looks on: nothing waits for it, and nothing hangs on when it looks.
+
+    Parameters:
+        config: the machine; formats matter here.
+
+    Ports:
+        splats, views: the records of `spec.saturations.STREAMS` that are offered.
+        splats_move, views_move: such a record is transferred.
+        clear: strobe: set all counts to 0.
+        saturated_means, saturated_depths, saturated_keys, saturated_colours: records since `clear` with a number at a limit.
+
+    Latency: a record counts three cycles after its transfer: comparisons and handshakes end in registers, so that they lengthen
+    no path of the units that they look at::
+
+        cycle        0      1      2      3
+        splats_move  ~~~~~~~______________
+        moved        _______~~~~~~~_______   and beside it which numbers are at a limit
+        step         ______________~~~~~~~
+        count        <  n                 ><  n + 1
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self.config = config
+        super().__init__({
+            **{name: In(layout(record(config))) for name, record in STREAMS.items()},
+            **{f"{name}_move": In(1) for name in STREAMS},
+            "clear": In(1), **{saturation.name: Out(COUNTER_BITS) for saturation in SATURATIONS}})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        moved = {name: Signal(name=f"{name}_moved") for name in STREAMS}
+        for name, was in moved.items():
+            m.d.sync += was.eq(getattr(self, f"{name}_move"))
+        for saturation in SATURATIONS:
+            self._count(m, saturation, moved[saturation.stream])
+        return m
+
+    def _count(self, m: Module, saturation: Saturation, moved: Signal) -> None:
+        field, value = saturation.field_of(self.config), getattr(self, saturation.stream)[saturation.field]
+        numbers = list(value) if isinstance(value, data.View) else [value]
+        found = Signal(len(numbers), name=f"{saturation.field}_found", reset_less=True)
+        step, count = Signal(name=f"{saturation.field}_step"), getattr(self, saturation.name)
+        m.d.sync += [
+            found.eq(Cat(at_limit(number, field.format) for number in numbers)), step.eq(moved & found.any()),
+            count.eq(count + step)]
+        with m.If(self.clear):
+            m.d.sync += count.eq(0)
+
+
+def emit_saturation_counters(config: AcceleratorConfig) -> str:
+    """Verilog of module `saturation_counters`."""
+    return to_verilog(SaturationCounters(config), "saturation_counters")
