@@ -12,7 +12,7 @@ import pytest
 
 from golden.msv2_ref.tile_lists import tile_lists
 from golden.scenes.load import EMBEDDED
-from perf import dram, validate
+from perf import bus, dram, validate
 from perf.model import MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.plan import _merges, cache_misses, eye_lists
@@ -78,6 +78,20 @@ def test_less_memory_never_makes_a_frame_faster(small):
     assert totals[0] > 1.5 * totals[2]
     slow = simulate(small, PAPER, memory=MemoryModel(latency=400)).total
     assert slow > simulate(small, PAPER).total
+
+
+@pytest.mark.parametrize("memory", [
+    MemoryModel(), MemoryModel(latency=1), MemoryModel(bytes_per_cycle=6.4), MemoryModel(bytes_per_cycle=None)])
+def test_answers_are_worked_out_as_a_stepped_memory_gives_them(small, monkeypatch, memory):
+    worked, prepare = simulate(small, PAPER, memory=memory).as_json(), bus.prepare
+
+    def stepped(s, **settings):
+        prepare(s, **settings)
+        assert s[bus.KIND] == bus.COMPUTED
+        s[bus.KIND] = bus.STEPPED
+
+    monkeypatch.setattr(bus, "prepare", stepped)
+    assert simulate(small, PAPER, memory=memory).as_json() | {"seconds": 0} == worked | {"seconds": 0}
 
 
 def test_channels_of_dram_keep_their_bandwidth_and_never_beat_it(small):
