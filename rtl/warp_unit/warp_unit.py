@@ -202,7 +202,11 @@ class WarpUnit(wiring.Component):
         m.d.comb += [
             goes.eq(settled.any() & ~scans & ~starts), ends.eq(column == self._last[_TILE_BITS:]),
             opens.eq(scans & more & (settled > Mux(self.source_right, 0, self._reached(column))))]
-        m.d.sync += [starts.eq(goes), settled.eq(settled + settles - opens)]
+        m.d.sync += starts.eq(goes)
+        with m.If(settles & ~opens):  # `opens` comes late: no carry waits for it
+            m.d.sync += settled.eq(settled + 1)
+        with m.Elif(opens & ~settles):
+            m.d.sync += settled.eq(settled - 1)
         with m.If(starts):
             m.d.sync += [scans.eq(1), more.eq(1), column.eq(0)]
         with m.If(opens):

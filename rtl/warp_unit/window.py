@@ -105,16 +105,16 @@ class Window(wiring.Component):
         with m.If(step):
             m.d.sync += real.eq(Cat(more, real))
         pixels = self._chain(m, step, more)
-        sub = Signal(range(sub_rows(self.config)))
-        first = Signal()
+        sub, ends = Signal(range(sub_rows(self.config))), sub_rows(self.config) - 1
+        first, top, bottom = Signal(), Signal(), Signal()  # the latter: `sub` is its first, its last
         with m.If(self.start):
-            m.d.sync += [sub.eq(0), first.eq(1)]
+            m.d.sync += [sub.eq(0), first.eq(1), top.eq(1), bottom.eq(ends == 0)]
         with m.Elif(step & real[-1]):
-            m.d.sync += sub.eq(sub + 1)
-            with m.If(sub == sub_rows(self.config) - 1):
+            m.d.sync += [sub.eq(sub + 1), top.eq(sub == ends), bottom.eq(sub == max(ends - 1, 0))]
+            with m.If(bottom):
                 m.d.sync += first.eq(0)
         columns = (~first, real[1])  # a column behind the middle, the group of the same rows has been read already
-        last = self._slots(m, pixels, sub, real[-1] & there, columns)
+        last = self._slots(m, pixels, sub, (top, bottom), real[-1] & there, columns)
         m.d.comb += step.eq(self.run & there & (~real[-1] | self.slots.ready & last))
         return m
 
@@ -155,17 +155,22 @@ class Window(wiring.Component):
         return pixels
 
     def _slots(
-        self, m: Module, pixels: dict[int, _Pixel], sub: Signal, real: Value, columns: tuple[Value, Value],
+        self, m: Module, pixels: dict[int, _Pixel], sub: Signal, edges: tuple[Value, Value], real: Value,
+        columns: tuple[Value, Value],
     ) -> Value:
-        """The slots of the group in the middle; whether this is its last one. `columns`: those before and behind exist."""
+        """The slots of the group in the middle; whether this is its last one.
+
+        `edges`: it has the strip's first rows, its last ones. `columns`: those before and behind exist.
+        """
         lanes, slot = range(self.config.warp_lanes), self.slots.payload
-        neighbours, counts = zip(*(self._around(m, pixels, lane, sub) for lane in lanes), strict=True)
+        neighbours, counts = zip(*(self._around(m, pixels, lane, edges) for lane in lanes), strict=True)
         valid = Cat(pixels[lane].valid for lane in lanes)
         fillable, done, todo, pick = (Signal(len(lanes), name=name) for name in ("fillable", "done", "todo", "pick"))
-        rows = [Cat(Const(lane, len(lanes).bit_length() - 1), sub) for lane in lanes]
-        inside = Cat(row < self.rows for row in rows)
-        enough = Cat(self._enough(count, (row.any(), row + 1 < self.rows), columns)
-                     for row, count in zip(rows, counts, strict=True))
+        rows = Signal(TILE)  # those of the strip that lie in the frame, known long before a strip's first slot
+        m.d.sync += rows.eq(Cat(row < self.rows for row in range(TILE)))
+        inside, next_inside = (bits.word_select(sub, len(lanes)) for bits in (rows, Cat(rows[1:], Const(0, 1))))
+        enough = Cat(self._enough(count, (~edges[0] if lane == 0 else Const(1), next_inside[lane]), columns)
+                     for lane, count in enumerate(counts))
         before = [todo[:lane].any() for lane in lanes]  # by gates, not by a difference: the whole chain waits for `last`
         last = ~Cat(todo[lane] & before[lane] for lane in lanes).any()
         m.d.comb += [
@@ -197,10 +202,12 @@ class Window(wiring.Component):
         return Mux(both[0] & both[1], count >= FILL_NEIGHBOURS, Mux(
             three, count >= 3, Mux(~thin | both[0] | both[1], count >= 2, count.any())))
 
-    def _around(self, m: Module, pixels: dict[int, _Pixel], lane: int, sub: Signal) -> tuple[list[Value], Value]:
+    def _around(
+        self, m: Module, pixels: dict[int, _Pixel], lane: int, edges: tuple[Value, Value],
+    ) -> tuple[list[Value], Value]:
         """A lane's neighbours in the strip, and how many they are."""
-        above = sub.any() if lane == 0 else Const(1, 1)
-        below = sub != sub_rows(self.config) - 1 if lane == self.config.warp_lanes - 1 else Const(1, 1)
+        above = ~edges[0] if lane == 0 else Const(1, 1)
+        below = ~edges[1] if lane == self.config.warp_lanes - 1 else Const(1, 1)
         around, valid = [], []
         for offset in NEIGHBOURS:
             pixel, dy = pixels[lane + offset], (offset + 1) % TILE - 1
