@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_SH_DEGREE
 from spec.effects import machine_with
 from synth.area import machine_area
 
@@ -65,8 +64,8 @@ def measure_in(folder: Path, jobs: int = 1, progress: Callable[[str], None] = pr
 
 
 def machine_of(config: AcceleratorConfig, active: frozenset[str]) -> AcceleratorConfig:
-    """`config` with those effects and no others, harmonics of the highest degree."""
-    return machine_with(config, active, MAX_SH_DEGREE if "sh" in active else 0)
+    """`config` with those effects and no others, harmonics of its degree."""
+    return machine_with(config, active, config.sh_degree if "sh" in active else 0)
 
 
 def effect_areas(config: AcceleratorConfig, measure: Measure) -> dict[str, EffectArea]:

@@ -24,7 +24,7 @@ OWN = {"sh": 1.0, "levels": 2.0, "blend": 4.0, "depth": 8.0, "stereo": 16.0}
 def stand_in(config):
     """mm^2 of a machine in which every effect has an area of its own."""
     assert config.fine_depth == (config.depth and not config.stereo) and (config.levels > 1 or not config.blend)
-    there = {"sh": config.sh_degree / 3, "levels": config.levels > 1, "blend": config.blend, "depth": config.depth,
+    there = {"sh": config.sh_degree > 0, "levels": config.levels > 1, "blend": config.blend, "depth": config.depth,
              "stereo": config.stereo}
     return 100.0 + sum(OWN[name] * has for name, has in there.items())
 
