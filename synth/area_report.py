@@ -3,7 +3,8 @@
     python -m synth.area_report                all builds: an hour; what is in build/synth is not made again
     python -m synth.area_report --builds 1ghz  fewer; the others' numbers are left as the report has them
 
-Builds are of the machine for two eyes at row width 1920, the memories of the warp unit apart; `mono` is the machine without it.
+Builds are of the machine for two eyes at row width 1920, the memories of the warp unit apart; `mono` is the machine without it,
+and so are those of the presets.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, PRESETS, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from synth.area import AreaReport, machine_area
 from synth.area_figure import draw
@@ -53,6 +54,7 @@ BUILDS = {
                        "another library's area, for a clock that scales to the same one at 16 nm"),
     "osu018": Build(TWO_EYES, "osu018", same_clock(CLOCK_PS, "asap7", "osu018"),
                     "a third one's; it has no clock gates, so enables are multiplexers"),
+    **{name: Build(config, "asap7", CLOCK_PS, "its formats and harmonics, beside `mono`") for name, config in PRESETS.items()},
 }
 """By name, the report's own first."""
 

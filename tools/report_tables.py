@@ -23,6 +23,22 @@ def model_table(reports: dict[str, dict]) -> str | None:
     return _table([f"cycles, {s['frames']} frames", "worst error", "mean", "frames within 5 %"], rows)
 
 
+def presets_table(reports: dict[str, dict]) -> str | None:
+    """The default machine and the presets: what they cost and lose on the scene of the tradeoff."""
+    if "tradeoff" not in reports:
+        return None
+    rows = []
+    for row in reports["tradeoff"]["machine"]:
+        if row["knob"] in ("default", "preset"):
+            area = "-" if row["area_mm2"] is None else f"{row['area_mm2']:.3f}"
+            rows.append([
+                f"`{row['value'] or 'paper'}`", f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
+                f"{row['dram_mj']:.4f}", area, f"{row['loss_db']:+.4f}", f"{100 * row['hvsq_change']:+.2f} %",
+                f"{row['worst_error_255']:.1f}"])
+    return _table(["configuration", "cycles", "speed", "chip, mJ", "DRAM, mJ", "mm², one eye", "loss, dB", "HVSQ",
+                   "worst hard case, /255"], rows)
+
+
 def depths_table(reports: dict[str, dict]) -> str | None:
     """Disparities and depths against the oracle, the worst view of each scene."""
     if "accuracy_stereo" not in reports:
@@ -146,7 +162,7 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
 
 REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
-    "model": model_table,
+    "model": model_table, "presets": presets_table,
     "depths": depths_table, "threshold": threshold_table, "effects": effects_table,
     "effect_areas": effect_areas_table,
 }

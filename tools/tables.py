@@ -129,7 +129,7 @@ UNITS = (
     ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "{blend} cycles, 1 row/cycle", "blend"),
     ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc", "1 entry/cycle", ""),
     ("pixel writer", "vrc_array/pixel_writer", "views", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle", "pixel_writer"),
-    ("warp unit (with `stereo`)", "warp_unit/", "warp_unit", "sim TEST=warp", "the strip, 4 pixels/cycle", "warp_unit"),
+    ("warp unit (with `stereo`)", "warp_unit/", "warp_unit", "sim TEST=warp", "a ring of columns, 4 pixels/cycle", "warp_unit"),
     ("AXI master, read queues", "axi/master, read_port", "-", "sim TEST=axi",
      "{axi_master_request} + {axi_master_answer}, {read_queue} cycles, a read and a write/cycle", "axi_master"),
     ("registers, counters", "axi/registers, counters", "-", "sim TEST=axi", "{register_file} cycles to start", "register_file"),

@@ -113,15 +113,14 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
                       for s in settings], args, "frames")
     cases = sweep(hard.hard_cases, [(s,) for s in settings], [fingerprint((), made[1], hard.identity(s)) for s in settings],
                   args, "hard")
-    area = report.known_area(ROOT / "reports" / "area.json")
+    areas = report.known_areas(ROOT / "reports" / "area.json")
     rows = []
     for setting, quality, stable in zip(settings, measured, cases, strict=True):
-        same = setting.config.with_(name=PAPER.name, stereo=False) == PAPER
         rows.append({
             "knob": setting.knob, "value": setting.value, "parts": [list(part) for part in setting.parts],
             "threshold_deg": setting.threshold_deg, "variant": setting.variant, "in_rtl": setting.in_rtl,
             "word_bits": word_bits(setting.config), "functions": setting.functions,
-            "area_mm2": area if same and not setting.obb else None,
+            "area_mm2": None if setting.obb else areas.get(setting.config.with_(name=PAPER.name)),
             **quality, **stable})
     return rows
 

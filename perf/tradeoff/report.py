@@ -16,6 +16,7 @@ from golden.scenes.files import atomic_output
 from golden.scenes.request import write_json
 from perf.tradeoff.choose import ASSUMED_PSNR_DB, BUDGETS
 from perf.tradeoff.knobs import CONSTANTS, DEFAULT, PRESET
+from spec.config import PAPER, PRESETS, AcceleratorConfig
 from spec.constants import REGION_START_DEG
 
 Content = Mapping[str, Any]
@@ -26,12 +27,14 @@ COSTS = ("cycles", "times the default's speed", "frames/s at 1 GHz", "chip, mJ",
          "loss, dB", "HVSQ")
 
 
-def known_area(path: Path) -> float | None:
-    """mm^2 at 16 nm of the paper's machine, of reports/area.json; None where that has not been made."""
-    try:
-        return float(json.loads(path.read_text())["builds"]["1ghz"]["mm2_16nm"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+BUILDS = {"1ghz": PAPER.with_(stereo=True), "mono": PAPER, **PRESETS}
+"""Machines whose areas are in reports/area.json, by their builds there."""
+
+
+def known_areas(path: Path) -> dict[AcceleratorConfig, float]:
+    """mm^2 at 16 nm of the machines of BUILDS that reports/area.json has, all named as PAPER is; none where it is not there."""
+    builds = json.loads(path.read_text())["builds"] if path.is_file() else {}
+    return {config.with_(name=PAPER.name): builds[name]["mm2_16nm"] for name, config in BUILDS.items() if name in builds}
 
 
 def write(content: Content, out: Path, name: str) -> None:
