@@ -271,13 +271,16 @@ def _unit_row(
     logic = sum(count * part["area"] for part, count in counted)
     held = [row for row in memories if row.unit == (path or TOP) and row.area_um2_16nm]
     area = [row.area_um2 for row in held]
-    note = f"{shared['pixel_core']} equal cores, one synthesised" if "pixel_core" in shared else ""
+    note = f"{shared['pixel_core']} equal cores, one synthesised; slack of the slowest module" if "pixel_core" in shared else ""
+    slack = parts[name]["timed"]["slack_ps"]
+    if slack is None:  # too large to be timed whole, or wires alone
+        slack = min((parts[module]["slack_ps"] for module in shared if parts[module]["slack_ps"] is not None), default=None)
     return UnitRow(
         path or TOP, group, logic, parts[name]["area"],
         {module: {"count": count, "area": parts[module]["area"]} for module, count in sorted(shared.items())},
         sum(count * sum(part["cells_by_type"].values()) for part, count in counted),
         sum(count * number for part, count in counted for kind, number in part["cells_by_type"].items() if _is_flop(kind)),
-        parts[name]["timed"]["slack_ps"], parts[name]["timed"].get("worst_path"),
+        slack, parts[name]["timed"].get("worst_path"),
         sum(row.count * row.bits for row in held), None if None in area else sum(area), factor,
         SOURCE if factor else "", None if factor is None else logic * factor, sum(row.area_um2_16nm for row in held), note)
 

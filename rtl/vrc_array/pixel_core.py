@@ -21,7 +21,7 @@ Nothing here has a reset: the first op of a tile defines all that the later ones
 from __future__ import annotations
 
 from functools import reduce
-from operator import or_
+from operator import add, or_
 
 import numpy as np
 from amaranth.hdl import Array, Cat, Const, Module, Shape, Signal, Value, signed, unsigned
@@ -76,6 +76,7 @@ def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
         "write": config.banks,
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
         "depth": unsigned(n.depth.width),
+        "depth_thrice": unsigned(n.depth.width + 2),  # three times that: what it is multiplied by is taken two bits at a time
     })
 
 
@@ -179,8 +180,8 @@ class PixelCore(wiring.Component):
         m.d.sync += covered.eq(op.last | (t >= op.cut))
         return keep, covered
 
-    def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Signal, Signal]:
-        """Stage 2: the banks' transmittance; registers of what it was and of whether the sums may change.
+    def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Value, Signal]:
+        """Stage 2: the banks' transmittance; what it was, from registers, and a register of whether the sums may change.
 
         The last only saves the sums' clock: where the transmittance stays, the weight is 0.
         """
@@ -190,10 +191,10 @@ class PixelCore(wiring.Component):
         below = Signal(self.config.banks)
         m.d.comb += below.eq(Cat(bank < t_stop(n) for bank in banks))
 
-        before = Signal(n.transmittance.width)
+        held, before = Signal(n.transmittance.width), Signal(n.transmittance.width)
         after = Signal(n.transmittance.width)
         m.d.comb += [
-            before.eq(select(op.read, banks) | op.first.replicate(len(before))),
+            held.eq(select(op.read, banks)), before.eq(held | op.first.replicate(len(before))),
             after.eq((before * keep + (1 << frac - 1)) >> frac),
         ]
         touch = op.last | (covered & ~(op.read & below).any())
@@ -202,9 +203,11 @@ class PixelCore(wiring.Component):
             with m.If(op.write[b] & (op.first | (touch & ~op.last))):
                 m.d.sync += bank.eq(after | afresh.replicate(len(after)))
 
-        kept = Signal(self._finest.width, reset_less=True)
-        touched = Signal(reset_less=True)
-        m.d.sync += [kept.eq(before >> n.transmittance.frac_bits - self._finest.frac_bits), touched.eq(touch | op.first)]
+        was = Signal(self._finest.width, reset_less=True)
+        began, touched = Signal(reset_less=True), Signal(reset_less=True)
+        m.d.sync += [was.eq(held >> n.transmittance.frac_bits - self._finest.frac_bits), began.eq(op.first),
+                     touched.eq(touch | op.first)]
+        kept = was | began.replicate(len(was))  # not `before` itself, which has the product to drive
         for level in range(self.config.level_banks):
             blocks = slice(level, None, self.config.level_banks)
             m.d.comb += [
@@ -239,20 +242,29 @@ class PixelCore(wiring.Component):
     def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> None:
         """Stage 4: colour and depth sums."""
         n, op = self.config.formats, self.sum_op
-        sums = [(weight, n.weight, op.colour[c], n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
+        sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
                 for c in range(3)]
         if self.config.depth:
-            sums.append((fine, self._finest, op.depth, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
-        for s, (by, by_format, value, value_format, sum_format, outputs) in enumerate(sums):
+            product = by_pairs(fine, op.depth, op.depth_thrice)
+            sums.append((product, self._finest, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
+        for s, (product, by_format, value_format, sum_format, outputs) in enumerate(sums):
             shift = by_format.frac_bits + value_format.frac_bits - sum_format.frac_bits
             banks = [Signal(sum_format.width, name=f"sum{s}_{b}", reset_less=True) for b in range(self.config.banks)]
             total = Signal(sum_format.width + shift, name=f"total{s}")
-            m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + by * value)
+            m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + product)
             for b, bank in enumerate(banks):
                 with m.If(op.write[b] & touched):
                     m.d.sync += bank.eq(total >> shift)
             for level, output in enumerate(outputs):
                 m.d.comb += output.eq(Array(banks[level::self.config.level_banks])[self.drained_block])
+
+
+def by_pairs(by: Value, value: Value, thrice: Value) -> Value:
+    """by * value, a pair of bits of `by` after the other: half as many numbers to add as with single bits, of which there are
+    too many for a cycle in weights of all bits."""
+    pairs = [by[i:i + 2] for i in range(0, len(by), 2)]
+    return reduce(add, (Array([Const(0, len(thrice)), value, value << 1, thrice][:1 << len(pair)])[pair] << 2 * i
+                        for i, pair in enumerate(pairs)))
 
 
 def select(one_hot: Value, choices: list[Value]) -> Value:

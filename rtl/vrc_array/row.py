@@ -104,6 +104,8 @@ class VrcRow(wiring.Component):
         cores = [add_shared(m, platform, f"core{x}", "pixel_core", PixelCore, self.config) for x in columns]
         for level, stopped in enumerate(self.stopped):
             m.d.comb += stopped.eq(Cat(core.stopped[level] for core in cores).all())
+        thrice = Signal(self.config.formats.depth.width + 2, name="depth_thrice", reset_less=True)
+        m.d.sync += thrice.eq(op[3].depth + (op[3].depth << 1))
         for x, core in enumerate(cores):
             m.d.comb += [
                 core.exponent.eq(self.exponent_in[x]),
@@ -123,6 +125,7 @@ class VrcRow(wiring.Component):
                 core.sum_op.write.eq(write[4]),
                 core.sum_op.colour.eq(op[4].colour),
                 core.sum_op.depth.eq(op[4].depth),
+                core.sum_op.depth_thrice.eq(thrice),
                 core.draining_block.eq(self.draining_block),
                 core.drained_block.eq(self.drained_block),
                 self.pixels[x].eq(core.pixel),
