@@ -245,7 +245,8 @@ class PixelCore(wiring.Component):
         sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
                 for c in range(3)]
         if self.config.depth:
-            product = by_pairs(fine, op.depth, op.depth_thrice)
+            finer = self._finest.width > n.weight.width
+            product = by_pairs(fine, op.depth, op.depth_thrice) if finer else fine * op.depth
             sums.append((product, self._finest, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
         for s, (product, by_format, value_format, sum_format, outputs) in enumerate(sums):
             shift = by_format.frac_bits + value_format.frac_bits - sum_format.frac_bits
@@ -260,11 +261,13 @@ class PixelCore(wiring.Component):
 
 
 def by_pairs(by: Value, value: Value, thrice: Value) -> Value:
-    """by * value, a pair of bits of `by` after the other: half as many numbers to add as with single bits, of which there are
-    too many for a cycle in weights of all bits."""
-    pairs = [by[i:i + 2] for i in range(0, len(by), 2)]
-    return reduce(add, (Array([Const(0, len(thrice)), value, value << 1, thrice][:1 << len(pair)])[pair] << 2 * i
-                        for i, pair in enumerate(pairs)))
+    """by * value, a pair of bits of `by` after the other: half as many numbers to add as with single bits, of which weights
+    of all bits have too many for a cycle. By gates, which a simulator evaluates faster than choices."""
+    terms = []
+    for i in range(0, len(by), 2):
+        low, high = by[i], by[i + 1] if i + 1 < len(by) else Const(0, 1)
+        terms.append(select(Cat(low & ~high, high & ~low, low & high), [value, value << 1, thrice]) << i)
+    return reduce(add, terms)
 
 
 def select(one_hot: Value, choices: list[Value]) -> Value:
