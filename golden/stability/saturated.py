@@ -31,7 +31,7 @@ def _shots(renderer: Renderer) -> Shots:
                     colour=((40, 0.5, 0.5), (0.5, -3, 2), (0.5, 0.5, 1.9), (0, 9, 9)))
     near = splats((0, 0, 2), (0, 0, 3), scale=0.4, opacity=((0.8,), (0.001,)))
     # The scale of depths is fitted to what is inside the frame: the last is beside it, and reaches in. No key is at its limit.
-    far = splats((0, 0, 2), (0, 0, 3), (0, 0, 500), (600, 0, 500), scale=[[0.4] * 3] * 2 + [[125.0] * 3] * 2, opacity=0.5)
+    far = splats((0, 0, 2), (0, 0, 3), (0, 0, 50), (60, 0, 50), scale=[[0.4] * 3] * 2 + [[12.5] * 3] * 2, opacity=0.5)
     farther = splats(*[(0, 0, z) for z in (2, 2, 3, 1e12, 1e30)], scale=0.4, opacity=0.5)
     aside = splats((0, 0, 2), (110, 0, 0.3), (-110, 0, 0.3), (0, -110, 0.3), (10, 0, 0.3), scale=[[0.5] * 3, *[[60] * 3] * 4],
                    opacity=0.5)
