@@ -67,3 +67,7 @@ ARRAY_TILES = 4
 OUTPUT_DRAINS = 2
 """Drains whose rows the line buffer behind the machine's array holds. One would do, but the array would wait for all of a
 tile's rows to leave before the next drains (`python -m tb.vrc.drain_waits`)."""
+
+WARP_AHEAD = 4
+"""Places that the warp unit's scan of a memory reads ahead, a power of two. As pixels change rows and the scan columns, either
+turns to the same memory twice: with half as many places the scan of PAPER's lanes stood still in every eighth cycle."""

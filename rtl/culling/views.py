@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import reduce
-from operator import or_
-
 from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.colour_sum import colour_sum_layout
 from rtl.fixed import round_shift, saturate
+from rtl.select import select
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
@@ -73,8 +70,8 @@ class ViewWriter(wiring.Component):
         """The view at a level and the one above, given by the bit that is set."""
         splat, of = self.sums.payload.carried, layout(splat_view(self.config))
         values = {name: getattr(splat, name) for name in ("mean2d", "conic", "depth", "bound")}
-        opacity = [splat.log2_opacity[i] for i in range(MAX_LEVELS)]
-        values["log2_opacity"] = Cat(_one_of(at, opacity).as_unsigned() for at in both)
+        opacity = [splat.log2_opacity[i].as_unsigned() for i in range(MAX_LEVELS)]
+        values["log2_opacity"] = Cat(select(at, opacity) for at in both)
         values["colour"] = Cat(self._colour(c, at) for at in both for c in range(3))
         return data.View(of, Cat(Value.cast(values[name]) for name, _ in of))
 
@@ -82,12 +79,6 @@ class ViewWriter(wiring.Component):
         """Sum and base colour, rounded and saturated once."""
         n, sums = self.config.formats, self.sums.payload
         frac = sum_format(n).frac_bits
-        base = _one_of(level, [sums.dc[3 * i + channel] for i in range(MAX_LEVELS)])
+        base = select(level, [sums.dc[3 * i + channel].as_unsigned() for i in range(MAX_LEVELS)]).as_signed()
         total = sums.total[channel] + (base << frac - n.sh_dc.frac_bits)
         return saturate(round_shift(total, frac - n.colour.frac_bits), n.colour)
-
-
-def _one_of(chosen: Value, values: Iterable[Value]) -> Value:
-    """The signed value whose bit in `chosen` is set."""
-    masked = (value.as_unsigned() & bit.replicate(len(value)) for bit, value in zip(chosen, values, strict=True))
-    return reduce(or_, masked).as_signed()

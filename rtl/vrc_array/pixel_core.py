@@ -21,13 +21,14 @@ Nothing here has a reset: the first op of a tile defines all that the later ones
 from __future__ import annotations
 
 from functools import reduce
-from operator import add, or_
+from operator import add
 
 import numpy as np
 from amaranth.hdl import Array, Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.select import select
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.formats import Fixed
 from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
@@ -268,8 +269,3 @@ def by_pairs(by: Value, value: Value, thrice: Value) -> Value:
         low, high = by[i], by[i + 1] if i + 1 < len(by) else Const(0, 1)
         terms.append(select(Cat(low & ~high, high & ~low, low & high), [value, value << 1, thrice]) << i)
     return reduce(add, terms)
-
-
-def select(one_hot: Value, choices: list[Value]) -> Value:
-    """The choice whose bit of `one_hot` is set; 0 where none is."""
-    return reduce(or_, (choice & bit.replicate(len(choice)) for bit, choice in zip(one_hot, choices, strict=True)))

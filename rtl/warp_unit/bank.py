@@ -28,13 +28,10 @@ from amaranth.lib.wiring import In, Out
 from rtl.warp_unit.disparity import moved_layout
 from rtl.warp_unit.queue import sub_bits, sub_rows
 from spec.config import AcceleratorConfig
+from spec.queues import WARP_AHEAD
 from spec.stereo import disparity
 
 MEMORIES = 2
-
-AHEAD = 4
-"""Places that the scan of a memory reads ahead, a power of two. As pixels change rows and the scan columns, either turns to the
-same memory twice: with half as many places the scan of PAPER's lanes stood still in every eighth cycle."""
 
 
 def kept_layout() -> data.StructLayout:
@@ -131,9 +128,9 @@ class RingBank(wiring.Component):
 
     def _ahead(self, m: Module, number: int, word: data.View, comes: Value) -> tuple[Value, Value, Value]:
         """What the scan has read of a memory: whether there is a place, the first of them, and whether one more may be read."""
-        kept = Array(Signal(kept_layout(), name=f"kept_{number}_{i}", reset_less=True) for i in range(AHEAD))
-        first, free = (Signal(range(AHEAD), name=f"{name}_{number}") for name in ("first", "free"))
-        more, takes = Signal(AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")  # bit i: more than i are kept
+        kept = Array(Signal(kept_layout(), name=f"kept_{number}_{i}", reset_less=True) for i in range(WARP_AHEAD))
+        first, free = (Signal(range(WARP_AHEAD), name=f"{name}_{number}") for name in ("first", "free"))
+        more, takes = Signal(WARP_AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")  # bit i: more than i are kept
         m.d.comb += takes.eq(self.take & (self.which == number))  # comes late: a sum behind it would not make the clock
         with m.If(takes & ~comes):
             m.d.sync += more.eq(more >> 1)
