@@ -1,6 +1,6 @@
 """What lies in memory besides the Gaussians, where, and what travels on the machine's memory ports.
 
-Memory moves in beats of 32 bytes, one LPDDR burst each; every transaction is one beat. Where things lie:
+Memory moves in beats of 32 bytes, one burst of LPDDR3 each; every transaction is one beat. Where things lie:
 
     geometry    GaussianGeometry, one beat a Gaussian, by index
     colour      GaussianColour, `colour_beats` beats a Gaussian, by index
@@ -23,11 +23,12 @@ So an entry is written once and read once, a tile's list is read without followi
 from __future__ import annotations
 
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS, Field, Record, gaussian_colour, uint
+from spec.constants import ENTRY_BYTES
+from spec.records import COUNT_BITS, INDEX_BITS, Field, Record, gaussian_colour, uint
 from spec.stereo import DISPARITY_SCALE_BITS
 
 BEAT_BYTES = 32
-"""Bytes of a transaction: AXI data width and one LPDDR4 burst of 16 on a x16 channel."""
+"""Bytes of a transaction: the AXI data width, and one LPDDR3 burst of eight transfers on a x32 channel."""
 
 WORD_BITS = 32
 """A word, as the host sees memory."""

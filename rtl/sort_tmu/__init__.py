@@ -18,7 +18,7 @@ The order is that of the whole TileEntry: native tile, depth key, Gaussian index
 
 - The coarse level is the binning of entries by native tile, the key's top bits, as they are made: the tile merge unit joins
   neighbouring tiles into groups, and a group's entries are read from memory in any order.
-- The precise level is the chunk sorter: a group of at most `chunk_capacity` entries is one chunk, sorted at an entry a cycle.
+- The precise level is the chunk sorter: a group of at most `sort_chunk` entries is one chunk, sorted at an entry a cycle.
 - The overflow level is a merge of runs: a larger group (nearly always a single tile, as one that reaches beta is a group of
   its own) is cut into chunks where they fill, each is sorted and written to memory, and the sorted runs are merged as they
   are read back.

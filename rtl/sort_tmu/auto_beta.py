@@ -12,7 +12,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.sort_tmu.tile_counters import total_bits
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
+from spec.records import COUNT_BITS, frame_tiles
 
 
 class AutoBeta(wiring.Component):
@@ -44,7 +44,7 @@ class AutoBeta(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        cap = self.config.sort_buffer_bytes // 2 // ENTRY_BYTES
+        cap = self.config.sort_chunk
         bits = len(self.total) + 1
         # The dividend leaves `quotient` at the top, one bit a cycle, and the quotient enters below.
         quotient = Signal(bits, reset_less=True)

@@ -12,16 +12,12 @@ from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.merge_stage import Kind, MergeStage
 from spec.config import AcceleratorConfig
-from spec.records import ENTRY_BYTES, chunk_entry, tile_entry
-
-
-def chunk_capacity(config: AcceleratorConfig) -> int:
-    """Entries of the longest chunk that is sorted in one piece: half of the sort buffer, down to a power of two."""
-    return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
+from spec.constants import ENTRY_BYTES
+from spec.records import chunk_entry, tile_entry
 
 
 class ChunkSorter(wiring.Component):
-    """Chunks of any length up to `chunk_capacity` by (native tile, depth key, index), in the order they come.
+    """Chunks of any length up to `config.sort_chunk` by (native tile, depth key, index), in the order they come.
 
     A chain of log2(capacity) `MergeStage`s. Their runs double from stage to stage, so that all of them together hold two
     chunks: the double buffer before sorting is the sorter.
@@ -33,7 +29,7 @@ class ChunkSorter(wiring.Component):
         chunks: ChunkEntry items; a chunk ends with `last`, an empty one is a single item with `last` and `empty`.
         sorted: the same chunks, each in order. The order is total: equal entries would be the same Gaussian in the same tile.
         oversize: strobe, the entry taken does not fit its chunk any more. The chunk then leaves as sorted runs of
-            `chunk_capacity` entries behind each other, with `last` at its end only.
+            `config.sort_chunk` entries behind each other, with `last` at its end only.
         busy: something is on its way.
 
     Storage: memories of 2, 4, ... capacity items of a TileEntry and 3 bits: for PAPER 8,190 items of 65 bits, 532,350 bits
@@ -48,7 +44,7 @@ class ChunkSorter(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         if tile_entry(config).width > 8 * ENTRY_BYTES:
             raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
-        self.config, self.capacity = config, chunk_capacity(config)
+        self.config, self.capacity = config, config.sort_chunk
         items = stream.Signature(layout(chunk_entry(config)))
         super().__init__({"chunks": In(items), "sorted": Out(items), "oversize": Out(1), "busy": Out(1)})
 

@@ -18,9 +18,9 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.emit import to_verilog
 from rtl.shapes import layout
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import AcceleratorConfig
-from spec.records import ENTRY_BYTES, chunk_entry
+from spec.constants import ENTRY_BYTES
+from spec.records import chunk_entry
 
 
 class LineBuffer(wiring.Component):
@@ -52,7 +52,7 @@ class LineBuffer(wiring.Component):
 
 
 class DoubleBuffer(wiring.Component):
-    """Two halves of `chunk_capacity` entries: one is filled while the other is read.
+    """Two halves of `config.sort_chunk` entries: one is filled while the other is read.
 
     A half takes one group, or of a larger one as much as fits, and is shown when that is complete; it is free again when its
     last entry has been taken. A short group leaves its half mostly unused, as it does in the paper's baseline.
@@ -64,13 +64,13 @@ class DoubleBuffer(wiring.Component):
         sink, source: ChunkEntry items; a group ends with `last`.
         busy: items are inside.
 
-    Storage: 2 chunk_capacity entries in one memory, in which the other half is written than read. Throughput: one a cycle
+    Storage: 2 `config.sort_chunk` entries in one memory, in which the other half is written than read. Throughput: one a cycle
     between halves of equal length; otherwise one side waits for the other's half. Latency: a group's first entry leaves two
     cycles after its last one came.
     """
 
     def __init__(self, config: AcceleratorConfig):
-        self._capacity = chunk_capacity(_checked(config))
+        self._capacity = _checked(config).sort_chunk
         super().__init__(_ports(config))
 
     def elaborate(self, platform) -> Module:

@@ -24,7 +24,7 @@ from spec.records import chunk_entry, tile_entry
 class HierarchicalSorter(wiring.Component):
     """Groups by (native tile, depth key, index), in the order they come.
 
-    A group of at most `chunk_capacity` entries passes the chunk sorter and leaves. A larger one is cut into chunks as it comes,
+    A group of at most `sort_chunk` entries passes the chunk sorter and leaves. A larger one is cut into chunks as it comes,
     each is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time, as they are read back::
 
         groups ─► cut ─► ChunkSorter ─► SpillDispatch ──────────────────────────► sorted

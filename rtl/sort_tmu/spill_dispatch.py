@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from rtl.sort_tmu.merge_plan import part_layout, run_beats, run_bits
 from rtl.sort_tmu.run_writer import written_entry
 from spec.config import AcceleratorConfig
@@ -17,7 +16,7 @@ from spec.records import chunk_entry, tile_entry
 
 def cut_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A chunk that is not a whole group: its number, modulo more than the sorter holds, and whether its group ends with it."""
-    return data.StructLayout({"number": (4 * chunk_capacity(config) - 1).bit_length(), "last": 1})
+    return data.StructLayout({"number": (4 * config.sort_chunk - 1).bit_length(), "last": 1})
 
 
 class SpillDispatch(wiring.Component):
@@ -62,7 +61,7 @@ class SpillDispatch(wiring.Component):
         number, inside = Signal(cut_layout(config)["number"].shape), Signal()  # of the chunk; its first entry is gone
         used, following, first, runs = (  # runs of the ring in use; the next, the open part's first, how many it has
             Signal(bits, name=name) for name in ("used", "following", "first", "runs"))
-        parts, count = Signal(4), Signal(range(chunk_capacity(config)))  # closed parts; entries of the run before this one
+        parts, count = Signal(4), Signal(range(config.sort_chunk))  # closed parts; entries of the run before this one
         item, opened, taken = self.chunks.payload, runs != 0, self.chunks.valid & self.chunks.ready
         cut = self.cuts.valid & (self.cuts.payload.number == number)
         names = ("spills", "ends", "closes", "splits", "admitted")
