@@ -1,4 +1,4 @@
-"""`python -m tb.stability`: the hard cases on the oracle, the integer renderer, the differentiable one and the machine."""
+"""`python -m msv2.cases`: the hard cases on the oracle, the integer renderer, the differentiable one and the machine."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from golden.stability import faults as golden_faults
-from golden.stability.case import COLUMNS, Case
-from golden.stability.check import Cell, cell
-from golden.stability.registry import CASES as SHOT_CASES
-from spec.errors import InputError, run_command_line
-from tb.common.runner import ROOT
-from tb.stability import faults as rtl_faults
-from tb.stability import rtl, streams
-from tb.stability.report import FaultRow, Result, Row, added, read_record, table, write
-from tb.stability.streams import MachineCase
+from msv2.cases import golden_faults, rtl, rtl_faults, streams
+from msv2.cases.case import COLUMNS, Case
+from msv2.cases.check import Cell, cell
+from msv2.cases.registry import CASES as SHOT_CASES
+from msv2.cases.report import FaultRow, Result, Row, added, read_record, table, write
+from msv2.cases.streams import MachineCase
+from spec.errors import InputError
+from spec.paths import ROOT
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
 """Those that renderers run, too, and those of the machine alone."""
 
-GRADIENTS = "golden.training.stability_gradients"
+GRADIENTS = "msv2.cases.gradients"
 """The differentiable renderer's part, in a process of its own: this one needs no torch."""
 
 EPILOG = """\
 Writes stability.json, stability.md and stability.png. Exit status 1 where a case fails or a seeded fault is not caught.
 
 examples:
-  python -m tb.stability                                     everything
-  python -m tb.stability --columns oracle,golden --no-faults    in a minute, without a simulator
-  python -m tb.stability --case 06-needle-at-the-frustum     one case, everywhere
-  python -m tb.stability --columns rtl --add                 the machine, beside what other columns gave before
+  python -m msv2.cases                                     everything
+  python -m msv2.cases --columns oracle,golden --no-faults    in a minute, without a simulator
+  python -m msv2.cases --case 06-needle-at-the-frustum     one case, everywhere
+  python -m msv2.cases --columns rtl --add                 the machine, beside what other columns gave before
 """
 
 
@@ -101,7 +99,7 @@ def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="python -m tb.stability", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog="python -m msv2.cases", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--case", action="append", metavar="CASE", help="only this one, by id or name; may be given again")
     parser.add_argument("--columns", default=",".join(COLUMNS), help="of oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
@@ -131,7 +129,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.keep:
         write(result, ROOT / "reports")
     return int(result.failed + result.missed > 0)
-
-
-if __name__ == "__main__":
-    run_command_line(main)

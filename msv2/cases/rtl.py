@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from golden.stability.case import GOLDEN, Case
-from golden.stability.check import MACHINE, Cell, see_golden
-from golden.stability.eyes import STEREO_MACHINE, StereoCase
+from msv2.cases.case import GOLDEN, Case
+from msv2.cases.check import MACHINE, Cell, see_golden
+from msv2.cases.eyes import STEREO_MACHINE, StereoCase
 from spec.config import AcceleratorConfig
 from tb.common.runner import SimulationError
 from tb.top.planned import PlannedFrame, planned

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from golden.scenes.request import write_json
-from golden.stability.case import COLUMNS, Case
-from golden.stability.check import Cell
+from msv2.cases.case import COLUMNS, Case
+from msv2.cases.check import Cell
 
 HEADINGS = {"oracle": "oracle", "golden": "golden", "gradient": "gradient", "rtl": "RTL"}
 

@@ -10,9 +10,9 @@ from unittest import mock
 from amaranth.hdl import Const
 
 from golden.msv2_ref.pipeline import Frame
-from golden.stability.case import GOLDEN
-from golden.stability.check import MACHINE, see_golden
-from golden.stability.registry import case_named
+from msv2.cases.case import GOLDEN
+from msv2.cases.check import MACHINE, see_golden
+from msv2.cases.registry import case_named
 from rtl.top.machine import emit_msv2_top
 from rtl.vrc_array.array import emit_vrc_array
 from spec.config import AcceleratorConfig
@@ -23,9 +23,9 @@ from tb.top.planned import PlannedFrame, planned
 from tb.top.player import play_frames
 from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
-from tb.vrc.check import golden_pixels, problems, run_of
-from tb.vrc.device import vrc_playback
-from tb.vrc.traced import case_of
+from tb.vrc_array.array_check import golden_pixels, problems, run_of
+from tb.vrc_array.array_device import vrc_playback
+from tb.vrc_array.traced import case_of
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ import numpy as np
 
 from golden.msv2_ref.pipeline import render
 from golden.scenes.gaze import Display, foveation_map
-from golden.stability.case import Case
-from golden.stability.check import MACHINE, Cell
-from golden.stability.makers import random_model, turned_view, view
-from golden.stability.order import crowded
+from msv2.cases.case import Case
+from msv2.cases.check import MACHINE, Cell
+from msv2.cases.makers import random_model, turned_view, view
+from msv2.cases.order import crowded
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
 from spec.records import ENTRY_BYTES
 from spec.registers import ErrorCode
-from tb.tmu import suite as tmu
+from tb.sort_tmu import tile_merge_suite as tmu
 from tb.top.planned import SPEEDS, PlannedFrame, planned
 from tb.top.stimuli import Case as Played
 
