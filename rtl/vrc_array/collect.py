@@ -9,7 +9,7 @@ pixels could stay in their cores, which have no second set of sums: the next til
 leaving, cycles in which the whole array stands still, while behind a buffer the next tile is already at work. The machine with
 line buffers has that least and its rows leave as they come; the baseline has a double buffer, whose halves change hands as
 whole tiles. Half the storage costs nothing while memory is what limits a frame, and cycles where entries come at an entry a
-cycle and tiles have few (`python -m tb.vrc.drain_waits`): `lines` may be more, and is in the machine.
+cycle and tiles have few (`python -m msv2.studies drain_waits`): `lines` may be more, and is in the machine.
 
 What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
 

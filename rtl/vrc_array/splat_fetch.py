@@ -12,7 +12,8 @@ had said, however many misses on that line are pending, and nothing is compared 
 Views are wanted once or twice: in scenes' frames 20 to 70 % of the entries are the first to want theirs, and the next to want
 it is a tile's list away. Four ways, of which the one filled first is filled again, miss as little as a direct-mapped cache of
 twice the lines where tiles' lists are short, and cost tags but no lines; what was used last does not matter, nor which bits of
-the index choose the set. Misses of 1,024 lines, share of entries (`python -m tb.fetch.miss_rates`, reports/splat_cache.md):
+the index choose the set. Misses of 1,024 lines, share of entries (`python -m msv2.studies splat_cache`,
+reports/splat_cache.md):
 
                                direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first wants
     embedded 128x128            0.829     0.807     0.792                  0.796                  0.763          0.621
