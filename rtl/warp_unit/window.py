@@ -1,10 +1,9 @@
 """Scans a strip of the target column by column: gives every pixel its neighbours, and finds the holes that they can fill.
 
-Pixels are scanned down a column and then down the next, `warp_lanes` per step. They pass a chain of registers, in which a
-pixel's
-neighbours are always at the same distance: 1, 15, 16 and 17 pixels before and behind it. There are no neighbours above the
-first row of a strip or below its last. Before its first column and behind its last one the chain holds groups without valid
-pixels.
+Pixels are scanned down a column and then down the next, `warp_lanes` per step. They pass a chain of registers, in which the
+neighbours of a pixel are always at the same distance: 1, 15, 16 and 17 pixels before and behind it. There are no neighbours
+above the first row of a strip or below its last. Before its first column and behind its last one the chain holds groups
+without valid pixels.
 
 With `warp_fill` = "majority" a hole is filled if more than half of its existing neighbours were warped. How many exist follows
 from which rows and columns around the hole exist. Of 8 it takes 5; of 5 it takes 3; of 3 it takes 2. In a frame of one row or
