@@ -3,8 +3,7 @@
 Runs are stored alternately on side 0 and side 1, whatever chunk they belong to, and wait there in order. A pair is a run and
 the next run of the same chunk. The last run of a chunk with an odd number of runs passes alone, and so does the only run of a
 short chunk. Merging begins with the first item of the second run: from then on the smaller of the two heads leaves in every
-cycle,
-while further items arrive::
+cycle, while further items arrive::
 
     cycle          0    1    2    3    4    5    6    7    8    9        N = 2, one chunk 5 8 | 3 9 | 1 4
     sink         < 5 >< 8 >< 3 >< 9 >< 1 >< 4 >
