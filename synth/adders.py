@@ -32,10 +32,12 @@ class Builder:
         self.next_net = 1 + max((bit for bit in nets if isinstance(bit, int)), default=1)
 
     def net(self) -> int:
+        """A new net."""
         self.next_net += 1
         return self.next_net - 1
 
     def cell(self, kind: str, inputs: dict[str, Net], outputs: dict[str, int]) -> None:
+        """Add a cell; `inputs` and `outputs` give the net of each pin."""
         self.cells += 1
         self.module["cells"][f"{self.sum_name}_fa{self.cells}"] = {
             "hide_name": 0, "type": kind, "parameters": {}, "attributes": {},
@@ -44,11 +46,13 @@ class Builder:
         }
 
     def gate(self, kind: str, a: Net, b: Net) -> int:
+        """Add a gate of two inputs; returns its output."""
         y = self.net()
         self.cell(f"$_{kind}_", {"A": a, "B": b}, {"Y": y})
         return y
 
     def complement(self, net: Net) -> Net:
+        """The complement of a net, from an inverter that is added once."""
         if isinstance(net, str):
             return {"0": "1", "1": "0", "x": "x"}[net]
         if net not in self.complements:

@@ -23,6 +23,7 @@ def to_gates(
     name: str, source: str, boxes: Sequence[str], scratch: Path, below: list[Path], blocks: Blocks | None, settings: Settings,
     is_timed: bool,
 ) -> dict:
+    """The module as NAND2 equivalents; takes the arguments of `to_cells`, of which some are unused."""
     return _as_result(flow.count_nand2(source, name, scratch, boxes, settings.memory_limit), None)
 
 

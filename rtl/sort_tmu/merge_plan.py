@@ -101,7 +101,7 @@ class _Round:
     """The part that is being merged.
 
     `begin`, `end` and `runs` describe the runs of this round that are left; `longer_begin`, `longer_end` and `longer` describe
-    the merged runs, which the next round takes. All places are in beats from the part's begin.
+    the merged runs, which the next round takes. All places are in beats from the start of the part.
     """
 
     def __init__(self, config: AcceleratorConfig):

@@ -87,7 +87,7 @@ class MergeTree(wiring.Component):
         source: merged runs.
 
     Storage: ways - 1 items. Throughput: one intersection per cycle. Latency: log2(ways) cycles, and up to as many again at the
-    begin of a merge in which leaves are blank.
+    start of a merge in which leaves are blank.
     """
 
     def __init__(self, width: int, ways: int):
