@@ -9,15 +9,13 @@ are looked up and updated as intersections arrive, misses go to memory at once, 
 latency. At the end of the FIFO, in order, the data of a miss are written to its line, and a hit reads its line. An intersection
 thus finds in its line what the tags promised, however many misses on that line are pending, and no tag is compared twice.
 
-A splat record is rarely used more than twice: in the frames of these scenes 20 to 70 % of the intersections are the first to
-use their record, and the next use is a whole tile list away. A cache of four ways with replacement in the order of filling
-misses about as little as a direct-mapped cache with twice the lines if tile lists are short, and costs tags but no lines.
-Replacement by last use, or other index bits to choose the set, bring nothing. The table shows the misses of 1,024 lines as a
-share of the intersections (`python -m tb.fetch.miss_rates`, reports/splat_cache.md); the last column is the share of first
-uses:
+A splat record is used only a few times: in the frames of these scenes 20 to 70 % of the intersections are the first to use
+their record, and the next use is a whole tile list away. A cache of four ways with replacement in the order of filling misses
+about as little as a direct-mapped cache with twice the lines if tile lists are short, and costs tags but no lines. Replacement
+by last use, or other index bits to choose the set, bring nothing. The table shows the misses of 1,024 lines as a share of the
+intersections (`python -m tb.fetch.miss_rates`, reports/splat_cache.md); the last column is the share of first uses:
 
                                direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first uses
-                               direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first wants
     embedded 128x128            0.829     0.807     0.792                  0.796                  0.763          0.621
     truck 640x360               0.796     0.773     0.757                  0.765                  0.721          0.399
     truck 1280x720              0.603     0.546     0.508                  0.512                  0.522          0.219
@@ -57,8 +55,8 @@ class SplatFetch(wiring.Component):
         entries: ArrayEntry items, as many as the counts of `tiles`, in order.
         reads, data: the memory's read port; one beat for every miss, in order.
         views_base, view_shift: settings of the frame: where the splat records lie in memory.
-        clear: strobe between frames: the records in memory may change from here on. No intersection is taken while the tags
-            are cleared, which takes a cycle per set (512 for PAPER). The same happens after a reset.
+        clear: strobe between frames: the records in memory may change from here on. No intersection is taken while the tags are
+            cleared, which takes a cycle per set (512 for PAPER). The same happens after a reset.
         hits, misses: intersections since `clear`, counted two cycles after the tags' answer; always 0 without
             `config.counters`.
         error: the memory answered a read with an error since `clear`. The intersection left, with an undefined record.

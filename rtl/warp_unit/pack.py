@@ -8,6 +8,7 @@ one, while the following columns fill the words of the other parity.
 A word is used again nine columns later. By then every group of rows has passed the queue at least once; rows below the frame
 pass it too, without a beat. As the queue is no longer than the number of groups in a column, it holds the scan back before a
 beat could be overwritten::
+
     cycle            0      1      2      3      4      5
     filled       <  A  ><  B  ><  C  >                       A completes three beats, B one, C none
     queue               <  A  ><  A  ><  A  ><  B  >

@@ -2,6 +2,7 @@
 
 The current row stays at the output of the memory's read port, which holds its value until the next read, so that no register is
 needed for it::
+
     cycle            0      1      2      3      4      5      6      rows of 2 pixels
     push         ~~~~~~~~~~~~~~
     row          <  A  ><  B  >
