@@ -8,7 +8,6 @@ to the machine but not to this list.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import json
 import re
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from rtl.top.machine import Machine
 from spec.config import AcceleratorConfig
+from spec.sources import fingerprint, sources_of
 from synth.design import Design, elaborate
 from synth.report import write_json
 
@@ -63,11 +63,8 @@ def machine_design(config: AcceleratorConfig, folder: Path) -> Design:
     Raises:
         ValueError: a submodule of a frame belongs to no unit, or two modules have the same name.
     """
-    root = Path(__file__).resolve().parent.parent
-    sources = [path.read_bytes() for part in ("rtl", "spec") for path in sorted((root / part).rglob("*.py"))]
-    own = [Path(__file__).read_bytes(), Path(__file__).with_name("design.py").read_bytes()]
     version = importlib.metadata.version("amaranth")
-    key = hashlib.sha256(b"".join([*sources, *own, repr(config).encode(), version.encode()])).hexdigest()[:16]
+    key = fingerprint(sources_of("synth.machine"), config, version)
     kept = folder / "cache" / f"{TOP}-{config.name}-{key}.json"
     if not kept.exists():
         design = cut(elaborate(Machine(config), TOP))
