@@ -13,7 +13,6 @@ from perf.plan import (
     Lists,
     MemoryMap,
     RenderPlan,
-    chunk_capacity,
     eye_lists,
     largest_group,
     memory_map,
@@ -22,10 +21,10 @@ from perf.plan import (
 )
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
+from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, PIXEL_BYTES, colour_beats
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
-from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
+from spec.records import COUNT_BITS, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
 from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
@@ -295,7 +294,7 @@ def _render(
     s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64
     s.entries_base, s.directory_base = where.entries, where.directory
     s.table_base = where.target_tiles if number else where.tiles
-    capacity = chunk_capacity(config)
+    capacity = config.sort_chunk
     s.capacity = capacity
     stages, keys = chunks.chunk_stages(capacity)
     chunks.begin_stages(stages, plan.chunk_ends)

@@ -66,7 +66,7 @@ ARRAY_TILES = 4
 
 OUTPUT_DRAINS = 2
 """Drains whose rows the line buffer behind the machine's array holds. One would do, but the array would wait for all of a
-tile's rows to leave before the next drains (`python -m tb.vrc.drain_waits`)."""
+tile's rows to leave before the next drains (`python -m msv2.studies drain_waits`)."""
 
 WARP_AHEAD = 4
 """Places that the warp unit's scan of a memory reads ahead, a power of two. As pixels change rows and the scan columns, either

@@ -97,8 +97,8 @@ class EntryWriter(wiring.Component):
     the next frame's entries would wait for it. After a reset, one cycle a tile of the largest frame.
 
     Entries of a splat lie in different tiles, so that each is a write of its own, of a quarter of a beat. What beats would save
-    that wait for more entries of their tile is in reports/write_combining.md (`python -m tb.lists.combining`): in frames of
-    1920x1080 it takes 4,096 lines of 256 bits to save much, more than places and origins of PAPER together.
+    that wait for more entries of their tile is in reports/write_combining.md (`python -m msv2.studies write_combining`): in
+    frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, more than places and origins of PAPER together.
     """
 
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):

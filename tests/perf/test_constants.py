@@ -1,0 +1,78 @@
+"""What the model says of the RTL's inside is so."""
+
+from __future__ import annotations
+
+import pytest
+
+from perf import constants, model
+from rtl.culling.colour import LEAST_INTERVAL, ColourUnit
+from rtl.culling.near import NearTest
+from rtl.culling.projection import Projection
+from rtl.culling.tile_test import TileTest
+from rtl.vrc_array import blend, collect, row, setup
+from rtl.warp_unit.disparity import disparity_latency
+from rtl.warp_unit.fill import FILL_LATENCY
+from rtl.warp_unit.pack import queue_groups
+from rtl.warp_unit.queue import queue_rows, ring_tiles
+from spec.config import CONFIGS, PAPER, PRESETS, TINY
+from spec.stereo import disparity
+
+UNITS = (1, 2, 4, 5, 8)
+MACHINES = [*(PAPER.with_(name=f"units_{units}", culling_units=units) for units in UNITS), *PRESETS.values(),
+            PAPER.with_(name="degree_1", culling_units=3, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2)]
+
+
+@pytest.mark.parametrize("config", MACHINES, ids=lambda config: config.name)
+def test_datapaths_have_the_schedules_of_the_rtl(config):
+    found = constants.culling(config)
+    colour = ColourUnit(config, sh_degree=config.sh_degree)
+    for path, timing in ((NearTest(config).datapath, found.near), (Projection(config).datapath, found.projection),
+                         (TileTest(config)._ellipse, found.ellipse), (colour._path, found.colour)):
+        assert (path.schedule.length, path.schedule.interval, path.schedule.depth) == (
+            timing.length, timing.interval, timing.rows)
+    assert found.colour_waiting == colour._waiting
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("degree", range(4))
+def test_colour_records_are_read_in_the_rtls_steps(units, degree):
+    for largest in range(degree, 4):
+        config = PAPER.with_(culling_units=units, sh_degree=largest)
+        unit = ColourUnit(config, sh_degree=largest)._sum
+        steps = [(step.base, step.end[degree]) for step in unit._degree_steps(degree)]
+        assert constants.colour_steps(config, degree).tolist() == [list(step) for step in steps]
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)
+def test_latencies_and_sizes_are_the_rtls(config):
+    assert constants.LEAST_COLOUR_INTERVAL == LEAST_INTERVAL
+    assert (constants.ROW_PIPELINE, constants.SUMS_LATER) == (row.PIPELINE, row.SUMS_LATER)
+    assert (constants.BLEND_LATENCY, constants.SETUP_LATENCY) == (blend.BLEND_LATENCY, setup.LATENCY)
+    s = model.warp.layout.new()
+    model._set_array(s, _Size, config, True)
+    blending = constants.BLEND_LATENCY if config.level_banks == 2 else 0
+    assert s.row_latency == collect.place_latency(config) + blending + 3
+
+
+class _Size:
+    width, height, tiles_x = 64, 48, 4
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)
+def test_the_warp_units_sizes_are_the_rtls(config):
+    config = config.with_(stereo=True)
+    assert disparity(config).width + constants.DISPARITY_STAGES == disparity_latency(config)
+    assert constants.FILL_LATENCY == FILL_LATENCY
+
+    class Trace:
+        tiles_y, source_right = 3, False
+
+    class Map:
+        target_frame = 0
+
+    s = model.warp.layout.new()
+    model._set_warp(s, Trace, config, Map)
+    assert s.warp_queue_depth == queue_groups(config)
+    assert s.warp_depth == queue_rows(config)
+    assert s.warp_settle_cycles == disparity_latency(config)
+    assert s.warp_ring == ring_tiles(config) > s.warp_reach
