@@ -25,8 +25,7 @@ from spec.overrides import (
     read_file,
     resolve_config,
 )
-
-ROOT = Path(__file__).parents[2]
+from spec.paths import ROOT
 
 
 @pytest.mark.parametrize("number", [

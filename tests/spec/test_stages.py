@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
+from importlib import import_module
 
 import pytest
 
 from spec import registers
+from spec.sources import module_file
 from spec.stages import BY_NAME, STAGES, StagePhase, watched
 
-ROOT = Path(__file__).parents[2]
 NAMES = ("projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read", "sort", "handover", "fetch",
          "array", "pixel_write", "warp")
-
-
-def module_file(name: str) -> Path:
-    return ROOT / Path(*name.split(".")).with_suffix(".py")
 
 
 def test_the_stages_in_the_order_of_the_data():
@@ -27,10 +23,10 @@ def test_the_stages_in_the_order_of_the_data():
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
 def test_every_module_that_a_stage_names_exists(stage):
-    for name in (*stage.golden, *stage.rtl, stage.suite):
-        assert module_file(name).is_file(), f"{stage.name}: {name}"
+    for name in (*stage.golden, *stage.rtl, *stage.suites):
+        assert module_file(name), f"{stage.name}: {name}"
     assert stage.rtl and stage.units and stage.title and stage.does.endswith(".")
-    assert all(name.startswith("golden.msv2_ref.") for name in stage.golden) and stage.suite.startswith("tb.")
+    assert all(name.startswith("golden.msv2_ref.") for name in stage.golden) and stage.suites
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
@@ -39,8 +35,7 @@ def test_a_stage_without_a_golden_module_only_moves_data(stage):
 
 
 def test_units_are_registered_and_belong_to_one_stage():
-    from rtl.units import UNITS
-
+    UNITS = import_module("rtl.units" if module_file("rtl.units") else "synth.units").UNITS
     units = [unit for stage in STAGES for unit in stage.units]
     assert max(Counter(units).values()) == 1 and set(units) <= set(UNITS)
     arithmetic = {name for name in UNITS if name.startswith(("float_", "fixed_"))}
@@ -52,3 +47,15 @@ def test_counters_are_those_of_the_table():
     assert registers.STEREO_STAGES == watched(StagePhase.SECOND_EYE)
     assert registers.STAGES == ("geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover",
                                 "fetch", "array", "pixel_write")
+
+
+def test_suites_are_those_that_the_simulation_command_runs():
+    from tb.sim import UNITS
+
+    for stage in STAGES:
+        assert {import_module(name) for name in stage.suites} <= set(UNITS[stage.test].values()), stage.name
+    tests = {name for name, suites in UNITS.items() for suite in suites.values()
+             if suite.__name__ in {module for stage in STAGES for module in stage.suites}}
+    assert tests == {stage.test for stage in STAGES} == set(UNITS) - {"float", "axi", "top"}
+    listed = {module for stage in STAGES for module in stage.suites}
+    assert all(suite.__name__ in listed for name in tests for suite in UNITS[name].values())
