@@ -120,7 +120,7 @@ def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[
 def stereo_section() -> list[str]:
     """The fields and records that only machines with stereo have."""
     both = PAPER.with_(stereo=True)
-    lines = ["## Records of machines with stereo", "", f"Of `{PAPER.name}` with `stereo`.", ""]
+    lines = ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", ""]
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
         plain, record = make(PAPER), make(both)
         added = record.fields[len(plain.fields):]

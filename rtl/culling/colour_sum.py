@@ -61,7 +61,7 @@ def record_steps(config: AcceleratorConfig, sh_degree: int, lanes: int) -> list[
         base = coefficient_place(config, first) // BEAT_WIDTH if first else 0
         steps.append(Step(group, base, tuple((end - 1) // BEAT_WIDTH + 1 for end in ends)))
         if steps[-1].end[-1] > base + 2:
-            raise ValueError(f"lanes must be so few that a step reads two beats, not {lanes!r}")
+            raise ValueError(f"lanes must be so few that a step reads at most two beats, not {lanes!r}")
     return steps
 
 

@@ -110,7 +110,7 @@ class EntryWriter(wiring.Component):
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):
         check_config(config)
         if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+            raise ValueError(f"row_width must be so small that a TileEntry fits {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         if not isinstance(slots, int) or isinstance(slots, bool):
             raise TypeError(f"slots must be an integer, not {slots!r}")
         if not 1 <= slots <= DIRECTORY_SLOTS:

@@ -36,7 +36,7 @@ class GeometryReader(wiring.Component):
         check_config(config)
         width = gaussian_geometry(config).width
         if width > 8 * BEAT_BYTES:
-            raise ValueError(f"formats must leave a GaussianGeometry {8 * BEAT_BYTES} bits, not {width!r}")
+            raise ValueError(f"formats must be so short that a GaussianGeometry fits {8 * BEAT_BYTES} bits, not {width!r}")
         self.config = config
         super().__init__({
             "start": In(1), "geometry_base": In(BEAT_BITS), "gaussians": In(INDEX_BITS),
