@@ -14,7 +14,8 @@ from pathlib import Path
 
 from numba.core import caching, config
 
-_ROOT = Path(__file__).resolve().parent.parent
+from spec.paths import ROOT
+
 _KEPT = 6  # states whose compiled kernels are kept
 
 
@@ -23,7 +24,7 @@ def kernel_folder(name: str, sources: Iterable[Path]) -> Path | None:
     state = hashlib.sha256()
     for source in sources:
         state.update(source.read_bytes())
-    folder = _ROOT / "build" / name / state.hexdigest()[:16]
+    folder = ROOT / "build" / name / state.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
@@ -35,7 +36,7 @@ def kernel_folder(name: str, sources: Iterable[Path]) -> Path | None:
 
 
 def _sources() -> list[Path]:
-    return [source for part in ("golden", "spec") for source in sorted((_ROOT / part).rglob("*.py"))]
+    return [source for part in ("golden", "spec") for source in sorted((ROOT / part).rglob("*.py"))]
 
 
 def _use_kernel_folder() -> None:

@@ -9,13 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from golden.metrics.image import max_abs_error, psnr_vs
-from golden.msv2_ref import culling, pipeline
+from golden.msv2_ref import pipeline, projection
+from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
+from golden.msv2_ref.plan import work_for
 from golden.oracle.render import render as render_oracle
-from golden.render_effects import add_effect_arguments, work_for
-from golden.render_stereo import add_stereo_arguments, render_request, save_pictures, stereo_statistics, take_stereo_arguments
 from golden.scenes.files import atomic_output
 from golden.scenes.pictures import depth_picture, levels_picture, save_png
-from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from golden.scenes.request import (
+    Request,
+    add_effect_arguments,
+    add_request_arguments,
+    add_stereo_arguments,
+    make_folder,
+    resolve,
+    take_stereo_arguments,
+    write_json,
+)
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 
@@ -48,13 +57,13 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
     counts = np.diff(frame.entries.start)
     reason = np.bincount(frame.projected.reason, minlength=4)
     used = int((np.bincount(frame.entries.splat, minlength=1) > 0).sum())
-    culled = {name: int(reason[code]) for code, name in culling.REASONS.items()}
+    culled = {name: int(reason[code]) for code, name in projection.REASONS.items()}
     return {
         **request.record,
         "config": frame.config.name,
         "splats": len(request.model),
         "visible": used,
-        "culled": {**culled, "no_tile": int(reason[culling.VISIBLE]) - used, **request.model.dropped},
+        "culled": {**culled, "no_tile": int(reason[projection.VISIBLE]) - used, **request.model.dropped},
         "saturated": frame.words.saturated,
         "entries": len(frame.entries.splat),
         "entries_filtered": frame.entries.filtered,
@@ -93,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     take_stereo_arguments(args)
     request = resolve(args)
     work = work_for(args, request, CONFIGS[args.config])
-    eyes = render_request(args, request, work.config, work=work) if args.stereo else None
+    eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:
         work.add_eye(frame)

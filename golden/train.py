@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; its exit status."""
     args = parse_arguments(argv)
     import_torch()
-    from golden.training.device import resolve_device
+    from golden.diff.device import resolve_device
     from golden.training.failure import TrainingError
     from golden.training.run import train
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
-from golden.render_stereo import add_stereo_arguments, take_stereo_arguments
-from golden.scenes.request import add_request_arguments, make_folder, write_json
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments, write_json
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import trace_request
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.paths import ROOT
 from spec.records import COUNT_BITS
 
-ROOT = Path(__file__).resolve().parent.parent
 CACHE = ROOT / "build" / "perf" / "traces"
 
 EPILOG = """\

@@ -1,4 +1,4 @@
-"""What the model knows of the RTL's inside: schedules, latencies, steps. tests/test_perf_constants.py compares them with it.
+"""What the model knows of the RTL's inside: schedules, latencies, steps. tests/perf/test_constants.py compares them with it.
 
 Perf does not import rtl. What spec says (depths of queues, capacities, intervals) is taken from there; the numbers here are
 what the RTL works out for itself, or how many registers lie on a way.

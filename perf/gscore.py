@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from golden.msv2_ref.culling import VISIBLE
 from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.projection import VISIBLE
 from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, colour_beats
 from spec.records import ENTRY_BYTES

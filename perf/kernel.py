@@ -14,16 +14,16 @@ import numba
 from numba.core import config
 
 from golden import kernel_folder
+from spec.paths import ROOT
 
-_ROOT = Path(__file__).resolve().parent.parent
 _SOURCES = ("blending", "bus", "chunks", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs",
             "sorter", "warp", "watch")  # modules of kernels, and of their constants
 
 
 @cache
 def _folder() -> Path | None:
-    modules = [_ROOT / "perf" / f"{name}.py" for name in _SOURCES]
-    return kernel_folder("numba-perf", [*modules, *sorted((_ROOT / "spec").rglob("*.py"))])
+    modules = [ROOT / "perf" / f"{name}.py" for name in _SOURCES]
+    return kernel_folder("numba-perf", [*modules, *sorted((ROOT / "spec").rglob("*.py"))])
 
 
 def _compiled(function: Callable, **options: object) -> Callable:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.msv2_ref.sort_tmu import auto_beta, merge_tiles
+from golden.msv2_ref.fetch import find_misses
+from golden.msv2_ref.tile_merge import auto_beta, merge_tiles
 from perf.kernel import kernel
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
@@ -158,7 +159,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
         config: the machine.
         beta: merge threshold, None: automatic, 0: nothing is merged.
         largest: entries of the frame's largest group, of both eyes: the host makes room for two of them
-            (tb.top.image.spill_beats).
+            (golden.host.memory_image.spill_beats).
     """
     counts = eye.counts.astype(np.int64)
     groups = eye_groups(trace, eye, config, beta)
@@ -185,7 +186,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        cache_misses(eye.splat, np.repeat(eye.level, counts), config.splat_cache_lines), view, length, spill, last,
+        _cache_misses(eye, counts, config.splat_cache_lines), view, length, spill, last,
         np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts], *merges,
         2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
 
@@ -249,31 +250,10 @@ def largest_group(trace: FrameTrace, config: AcceleratorConfig, beta: int | None
     return max(int(np.bincount(eye_groups(trace, eye, config, beta), eye.counts).max(initial=0)) for eye in trace.eyes)
 
 
-def cache_misses(splat: np.ndarray, level: np.ndarray, lines: int) -> np.ndarray:
-    """(entries,) uint8: the entry's view is not in the splat cache (rtl/vrc_array/splat_tags.py).
-
-    Args:
-        splat: (entries,) Gaussian of each, in rendering order.
-        level: (entries,) its tile's.
-        lines: of the cache.
-    """
-    return _misses(splat, level.astype(np.uint8), lines // CACHE_WAYS)
-
-
-@kernel
-def _misses(splat, level, sets):
-    tags = np.full((sets, CACHE_WAYS), -1, np.int64)
-    oldest, missed = np.zeros(sets, np.int64), np.empty(len(splat), np.uint8)
-    for i in range(len(splat)):
-        place, tag = splat[i] & sets - 1, np.int64(splat[i]) << 2 | level[i]
-        missed[i] = 1
-        for way in range(CACHE_WAYS):
-            if tags[place, way] == tag:
-                missed[i] = 0
-        if missed[i]:
-            tags[place, oldest[place]] = tag
-            oldest[place] = (oldest[place] + 1) % CACHE_WAYS
-    return missed
+def _cache_misses(eye: EyeTrace, counts: np.ndarray, lines: int) -> np.ndarray:
+    """(intersections,) uint8: its splat record is not in the splat cache (rtl/vrc_array/splat_tags.py)."""
+    index, level = eye.splat.astype(np.int64), np.repeat(eye.level, counts).astype(np.int64)
+    return find_misses(index, level, lines, CACHE_WAYS, False, False).astype(np.uint8)
 
 
 def tile_rows(config: AcceleratorConfig) -> int:

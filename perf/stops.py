@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.msv2_ref import vrc_array
+from golden.msv2_ref import array
 from golden.msv2_ref.pipeline import Frame
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -50,6 +50,6 @@ def _stopped(
     start = np.concatenate(([0], np.cumsum(counts)))
     rows = np.arange(start[-1]) + np.repeat(e.start[:-1][tiles] - start[:-1], counts)
     used = (e.use[rows] >> bank & 1).astype(np.uint8)
-    work = vrc_array.TileWork(np.ascontiguousarray(header), np.zeros((len(tiles), 3), np.int64), start, e.splat[rows], used)
-    pixels = vrc_array.render(config, frame.splats, work, r.background)
+    work = array.TileWork(np.ascontiguousarray(header), np.zeros((len(tiles), 3), np.int64), start, e.splat[rows], used)
+    pixels = array.render(config, frame.splats, work, r.background)
     return (pixels.transmittance < limit).all((1, 2))

@@ -7,22 +7,19 @@ the chunk size of the configuration, but not on merging, hand-over, lanes or mem
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from golden.msv2_ref import culling, pipeline
-from golden.msv2_ref.quantise import GaussianWords
-from golden.msv2_ref.stereo import StereoFrame, render_stereo
-from golden.msv2_ref.warp_unit import FILLED
-from golden.render_stereo import render_request
+from golden.host.quantise import GaussianWords
+from golden.msv2_ref import pipeline, projection
+from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
+from golden.msv2_ref.warp import FILLED
 from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import FoveationMap
@@ -34,6 +31,7 @@ from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.sources import fingerprint, sources_of
 
 VERSION = 1
 """Of the files; others are made anew."""
@@ -122,8 +120,8 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
     rendered = np.ones(tiles, bool) if frame.rendered is None else np.asarray(frame.rendered, bool)
     reason = projected.reason
     classes = np.full(len(reason) + 1, geometry.VISIBLE, np.uint8)
-    classes[:-1][reason != culling.VISIBLE] = geometry.NEAR_CULLED
-    classes[:-1][reason == culling.OUTSIDE] = geometry.OUTSIDE
+    classes[:-1][reason != projection.VISIBLE] = geometry.NEAR_CULLED
+    classes[:-1][reason == projection.OUTSIDE] = geometry.OUTSIDE
 
     counts = np.diff(e.start)
     tile_of = np.repeat(np.arange(tiles, dtype=np.int32), counts)
@@ -132,7 +130,7 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
     by_tile = np.argsort(tile_of[arrival], kind="stable")  # per tile in the order of arrival
     rank[arrival[by_tile]] = np.arange(len(arrival)) - np.repeat(e.start[:-1], counts)
 
-    visible = np.flatnonzero(reason == culling.VISIBLE).astype(np.int32)
+    visible = np.flatnonzero(reason == projection.VISIBLE).astype(np.int32)
     kind = header[:, 0] * 4 + header[:, 1] * 2 + rendered
     runs = tile_runs(
         projected.box[visible].astype(np.int64), visible, e.splat[arrival], tile_of[arrival], kind.astype(np.int64),
@@ -172,7 +170,7 @@ class TraceSettings:
         background: r, g, b in [0, 1].
         obb: bounding boxes instead of the exact tile test.
         pair: the eyes, of a frame of two; the camera is then the source eye's, and means nothing.
-        threshold_deg, gaze_target: as `golden.msv2_ref.stereo.render_stereo`.
+        threshold_deg, gaze_target: as `golden.msv2_ref.eyes.render_stereo`.
     """
 
     foveation: FoveationMap | None = None
@@ -209,7 +207,7 @@ def trace_frame(
 
 
 def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
-    """The trace behind the arguments of a request (`golden.scenes.request`, `golden.render_stereo`).
+    """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
         args: parsed, and of two eyes taken (`take_stereo_arguments`).
@@ -246,18 +244,7 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width, config.warp_columns)
-    return hashlib.sha256(repr((VERSION, asked, files, machine, _sources())).encode()).hexdigest()[:16]
-
-
-@lru_cache(maxsize=1)
-def _sources() -> str:
-    """What golden frames and their traces are made of: a change makes all traces anew."""
-    state, root = hashlib.sha256(), Path(__file__).resolve().parent.parent
-    for pattern in ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/render_stereo.py", "perf/trace.py",
-                    "perf/runs.py", "perf/stops.py"):
-        for source in sorted(root.glob(pattern)):
-            state.update(source.read_bytes())
-    return state.hexdigest()
+    return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 
 def save_trace(trace: FrameTrace, path: Path) -> None:

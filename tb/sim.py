@@ -7,29 +7,30 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from spec.errors import InputError, run_command_line
+from spec.paths import ROOT
 from tb.axi import suite as axi
-from tb.colour import suite as colour
-from tb.common.runner import ROOT, SimulationError, Waves
-from tb.culling import suite as projection
-from tb.fetch import suite as fetch
+from tb.common.runner import SimulationError, Waves
+from tb.culling import colour_suite as colour
+from tb.culling import projection_suite as projection
+from tb.culling import tile_test_suite as tiles
 from tb.float import suite as float_units
-from tb.handover import suite as handover
-from tb.lists import suite as lists
-from tb.sort import hierarchical
-from tb.sort import suite as chunks
-from tb.tiles import suite as tiles
-from tb.tmu import suite as tmu
+from tb.sort_tmu import chunk_suite as chunks
+from tb.sort_tmu import handover_suite as handover
+from tb.sort_tmu import hierarchical_suite
+from tb.sort_tmu import tile_merge_suite as tmu
+from tb.tile_lists import suite as lists
 from tb.top import suite as top
-from tb.vrc import suite as vrc
-from tb.warp import suite as warp
-from tb.writer import suite as writer
+from tb.vrc_array import array_suite as vrc
+from tb.vrc_array import fetch_suite as fetch
+from tb.vrc_array import pixel_writer_suite as writer
+from tb.warp_unit import suite as warp
 
 UNITS = {
     "float": {"float": float_units},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
     "tmu": {"tmu": tmu},
-    "sort": {"chunks": chunks, "hierarchical": hierarchical, "handover": handover},
+    "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
     "axi": {"axi": axi},

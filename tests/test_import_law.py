@@ -1,8 +1,7 @@
-"""Who may import whom: shared formats, arithmetic written twice.
+"""Who may know whom: shared formats, arithmetic written twice, and a walk from file to pixel in one direction.
 
-spec imports nothing of ours; golden and rtl import only spec, never each other; perf reads spec and golden's traces;
-synth reads spec and rtl; tb may all. torch stays in training and in the bench: neither a picture nor a hardware test
-needs it.
+A room is a package or, where its packages have laws of their own, a package below it. Starting a process in another room counts
+as an import.
 """
 
 from __future__ import annotations
@@ -15,114 +14,205 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-LAW = {
-    "spec": {"spec"},
-    "golden": {"golden", "spec"},
-    "rtl": {"rtl", "spec"},
-    "perf": {"perf", "golden", "spec"},
-    "synth": {"synth", "rtl", "spec"},
-    "tb": {"tb", "perf", "synth", "rtl", "golden", "spec"},
+from spec.paths import ROOT
+from spec.sources import ROOMS, imported_names, module_file, sources_of
+
+LAW: dict[str, tuple[str, ...]] = {
+    "spec": (),
+    "golden.threads": ("spec",),
+    "golden.scenes": ("spec",),
+    "golden.metrics": ("golden.scenes",),
+    "golden.oracle": ("golden.scenes",),
+    "golden.host": ("golden.scenes",),
+    "golden.msv2_ref": ("golden.host", "golden.threads"),
+    "golden.diff": ("golden.oracle", "golden.threads"),
+    "golden.training": ("golden.diff", "golden.msv2_ref", "golden.host", "golden.metrics", "golden.oracle"),
+    "rtl": ("spec",),
+    "synth": ("rtl",),
+    "perf": ("golden.host", "golden.msv2_ref"),
+    "tb": ("rtl", "golden.metrics", "golden.oracle", "golden.host", "golden.msv2_ref"),
+    "msv2.document": ("rtl",),
+    "msv2.verilog": ("rtl", "msv2.document"),
+    "msv2.cases": ("tb", "golden.training"),
 }
+"""What each room may know, directly or through what it knows; every room knows `spec`."""
+
+EVERYTHING = ("msv2.studies", "msv2.cli", "golden.render", "golden.train")
+"""Rooms that may know all others, and that none of those may know; golden/render.py and golden/train.py are command lines."""
+
+OPEN = ("golden", "msv2")
+"""Packages that hold rooms and know none of them."""
+
 SPEC_MAY_USE = {"numpy"}
 HEAVY = {"torch", "torchvision", "gsplat", "odak"}
-HEAVY_PLACES = re.compile(
-    r"^(golden/training/|golden/train\.py$|golden/stereo_rules\.py$|golden/stereo_tables/|golden/metrics/(ssim|banded|pyramid|pooling|hvsq|lpips|binocular)\.py$|bench/|[a-z]+/bench[^/]*"
-    r"|tests/(test_(training|bench|metrics_)|training_)|tests/tools/)")
-LIGHT = ("tests/test_rtl_*.py", "tests/test_tb_*.py", "tests/test_golden_*.py", "tests/test_spec_*.py", "tests/test_synth*.py",
-         "tb/**/*.py", "golden/render.py")
+HEAVY_ROOMS = ("golden.diff", "golden.training", "golden.metrics", "golden.train", "msv2.studies", "msv2.cases.gradients")
+"""Where torch may be imported; elsewhere neither a picture nor a hardware test may need it."""
+
+LIGHT = ("tests/rtl/**/*.py", "tests/tb/**/*.py", "tests/golden/msv2_ref/*.py", "tests/spec/*.py", "tests/synth/*.py",
+         "tb/**/*.py", "golden/render.py", "perf/**/*.py", "msv2/cli/*.py", "tests/golden/test_render_cli.py",
+         "tests/golden/test_stereo_cli.py")
+"""What must run without torch."""
 
 
-def sources(*folders: str) -> list[Path]:
-    """Every Python file of the folders, relative to the root."""
-    found = [path.relative_to(ROOT) for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
-    assert found, folders
+def module_name(path: Path) -> str:
+    """Dotted name of a file, relative to the root."""
+    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+
+
+def room_of(name: str) -> str:
+    """The room of a module; AssertionError where it is in none."""
+    parts = name.split(".")
+    for length in (2, 1):
+        room = ".".join(parts[:length])
+        if room in LAW or room in EVERYTHING:
+            return room
+    assert name in OPEN, f"{name} is in no room"
+    return name
+
+
+def known_to(room: str) -> set[str]:
+    """All rooms that a room may know."""
+    if room in EVERYTHING:
+        return {*LAW, *EVERYTHING, *OPEN}
+    found, todo = {room, "spec", *OPEN}, list(LAW.get(room, ()))
+    while todo:
+        other = todo.pop()
+        if other not in found:
+            found.add(other)
+            todo += LAW[other]
     return found
 
 
+def products() -> list[Path]:
+    """Every Python file of the rooms, relative to the root."""
+    return [path.relative_to(ROOT) for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+def started(path: Path) -> set[str]:
+    """Modules of ours that a file starts as processes: by `-m` and a name, or by the path of a file."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    if "subprocess" not in text and "runpy" not in text:
+        return set()
+    tree = ast.parse(text, str(path))
+    docstrings = {id(node.body[0].value) for node in ast.walk(tree)
+                  if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and node.body
+                  and isinstance(node.body[0], ast.Expr)}
+    words = [node.value for node in ast.walk(tree)
+             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings]
+    found = {word for word in words if re.fullmatch(rf"({'|'.join(ROOMS)})(\.\w+)+", word) and module_file(word)}
+    if "-m" in words:
+        found |= {word for word in words if word in ROOMS}
+    return found | {module_name(Path(word)) for word in words if word.endswith(".py") and (ROOT / word).is_file()}
+
+
 @cache
-def imports(path: Path) -> frozenset[str]:
-    """Dotted names of what the file imports, anywhere in it, by statement or by importlib with a literal."""
-    names = set()
-    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"), str(path))):
-        match node:
-            case ast.Import(names=aliases):
-                names |= {alias.name for alias in aliases}
-            case ast.ImportFrom(module=module, names=aliases, level=level):
-                parts = path.parent.parts[: len(path.parent.parts) - level + 1] if level else ()
-                module = ".".join([*parts, *([module] if module else [])])
-                names |= {module} | {f"{module}.{alias.name}" for alias in aliases}
-            case ast.Call(
-                func=ast.Name(id="__import__") | ast.Attribute(attr="import_module"), args=[ast.Constant(value=str(name)), *_]
-            ):
-                names.add(name)
-    return frozenset(names)
+def knows(path: Path) -> frozenset[str]:
+    """Our modules that a file imports or starts."""
+    names = imported_names((ROOT / path).read_text(encoding="utf-8"))
+    found = set()
+    for name in {name for name in names if name.partition(".")[0] in ROOMS} | started(path):
+        while name and module_file(name) is None:
+            name = name.rpartition(".")[0]
+        found.add(name)
+    return frozenset(found - {"", module_name(path)})
 
 
-def tops(names: frozenset[str]) -> set[str]:
-    return {name.partition(".")[0] for name in names}
+@pytest.mark.parametrize("room", [*LAW, *OPEN])
+def test_a_room_knows_only_what_the_law_allows(room):
+    files = [path for path in products() if room_of(module_name(path)) == room]
+    for path in files:
+        foreign = {name for name in knows(path) if room_of(name) not in known_to(room)}
+        assert not foreign, f"{path} knows {sorted(foreign)}; {room} may know {sorted(known_to(room))}"
 
 
-@pytest.mark.parametrize("package", LAW)
-def test_packages_import_only_what_the_law_allows(package):
-    if not (ROOT / package).is_dir() or not any((ROOT / package).rglob("*.py")):
-        pytest.skip(f"{package}/ holds no Python yet")
-    for path in sources(package):
-        foreign = tops(imports(path)) & set(LAW) - LAW[package]
-        assert not foreign, f"{path} imports {foreign}; {package} may import {LAW[package]}"
+def test_every_file_is_in_a_room():
+    rooms = {room_of(module_name(path)) for path in products()}
+    assert rooms <= {*LAW, *EVERYTHING, *OPEN} and {"golden.diff", "msv2.cases", "perf", "tb"} <= rooms
+
+
+def circles(edges: dict[str, frozenset[str]]) -> list[list[str]]:
+    """Circles of a graph: sets of nodes that reach each other, by Tarjan's algorithm."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for other in edges.get(node, ()):
+            if other not in order:
+                visit(other)
+            if other in stack:
+                low[node] = min(low[node], low[other])
+        if low[node] == order[node]:
+            at = stack.index(node)
+            if len(stack) - at > 1:
+                found.append(stack[at:])
+            del stack[at:]
+
+    for node in edges:
+        if node not in order:
+            visit(node)
+    return found
+
+
+def test_no_file_imports_in_a_circle():
+    names = {module_name(path): path for path in products()}
+    edges = {name: frozenset(other for other in knows(path) if other in names) for name, path in names.items()}
+    assert not circles(edges)
+
+
+def test_circles_are_found():
+    assert circles({"a": frozenset("b"), "b": frozenset("c"), "c": frozenset("b")}) == [["b", "c"]]
+
+
+def test_no_product_file_is_long():
+    for path in products():
+        lines = (ROOT / path).read_text(encoding="utf-8").count("\n")
+        assert lines <= 400, f"{path} has {lines} lines"
 
 
 def test_spec_needs_numpy_only():
-    for path in sources("spec"):
-        others = tops(imports(path)) - sys.stdlib_module_names - SPEC_MAY_USE - {"spec"}
+    for path in (path for path in products() if path.parts[0] == "spec"):
+        tops = {name.partition(".")[0] for name in imported_names((ROOT / path).read_text(encoding="utf-8"))}
+        others = tops - sys.stdlib_module_names - SPEC_MAY_USE - {"spec"}
         assert not others, f"{path} imports {others}"
 
 
-def test_oracle_and_integer_renderer_are_independent():
-    for path in sources("golden/oracle"):
-        assert not any(name.startswith("golden.msv2_ref") for name in imports(path)), path
-    for path in sources("golden/msv2_ref"):
-        assert not any(name.startswith("golden.oracle") for name in imports(path)), path
+def heavy(path: Path) -> set[str]:
+    """Of the packages that few may import, those that a file does."""
+    return {name.partition(".")[0] for name in imported_names((ROOT / path).read_text(encoding="utf-8"))} & HEAVY
 
 
-def test_torch_stays_in_training_and_bench():
-    for path in sources(*(p for p in (*LAW, "tests") if (ROOT / p).is_dir() and any((ROOT / p).rglob("*.py")))):
-        heavy = tops(imports(path)) & HEAVY
-        assert not heavy or HEAVY_PLACES.match(path.as_posix()), f"{path} imports {heavy}"
-
-
-def reached(start: Path) -> set[Path]:
-    """Our files that importing `start` runs or may run."""
-    todo, seen = [start], set()
-    while todo:
-        path = todo.pop()
-        if path in seen:
-            continue
-        seen.add(path)
-        for name in imports(path):
-            base = Path(*name.split("."))
-            todo += [p for p in (base.with_suffix(".py"), base / "__init__.py", "tests" / base.with_suffix(".py"))
-                     if (ROOT / p).is_file()]
-    return seen
+def test_torch_stays_where_it_is_needed():
+    for path in products():
+        name = module_name(path)
+        allowed = any(name == room or name.startswith(f"{room}.") for room in HEAVY_ROOMS)
+        assert allowed or not heavy(path), f"{path} imports {heavy(path)}"
 
 
 @pytest.mark.parametrize("pattern", LIGHT)
-def test_hardware_tests_and_the_renderer_need_no_torch(pattern):
-    for start in sorted(ROOT.glob(pattern)):
-        for path in reached(start.relative_to(ROOT)):
-            assert not tops(imports(path)) & HEAVY, f"{start} reaches {path}, which imports torch"
+def test_hardware_and_the_renderer_need_no_torch(pattern):
+    starts = [path.relative_to(ROOT) for path in sorted(ROOT.glob(pattern))]
+    assert starts, pattern
+    for start in starts:
+        names = [name for name in imported_names((ROOT / start).read_text(encoding="utf-8")) if module_file(name)]
+        reached = sources_of(*(name for name in names if name.partition(".")[0] in ROOMS))
+        for path in (start, *(path.relative_to(ROOT) for path in reached)):
+            assert not heavy(path), f"{start} reaches {path}, which imports {heavy(path)}"
 
 
 def test_no_path_leads_out_of_the_project():
     """Apart from the default folder of test data, no file knows where the project lies or what lies beside it."""
     outside = re.compile(r"\.\." r"/shared(?!/data)|/wor" r"k/|/hom" r"e/|/roo" r"t/")
-    files = [*sources(*(p for p in LAW if any((ROOT / p).rglob("*.py")))), *sources("tests")]
-    files += [p.relative_to(ROOT) for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("Makefile"),
-                                            *ROOT.glob("pyproject.toml"), *ROOT.glob(".ci/*")) if p.is_file()]
-    for path in files:
+    pages = [path.relative_to(ROOT) for pattern in ("*.md", "docs/*.md", "Makefile", "pyproject.toml", ".ci/*")
+             for path in ROOT.glob(pattern) if path.is_file()]
+    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").rglob("*.py"))]
+    for path in (*products(), *tests, *pages):
         text = (ROOT / path).read_text(encoding="utf-8")
         assert not outside.search(text), f"{path}: {outside.search(text)[0]}"
-        for line in re.findall(r'.*"share' r'd".*', text):
+        for line in re.findall(r'.*/ "share' r'd".*', text):
             assert line.count('"data"') == 1, f"{path}: {line}"
 
 
@@ -132,11 +222,11 @@ def test_no_module_of_golden_bears_a_standard_name():
     assert not names & set(sys.stdlib_module_names)
 
 
-def test_the_reader_of_imports_sees_every_form(tmp_path, monkeypatch):
-    monkeypatch.setattr("test_import_law.ROOT", tmp_path)
-    path = Path("golden/sub/probe.py")
-    (tmp_path / path).parent.mkdir(parents=True)
-    (tmp_path / path).write_text(
-        "import rtl.a as b\nfrom spec import c\nfrom . import d\nfrom ..e import f\n"
-        "def g():\n    import torch\n    import importlib\n    importlib.import_module('tb.h')\n")
-    assert imports(path) >= {"rtl.a", "spec.c", "golden.sub.d", "golden.e.f", "torch", "tb.h"}
+def test_the_reader_of_imports_sees_every_form(tmp_path):
+    text = ("import rtl.a as b, os\nfrom spec import c\nfrom tb.x import (\n    d,  # why\n    e as f,\n)\n"
+            "def g():\n    from golden.h import i\n    import torch\n")
+    assert imported_names(text) >= {"rtl.a", "os", "spec.c", "tb.x.d", "tb.x.e", "golden.h.i", "torch"}
+
+
+def test_started_processes_are_seen():
+    assert "tb.frame" in started(Path("msv2/studies/results/study.py"))

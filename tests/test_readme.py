@@ -2,12 +2,12 @@
 
 import re
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from spec.paths import ROOT
+
 sys.path.insert(0, str(ROOT))
 
-from tools.tables import TABLES, fill_readme  # noqa: E402
+from msv2.studies.results.tables import TABLES, fill_readme
 
 
 def test_tables_are_current():

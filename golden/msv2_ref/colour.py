@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from golden.msv2_ref.parallel import for_slices
-from golden.msv2_ref.quantise import GaussianWords
-from golden.msv2_ref.registers import FrameRegisters
-from golden.msv2_ref.rounding import RoundTo, operation, rnd, round_to
+from golden.host.quantise import GaussianWords
+from golden.host.registers import FrameRegisters
+from golden.host.rounding import RoundTo, operation, rnd, round_to
+from golden.threads import for_slices
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.harmonics import SEED_FRAC_BITS, SEED_INDEX_BITS, Factors, factors, root_seeds

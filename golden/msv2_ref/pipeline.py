@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from golden.msv2_ref import culling, sort_tmu, tiling, vrc_array
+from golden.host.quantise import GaussianWords, quantise_model
+from golden.host.registers import FrameRegisters, frame_registers
+from golden.msv2_ref import array, projection, sort, tile_merge, tile_test
 from golden.msv2_ref.colour import splat_colours
-from golden.msv2_ref.quantise import GaussianWords, quantise_model
-from golden.msv2_ref.registers import FrameRegisters, frame_registers
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, no_foveation
 from golden.scenes.model import GaussianModel
@@ -43,11 +43,11 @@ class Frame:
     config: AcceleratorConfig
     registers: FrameRegisters
     words: GaussianWords
-    projected: culling.Projected
-    entries: tiling.TileEntries
+    projected: projection.Projected
+    entries: tile_test.TileEntries
     groups: np.ndarray
-    splats: vrc_array.ArraySplats
-    pixels: vrc_array.Pixels
+    splats: array.ArraySplats
+    pixels: array.Pixels
     seconds: dict[str, float] = field(default_factory=dict)
     rendered: np.ndarray | None = None
 
@@ -105,7 +105,7 @@ class Frame:
     @property
     def splats2d(self) -> np.ndarray:
         """(visible,) Splat2D records in index order."""
-        p, rows = self.projected, np.flatnonzero(self.projected.reason == culling.VISIBLE)
+        p, rows = self.projected, np.flatnonzero(self.projected.reason == projection.VISIBLE)
         level = np.minimum(np.arange(MAX_LEVELS), self.splats.colour.shape[1] - 1)
         out = np.zeros(len(rows), splat2d(self.config).dtype)
         out["index"], out["bound"] = rows, self.words.geometry["bound"][rows]
@@ -183,32 +183,32 @@ def render_frame(
     """
     seconds, clock = {} if seconds is None else seconds, time.perf_counter
     begin = clock()
-    projected = culling.project(config, words, registers)
+    projected = projection.project(config, words, registers)
     seconds["culling"] = seconds.get("culling", 0.0) + clock() - begin
 
     begin = clock()
-    order = sort_tmu.depth_order(projected.depth_key, projected.reason == culling.VISIBLE)
+    order = sort.depth_order(projected.depth_key, projected.reason == projection.VISIBLE)
     seconds["sort"] = clock() - begin
 
     begin = clock()
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
-    entries = tiling.tile_entries(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
+    entries = tile_test.tile_entries(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
     counts = np.diff(entries.start)
-    groups = sort_tmu.merge_tiles(counts, registers.tiles_x, sort_tmu.auto_beta(counts, config) if beta is None else beta)
+    groups = tile_merge.merge_tiles(counts, registers.tiles_x, tile_merge.auto_beta(counts, config) if beta is None else beta)
     seconds["tiles"] = clock() - begin
 
     begin = clock()
     colour = np.zeros((len(bound), words.levels, 3), np.int32)
     colour[order] = splat_colours(config, words, registers, order)
-    significand, exponent = vrc_array.split_conic(config, projected.conic)
-    splats = vrc_array.ArraySplats(
+    significand, exponent = array.split_conic(config, projected.conic)
+    splats = array.ArraySplats(
         projected.mean2d, significand, exponent, opacity[:, : words.levels].astype(np.int32), colour, projected.depth)
     seconds["colour"] = clock() - begin
 
     begin = clock()
     tile_y, tile_x = np.divmod(np.arange(len(counts)), registers.tiles_x)
     header = np.ascontiguousarray(np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]]))
-    work = vrc_array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
-    pixels = vrc_array.render(config, splats, work, registers.background, rendered)
+    work = array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
+    pixels = array.render(config, splats, work, registers.background, rendered)
     seconds["array"] = clock() - begin
     return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.msv2_ref.culling import VISIBLE
+from golden.msv2_ref.frame_memory import splat_views
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.views import splat_views
+from golden.msv2_ref.projection import VISIBLE
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.saturations import SATURATIONS, Saturation, limits

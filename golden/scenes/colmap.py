@@ -10,7 +10,7 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import up_of_cameras
-from golden.scenes.datasets import Dataset, fit_to_images
+from golden.scenes.dataset import Dataset, fit_to_images
 from golden.scenes.files import read_bytes, require_package
 from spec.errors import InputError
 

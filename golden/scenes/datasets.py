@@ -1,112 +1,13 @@
-"""Posed photographs: one `Dataset` whatever wrote it, and which reader a path needs."""
+"""Posed photographs: which reader a path needs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-
+from golden.scenes import colmap, llff, sfm_npz, transforms
 from golden.scenes.camera import Camera
+from golden.scenes.dataset import Dataset
 from spec.errors import InputError
-
-UNREADABLE = (OSError, SyntaxError, ValueError)
-"""What Pillow raises on broken files; SyntaxError is its word for a broken PNG."""
-TEST_EVERY = 8
-"""Every 8th view, from the first on, is held out (Mip-NeRF 360, and every 3DGS paper since)."""
-
-
-@dataclass(frozen=True)
-class Dataset:
-    """Cameras, their photographs, and the points a reconstruction left.
-
-    Attributes:
-        cameras: one per view, in the order of the photographs' names.
-        images: the photographs' paths, one per camera, or None where there are none.
-        points: (P, 3) float64 SfM points in world units; P may be 0.
-        point_colours: (P, 3) uint8 RGB.
-        up: (3,) unit vector, world up.
-        name: short name for folders and reports.
-        pose_error: (V,) float64 px at the size of the reconstruction, median distance of each view's keypoints from the points
-            they were taken for, nan where a view has none; None where the data set does not say.
-    """
-
-    cameras: tuple[Camera, ...]
-    images: tuple[Path, ...] | None
-    points: np.ndarray
-    point_colours: np.ndarray
-    up: np.ndarray
-    name: str
-    pose_error: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        if self.images is not None and len(self.images) != len(self.cameras):
-            raise ValueError(f"images must be one per camera ({len(self.cameras)}), not {len(self.images)!r}")
-
-    def __len__(self) -> int:
-        return len(self.cameras)
-
-    @property
-    def test_views(self) -> tuple[int, ...]:
-        """Indices of the held-out views."""
-        return tuple(range(0, len(self), TEST_EVERY))
-
-    @property
-    def train_views(self) -> tuple[int, ...]:
-        """Indices of the other views."""
-        return tuple(i for i in range(len(self)) if i % TEST_EVERY)
-
-    def photograph(self, index: int) -> np.ndarray:
-        """(height, width, 3) float32 in 0..1, sRGB as stored, read from disk at each call; alpha goes over white as in 3DGS.
-
-        Raises:
-            InputError: the view has no photograph, or it is unreadable or not of the camera's size.
-        """
-        if self.images is None:
-            raise InputError(f"{self.name}: has cameras but no photographs")
-        camera, path = self.cameras[index], self.images[index]
-        try:
-            with Image.open(path) as image:
-                rgba = np.asarray(image.convert("RGBA"), np.float32) / np.float32(255)
-        except UNREADABLE as error:
-            raise InputError(f"{path}: is not a readable photograph ({error})") from error
-        if rgba.shape[:2] != (camera.height, camera.width):
-            raise InputError(f"{path}: is {rgba.shape[1]}x{rgba.shape[0]}, its camera {camera.width}x{camera.height}")
-        alpha = rgba[..., 3:]
-        return rgba[..., :3] * alpha + (1 - alpha)
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) from the header of a photograph.
-
-    Raises:
-        InputError: missing or not an image.
-    """
-    try:
-        with Image.open(path) as image:
-            return image.size
-    except UNREADABLE as error:
-        raise InputError(f"{path}: is not a readable photograph ({error})") from error
-
-
-def fit_to_images(cameras: list[Camera], images: list[Path]) -> tuple[Camera, ...]:
-    """Each camera at its photograph's size: sets are shipped with photographs scaled down, intrinsics are not.
-
-    Raises:
-        InputError: a photograph is missing or unreadable, or not of its camera's proportions.
-    """
-    return tuple(_fitted(camera, path) for camera, path in zip(cameras, images, strict=True))
-
-
-def _fitted(camera: Camera, image: Path) -> Camera:
-    """The camera at its photograph's size, which is its own, scaled and rounded up or down to whole pixels."""
-    width, height = image_size(image)
-    scale = (width / camera.width + height / camera.height) / 2
-    if abs(width - scale * camera.width) > 1 or abs(height - scale * camera.height) > 1:
-        raise InputError(f"{image}: is {width}x{height}, its camera {camera.width}x{camera.height}; photographs of the "
-                         "camera's proportions are accepted (was it cropped, rotated or taken for another?)")
-    return camera if (camera.width, camera.height) == (width, height) else camera.resized(width, height)
 
 
 def load_dataset(path: Path | str) -> Dataset:
@@ -117,8 +18,6 @@ def load_dataset(path: Path | str) -> Dataset:
     Raises:
         InputError: no such set, or anything wrong in it; the message names the file, the value and what is accepted.
     """
-    from golden.scenes import colmap, llff, sfm_npz, transforms
-
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: does not exist; a folder with posed photographs, a transforms.json or an .npz is needed")
@@ -148,8 +47,6 @@ def cameras_beside_model(path: Path) -> tuple[Camera, ...]:
     Raises:
         InputError: there are cameras and they are malformed.
     """
-    from golden.scenes import colmap, transforms
-
     folder = path if path.is_dir() else path.parent
     if folder.parent.name == "point_cloud":
         folder = folder.parent.parent

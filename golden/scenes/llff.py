@@ -10,7 +10,7 @@ import numpy as np
 from golden.scenes.camera import Camera
 from golden.scenes.colmap import find_images, read_points
 from golden.scenes.conventions import camera_from_llff, up_of_cameras
-from golden.scenes.datasets import Dataset, fit_to_images
+from golden.scenes.dataset import Dataset, fit_to_images
 from golden.scenes.files import read_bytes
 from spec.errors import InputError
 

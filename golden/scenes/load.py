@@ -39,9 +39,9 @@ def load_scene(name_or_path: Path | str) -> Scene:
         InputError: as `load_model`; or the cameras beside the model are malformed.
     """
     if str(name_or_path) == EMBEDDED:  # a folder of that name is ./embedded
-        from golden.scenes import embedded  # compiles a ray tracer
+        from golden.scenes.embedded import scene  # compiles a ray tracer
 
-        return Scene(embedded.cached_embedded_model(), tuple(embedded.embedded_cameras()))
+        return Scene(scene.cached_embedded_model(), tuple(scene.embedded_cameras()))
     path = Path(name_or_path)
     return Scene(load_model(path), cameras_beside_model(path))
 

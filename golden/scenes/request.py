@@ -16,6 +16,9 @@ from golden.scenes.levels import smfr_levels
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
 from golden.scenes.orbit import orbit_camera
+from golden.scenes.stereo import EYES
+from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES
+from spec.effects import EFFECTS
 from spec.errors import InputError
 
 ORBIT_VIEWS = 8
@@ -57,6 +60,53 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
                         help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="in [0, 1] (default: 0,0,0)")
     parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+
+
+def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments that `work_for` reads."""
+    group = parser.add_argument_group("effects", "what the scene and the request call for is found out and printed")
+    group.add_argument("--effects", default="auto", metavar="auto|all|none|LIST",
+                       help="auto runs what is called for; all, or more than that of " + ",".join(EFFECTS) + ", the rest on "
+                       "neutral data, which changes no pixel; less is refused (default: auto)")
+    group.add_argument("--depth", action="store_true", help="ask for a depth of every pixel")
+
+
+_EYE_DEFAULTS = {
+    "ecc_thresh": ECC_THRESHOLD_DEG, "ipd": IPD_METRES, "units_per_metre": None, "source": EYES[0], "gaze_right": None}
+
+
+def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of a frame of two eyes."""
+    group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's, or the source's "
+                                      "where the other is not given")
+    group.add_argument("--stereo", action="store_true", help="render one eye, warp it into the other")
+    group.add_argument("--ecc-thresh", type=float, metavar="DEG",
+                       help=f"eccentricity beyond which tiles may be warped (default: {ECC_THRESHOLD_DEG:g})")
+    group.add_argument("--ipd", type=float, metavar="M", help=f"distance between the eyes in metres (default: {IPD_METRES})")
+    group.add_argument("--units-per-metre", type=float, metavar="S",
+                       help="scale of the scene; msv2/studies/metric_scale/study.py computes it (default: the scene's, else 1)")
+    group.add_argument("--source", metavar="left|right", help="the eye that is rendered as a whole (default: left)")
+    group.add_argument("--gaze-right", metavar="X,Y",
+                       help="where the right eye looks (default: both eyes look at one point)")
+
+
+def take_stereo_arguments(args: argparse.Namespace) -> None:
+    """Fills in defaults; with --source right, makes `args.gaze` the source's gaze and `args.gaze_target` the other's.
+
+    Raises:
+        InputError: an option of two eyes without --stereo, or no such eye.
+    """
+    for name, default in _EYE_DEFAULTS.items():
+        if getattr(args, name) is None:
+            setattr(args, name, default)
+        elif not args.stereo:
+            raise InputError(f"--{name.replace('_', '-')} {getattr(args, name)} is not accepted without --stereo")
+    if args.source not in EYES:
+        raise InputError(f"source eye {args.source!r} is not accepted: choose one of {', '.join(EYES)}")
+    args.gaze_target = args.gaze_right
+    if args.source == "right" and args.gaze_right is not None:
+        left = None if args.gaze.lower() == "none" else args.gaze
+        args.gaze, args.gaze_target = args.gaze_right, left
 
 
 def resolve(args: argparse.Namespace) -> Request:

@@ -8,7 +8,7 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import up_of_cameras
-from golden.scenes.datasets import Dataset
+from golden.scenes.dataset import Dataset
 from spec.errors import InputError
 
 SHAPES = {"means3d": (None, 3), "colors": (None, 3), "viewmats": (None, 4, 4), "Ks": (None, 3, 3), "width": (), "height": ()}

@@ -96,7 +96,7 @@ def scene_scale(scene: str, units_per_metre: float | None) -> tuple[float, str |
     if scene in METRIC_SCENES:
         return METRIC_SCENES[scene], None
     return 1.0, (f"the units of scene {scene!r} are unknown: 1 unit per metre is assumed; "
-                 "golden/metric_scale.py computes the scale from a metric depth map")
+                 "msv2/studies/metric_scale/study.py computes the scale from a metric depth map")
 
 
 def check_gaze(eye: str, gaze_xy: tuple[float, float], camera: Camera) -> None:

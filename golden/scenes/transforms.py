@@ -11,7 +11,7 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import UP_BY_FORMAT, camera_from_opencv, camera_from_opengl
-from golden.scenes.datasets import Dataset, fit_to_images, image_size
+from golden.scenes.dataset import Dataset, fit_to_images, image_size
 from golden.scenes.files import read_bytes, read_json
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from golden.training.gaussians import Gaussians
+from golden.diff.gaussians import Gaussians
 
 LOOKS_BACK = 100
 """Iterations that the average looks back, at most; of k iterations since it restarted, it looks back on about k / 4."""

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from golden.diff.gaussians import Gaussians, to_model
+from golden.diff.render import render
 from golden.metrics.hvsq import Hvsq
 from golden.scenes.levels import smfr_levels
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.foveated import FLOAT_BYTES, FoveatedModel, Storage, floats_per_point, level_alpha_max
-from golden.training.gaussians import Gaussians, to_model
 from golden.training.level_quality import level_pooling, reference_image
 from golden.training.levels import HVSQ_BYTES
 from golden.training.optimiser import Optimiser, dense_rates
-from golden.training.render import render
 from golden.training.stage import Stage
 from golden.training.views import PerView, view_at, views_within
 from spec.constants import MAX_LEVELS

@@ -20,10 +20,10 @@ from typing import Any, NoReturn
 
 import torch
 
+from golden.diff.gaussians import Gaussians
 from golden.scenes.files import atomic_output
 from golden.training.checkpoint import Checkpoint, Checkpoints, check_options
 from golden.training.failure import TrainingError, room_needed
-from golden.training.gaussians import Gaussians
 from golden.training.progress import Progress
 from golden.training.stage import Stage
 from spec.errors import InputError

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
 from golden.scenes.files import atomic_output
 from golden.scenes.request import make_folder
 from golden.training.failure import room_needed
-from golden.training.gaussians import Gaussians
 from spec.errors import InputError
 
 KEEP = 2

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.metrics.ssim import Ssim
 from golden.scenes.model import SH_REST_COUNT
 from golden.training.densify import MIN_OPACITY, PERCENT_DENSE, ScreenGradients, densify
-from golden.training.gaussians import Gaussians
 from golden.training.initial import initial_gaussians
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
-from golden.training.render import render
 from golden.training.representable import Bounds
 from golden.training.scene import MIN_EDGE, TrainingScene
 from golden.training.stage import Stage

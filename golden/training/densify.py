@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from golden.training.gaussians import Gaussians
+from golden.diff.gaussians import Gaussians
 from golden.training.optimiser import Optimiser
 
 PERCENT_DENSE = 0.01

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import Rendering, render
 from golden.scenes.camera import Camera
-from golden.training.gaussians import Gaussians
-from golden.training.render import Rendering, render
 from golden.training.views import generator
 from spec.constants import ALPHA_MAX_L1
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.metrics import image as metrics
 from golden.metrics.hvsq import Hvsq
-from golden.training.gaussians import Gaussians
-from golden.training.render import render
 from spec.constants import ALPHA_MAX_L1, TILE
 
 if TYPE_CHECKING:

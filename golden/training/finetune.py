@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.metrics.hvsq import Hvsq, pooling_px
 from golden.metrics.ssim import Ssim
 from golden.training.average import Average
 from golden.training.evaluate import Gate, Quality, evaluate
-from golden.training.gaussians import Gaussians
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser
-from golden.training.render import render
 from golden.training.representable import Bounds
 from golden.training.retrain import SSIM_BUDGET, SSIM_BYTES, retraining_rates
 from golden.training.stage import Stage

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians, from_model
 from golden.oracle.render import ALPHA_MAX
 from golden.scenes.model import GaussianModel
-from golden.training.gaussians import Gaussians, from_model
 from spec.constants import MAX_LEVELS
 
 FLOAT_BYTES = 4

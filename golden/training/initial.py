@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
+from golden.diff.gaussians import Gaussians
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import colour_to_sh_dc
 from golden.scenes.model import SH_REST_COUNT
-from golden.training.gaussians import Gaussians
 from golden.training.scene import MIN_POINTS, TrainingScene
 from spec.errors import InputError
 

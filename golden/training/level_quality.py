@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians, to_model
+from golden.diff.render import render, render_foveated
+from golden.host.quantise import quantise_model
+from golden.host.registers import frame_registers
 from golden.metrics.hvsq import Hvsq, foveated, pooling_px
-from golden.msv2_ref import culling, sort_tmu, tiling
-from golden.msv2_ref.quantise import quantise_model
-from golden.msv2_ref.registers import frame_registers
+from golden.msv2_ref import projection, sort, tile_merge, tile_test
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation, region_level
 from golden.scenes.model import GaussianModel
 from golden.training.foveated import FoveatedModel, Storage, level_alpha_max
-from golden.training.gaussians import Gaussians, to_model
-from golden.training.render import render, render_foveated
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ALPHA_MAX_L1
 
@@ -182,7 +182,7 @@ def frame_cost(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER
             counts.append(np.where(shown.ravel(), all_tiles, 0))
     groups = 0
     for tiles in counts:
-        merged = sort_tmu.merge_tiles(tiles, foveation.tiles_x, sort_tmu.auto_beta(tiles, config))
+        merged = tile_merge.merge_tiles(tiles, foveation.tiles_x, tile_merge.auto_beta(tiles, config))
         groups += len(np.unique(merged[tiles > 0]))
     return FrameCost(int(sum(tiles.sum() for tiles in counts)), groups, projected)
 
@@ -191,8 +191,8 @@ def _tile_counts(model: GaussianModel, camera: Camera, foveation: FoveationMap, 
     """(tiles,) int64 entries of each tile of the integer golden's frame, whose pixels are not needed."""
     words = quantise_model(config, model)
     registers = frame_registers(config, camera, words, foveation, (0.0, 0.0, 0.0))
-    projected = culling.project(config, words, registers)
-    order = sort_tmu.depth_order(projected.depth_key, projected.reason == culling.VISIBLE)
+    projected = projection.project(config, words, registers)
+    order = sort.depth_order(projected.depth_key, projected.reason == projection.VISIBLE)
     geometry = words.geometry
-    entries = tiling.tile_entries(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
+    entries = tile_test.tile_entries(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
     return np.diff(entries.start)

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.metrics.hvsq import Hvsq
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.foveated import FoveatedModel, Version, level_alpha_max
-from golden.training.gaussians import Gaussians
 from golden.training.level_quality import level_pooling, reference_image, view_hvsq
-from golden.training.render import render
 from golden.training.stage import Stage
 from golden.training.version_training import VersionTraining
 from golden.training.views import PerView, view_at, views_within

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import torch
 
-from golden.training.gaussians import Gaussians
+from golden.diff.gaussians import Gaussians
 
 EPS = 1e-15
 """Adam's epsilon (3DGS): steps of points that hardly get a gradient are as large as any."""

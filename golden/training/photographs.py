@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from golden.scenes.datasets import UNREADABLE, Dataset, image_size
+from golden.scenes.dataset import UNREADABLE, Dataset, image_size
 from spec.errors import InputError
 
 MASK_FOLDERS = ("masks", "mask")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from golden.diff.gaussians import Gaussians
 from golden.training.efficiency import Scores, without_lowest
-from golden.training.gaussians import Gaussians
 from golden.training.pruning import PruneOptions, PruneStage
 from golden.training.retrain import Retraining
 from golden.training.stage import Stage

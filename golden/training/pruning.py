@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from golden.diff.gaussians import Gaussians
 from golden.training.efficiency import CRITERIA, Scores, widened, without_lowest
 from golden.training.evaluate import Gate, Quality, evaluate
-from golden.training.gaussians import Gaussians
 from golden.training.representable import Bounds
 from golden.training.retrain import Retraining
 from golden.training.scale_decay import GAMMA_FIRST, next_gamma

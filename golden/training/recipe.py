@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from golden.diff.gaussians import Gaussians
 from golden.metrics.hvsq import pooling_px
 from golden.training.baselines import SeparateModels, SeparateOptions, SeparateStage, smfr
 from golden.training.chain import Planned
@@ -13,7 +14,6 @@ from golden.training.dense import DenseOptions, DenseStage
 from golden.training.evaluate import Gate, evaluate
 from golden.training.finetune import FineTuneStage
 from golden.training.foveated import FoveatedModel, Version
-from golden.training.gaussians import Gaussians
 from golden.training.level_quality import Levels
 from golden.training.levels import LevelOptions, LevelStage
 from golden.training.prune_baselines import baseline_stage

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render, render_foveated
 from golden.metrics.hvsq import foveated
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import region_level
@@ -19,10 +21,8 @@ from golden.scenes.request import make_folder, write_json
 from golden.scenes.save import save_model
 from golden.training.evaluate import evaluate
 from golden.training.foveated import level_alpha_max
-from golden.training.gaussians import Gaussians
 from golden.training.level_quality import Levels, centre_foveation, level_hvsq, level_pooling
 from golden.training.plots import curves, plot_curves, read_log
-from golden.training.render import render, render_foveated
 from golden.training.report_machine import machine_numbers, model_files
 from golden.training.report_text import markdown
 from golden.training.representable import misplaced

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from golden.diff.gaussians import Gaussians, to_model
+from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
-from golden.msv2_ref.quantise import quantise_model
 from golden.oracle.render import render as render_oracle
 from golden.scenes.model import GaussianModel
 from golden.training.foveated import FoveatedModel
-from golden.training.gaussians import Gaussians, to_model
 from golden.training.level_quality import Levels, centre_foveation, frame_cost
 from golden.training.scene import TrainingScene
 from spec.config import PAPER

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.projection import project
 from golden.scenes.camera import Camera
-from golden.training.gaussians import Gaussians
-from golden.training.projection import project
 from golden.training.scene import TrainingScene
 from spec.config import PAPER
 from spec.constants import FRUSTUM_MARGIN, SUPPORT_SIGMA

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.metrics.ssim import Ssim
 from golden.training.average import Average
-from golden.training.gaussians import Gaussians
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
-from golden.training.render import render
 from golden.training.representable import Bounds
 from golden.training.scale_decay import weighted_scale
 from golden.training.views import PerView, view_at, views_within

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from golden.diff.gaussians import Gaussians, from_model
 from golden.scenes.load import EMBEDDED, load_model
 from golden.scenes.request import make_folder
 from golden.training.chain import Chain, Interrupted
 from golden.training.failure import room_needed
-from golden.training.gaussians import Gaussians, from_model
 from golden.training.recipe import DEFAULTS, EMBEDDED_DEFAULTS, RESULTS, Recipe, levels_of, models_of, plan
 from golden.training.report import Trained, write_report
 from golden.training.scene import TrainingScene, load_training_scene

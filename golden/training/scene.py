@@ -9,8 +9,9 @@ import numpy as np
 import torch
 
 from golden.scenes.camera import Camera
-from golden.scenes.datasets import TEST_EVERY, Dataset, load_dataset
-from golden.scenes.embedded import UP, embedded_cameras
+from golden.scenes.dataset import TEST_EVERY, Dataset
+from golden.scenes.datasets import load_dataset
+from golden.scenes.embedded.scene import UP, embedded_cameras
 from golden.training.embedded_photographs import photographs_and_points
 from golden.training.photographs import area_resized, check_photographs, read_photographs
 from spec.errors import InputError

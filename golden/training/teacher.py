@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from golden.diff.gaussians import Gaussians
+from golden.diff.render import render
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import up_of_cameras
 from golden.scenes.datasets import cameras_beside_model, load_dataset
 from golden.scenes.pictures import to_bytes
-from golden.training.gaussians import Gaussians
-from golden.training.render import render
 from golden.training.scene import MIN_EDGE, TrainingScene, divided_scene
 from spec.errors import InputError
 

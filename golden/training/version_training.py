@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from golden.training.gaussians import Gaussians
+from golden.diff.gaussians import Gaussians
 from golden.training.optimiser import Optimiser
 from spec.constants import AMP_MAX
 

@@ -102,15 +102,15 @@ class EntryWriter(wiring.Component):
     of the largest frame.
 
     The intersections of a splat lie in different tiles, so each is a write of its own, of a quarter of a beat.
-    reports/write_combining.md (`python -m tb.lists.combining`) shows what would be saved if beats waited for more intersections
-    of their tile: in frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, which is more storage than PAPER's
-    places and origins together.
+    reports/write_combining.md (`python -m msv2.studies write_combining`) shows what would be saved if beats waited for more
+    intersections of their tile: in frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, which is more storage
+    than PAPER's places and origins together.
     """
 
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):
         check_config(config)
         if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must be so small that a TileEntry fits {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         if not isinstance(slots, int) or isinstance(slots, bool):
             raise TypeError(f"slots must be an integer, not {slots!r}")
         if not 1 <= slots <= DIRECTORY_SLOTS:

@@ -50,7 +50,7 @@ class ListReader(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         check_config(config)
         if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must be so small that a TileEntry fits {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         self.config = config
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_group(config)))),

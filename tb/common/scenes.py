@@ -10,7 +10,7 @@ from pathlib import Path
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from tb.common.runner import ROOT
+from spec.paths import ROOT
 
 TRAINED = ("truck.splat", "rock_sh3")
 

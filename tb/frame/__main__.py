@@ -6,16 +6,24 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from golden.msv2_ref.stereo import KINDS
-from golden.render_effects import Work, add_effect_arguments, work_for
-from golden.render_stereo import add_stereo_arguments, render_request, stereo_statistics, take_stereo_arguments
+from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
+from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.pictures import save_png
-from golden.scenes.request import add_request_arguments, make_folder, resolve, write_json
+from golden.scenes.request import (
+    add_effect_arguments,
+    add_request_arguments,
+    add_stereo_arguments,
+    make_folder,
+    resolve,
+    take_stereo_arguments,
+    write_json,
+)
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.paths import ROOT
 from spec.records import COUNT_BITS
-from tb.common.runner import ROOT, SimulationError, Waves
+from tb.common.runner import SimulationError, Waves
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_machine
@@ -171,7 +179,7 @@ def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
     """Both eyes' numbers; their pictures are saved."""
-    golden = render_request(args, work.request, work.config, beta=beta, work=work)
+    golden = render_request(args, work.request, work.config, beta=beta, words=work.words, foveation=work.foveation)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
         golden, device.machine(golden.source.config), out / "sim", beta=beta, speed=speed, waves=waves)

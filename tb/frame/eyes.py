@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from golden.msv2_ref.culling import VISIBLE
-from golden.msv2_ref.stereo import StereoFrame
+from golden.msv2_ref.eyes import StereoFrame
+from golden.msv2_ref.projection import VISIBLE
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.records import frame_tiles
 from spec.stereo import clear_cycles

@@ -11,9 +11,9 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from tb.common.player import Recording, play
 from tb.common.runner import SimulationError, Waves, build
-from tb.vrc.check import Mismatch, mismatches, run_of
-from tb.vrc.device import tiles_from_rows, vrc_playback
-from tb.vrc.stimuli import Case
+from tb.vrc_array.array_check import Mismatch, mismatches, run_of
+from tb.vrc_array.array_device import tiles_from_rows, vrc_playback
+from tb.vrc_array.array_stimuli import Case
 
 _SHOWN = 10
 

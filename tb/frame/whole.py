@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.msv2_ref.culling import VISIBLE
+from golden.host.memory_image import DisplayPixels, FramePixels
+from golden.msv2_ref.array import Pixels
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.vrc_array import Pixels
+from golden.msv2_ref.projection import VISIBLE
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 from spec.registers import READ_CLIENTS, stages, write_clients
@@ -19,7 +20,6 @@ from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
-from tb.top.image import DisplayPixels, FramePixels
 from tb.top.memory import MemorySpeed, beats_log2
 from tb.top.player import FrameResult, FrameRun, play_frames
 

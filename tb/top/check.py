@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.msv2_ref import culling
+from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, page_beats, spill_beats
+from golden.msv2_ref import projection
+from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
-from golden.msv2_ref.views import display_pixels, frame_pixels
 from spec.constants import TILE
-from tb.top.image import DisplayPixels, FramePixels, memory_image, page_beats, spill_beats
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 
@@ -62,8 +62,8 @@ def expected_events(frame: Frame) -> dict[str, int]:
     """What the machine's counters must hold after the frame, of those that the golden frame tells."""
     reason = frame.projected.reason
     return {
-        "points": len(reason), "culled_near": int((reason == culling.NEAR).sum()),
-        "culled_faint": int((reason == culling.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
+        "points": len(reason), "culled_near": int((reason == projection.NEAR).sum()),
+        "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
         "pixels": frame.registers.width * frame.registers.height, **frame_saturations(frame)}
 

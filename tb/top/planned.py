@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.stereo import StereoFrame
 from spec.memory import BEAT_BYTES
 from spec.registers import ErrorCode
 from tb.top.check import counter_errors, frame_run, mismatches

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_BYTES
 from spec.registers import ErrorCode, register_map
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
-from tb.top.image import DisplayPixels, FramePixels, MemoryImage
 from tb.top.memory import MemorySpeed, beats_log2, broken_rules
 
 

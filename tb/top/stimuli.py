@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.msv2_ref import pipeline
-from golden.msv2_ref.stereo import StereoFrame
+from golden.msv2_ref.eyes import StereoFrame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from golden.msv2_ref.stereo import render_stereo
+from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import GaussianModel
 from golden.scenes.stereo import stereo_pair

@@ -1,0 +1,70 @@
+"""Where training runs: the CPU, or a CUDA device with NVIDIA Warp's kernels."""
+
+from __future__ import annotations
+
+import importlib.util
+from types import ModuleType
+
+import torch
+
+from spec.errors import InputError
+
+DEVICES = ("auto", "cpu", "cuda")
+"""What `--device` takes; `auto` is CUDA where everything it needs is there, else the CPU."""
+
+BACKENDS = ("numba", "warp")
+"""What blends: numba on the CPU; Warp on CUDA, and on the CPU where tests ask for it."""
+
+
+def missing_for_cuda() -> str | None:
+    """What keeps training off CUDA on this machine, and what to do about it; None if nothing does."""
+    if torch.version.cuda is None:
+        return f"torch {torch.__version__} is built for the CPU alone; install a build of it with CUDA"
+    if not torch.cuda.is_available():
+        return f"torch {torch.__version__} (CUDA {torch.version.cuda}) finds no device: is there a GPU, and its driver?"
+    if importlib.util.find_spec("warp") is None:
+        return "NVIDIA Warp is not installed: make setup EXTRAS=cuda, or pip install -e '.[cuda]'"
+    return None
+
+
+def resolve_device(name: str) -> torch.device:
+    """The device that `--device` names.
+
+    Raises:
+        InputError: an unknown name, or CUDA where there is no device, no torch that can use it, or no Warp.
+    """
+    if name not in DEVICES:
+        raise InputError(f"device {name!r} is not accepted: {', '.join(DEVICES)} are")
+    missing = None if name == "cpu" else missing_for_cuda()
+    if name == "cuda" and missing is not None:
+        raise InputError(f"device cuda cannot be used: {missing}")
+    return torch.device("cpu" if name == "cpu" or missing is not None else "cuda")
+
+
+def resolve_backend(device: torch.device, backend: str | None) -> str:
+    """What blends on a device: numba on the CPU, else Warp, unless `backend` names one.
+
+    Raises:
+        ValueError: an unknown name, or numba for tensors that are not on the CPU.
+    """
+    if backend is None:
+        return "numba" if device.type == "cpu" else "warp"
+    if backend not in BACKENDS:
+        raise ValueError(f"backend must be one of {BACKENDS} or None, not {backend!r}")
+    if backend == "numba" and device.type != "cpu":
+        raise ValueError(f"backend numba takes tensors on the CPU, not on {device}")
+    return backend
+
+
+def import_blend_warp() -> ModuleType:
+    """`golden.diff.blend_warp`.
+
+    Raises:
+        InputError: Warp is not installed.
+    """
+    try:
+        from golden.diff import blend_warp
+    except ImportError as error:
+        raise InputError("NVIDIA Warp is not installed, and blends there: make setup EXTRAS=cuda, or pip install -e '.[cuda]'"
+                         ) from error
+    return blend_warp

@@ -1,0 +1,247 @@
+"""The host's side of a frame's memory: where everything lies, what it holds at the start, and the frame at the end.
+
+A frame needs the Gaussians (`golden.host.quantise`) and what the host computes for the view
+(`golden.host.registers`); both become bytes in memory and raw values of `spec.memory.frame_settings`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from golden.host.packing import pack
+from golden.host.quantise import GaussianWords
+from golden.host.registers import FrameRegisters
+from golden.host.stereo_registers import StereoRegisters
+from spec.config import AcceleratorConfig
+from spec.formats import SmallFloat
+from spec.memory import (
+    BEAT_BYTES,
+    BEAT_ENTRIES,
+    DIRECTORY_BEATS,
+    DIRECTORY_SLOTS,
+    DISPLAY_PIXEL_BYTES,
+    FIRST_PAGE_ENTRIES,
+    PIXEL_BYTES,
+    TILE_SETTING_BYTES,
+    colour_beats,
+    display_pixel,
+    frame_pixel,
+    frame_settings,
+    tile_setting,
+)
+from spec.records import ENTRY_BYTES, gaussian_colour, gaussian_geometry
+
+REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
+"""In the order in which they lie; the machine writes from the views on. Frames of one eye have none of the target's."""
+
+_SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
+
+_FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number: a base that is left out shows
+
+
+class Region(NamedTuple):
+    """A stretch of memory, in beats."""
+
+    base: int
+    beats: int
+
+    @property
+    def end(self) -> int:
+        """The beat behind it."""
+        return self.base + self.beats
+
+
+class FramePixels(NamedTuple):
+    """A frame as it lies in memory, raw: `colour` (height, width, 3), `depth` and `transmittance` (height, width), int64."""
+
+    colour: np.ndarray
+    depth: np.ndarray
+    transmittance: np.ndarray
+
+
+class DisplayPixels(NamedTuple):
+    """A frame for displays as it lies in memory: `colour` (height, width, 3) and `coverage` (height, width), int64."""
+
+    colour: np.ndarray
+    coverage: np.ndarray
+
+
+@dataclass(frozen=True)
+class MemoryImage:
+    """What the host puts into memory and registers for one frame.
+
+    Attributes:
+        config: the machine.
+        width, height: frame in pixels.
+        regions: by the names of REGIONS.
+        settings: raw values of `frame_settings` by field, a list where it holds several numbers.
+        contents: (beats, BEAT_BYTES) uint8 by region, of those that the host fills.
+    """
+
+    config: AcceleratorConfig
+    width: int
+    height: int
+    regions: dict[str, Region]
+    settings: dict[str, int | list[int]]
+    contents: dict[str, np.ndarray]
+
+    @property
+    def beats(self) -> int:
+        """Beats that memory must have."""
+        return max(region.end for region in self.regions.values())
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Of a pixel of the frame."""
+        return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
+
+    def write(self, name: str, path: Path) -> None:
+        """The contents of a region as `$fread` wants them: the highest byte of a beat first."""
+        np.ascontiguousarray(self.contents[name][:, ::-1]).tofile(path)
+
+    def frame(self, path: Path) -> FramePixels | DisplayPixels:
+        """The frame, from the dump of `frames`; of two eyes, the source's."""
+        return read_frame(
+            self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
+
+    def target_frame(self, path: Path) -> DisplayPixels | None:
+        """The target eye's frame, from the same dump; None of frames of one eye."""
+        if "target_frame" not in self.regions:
+            return None
+        begin = BEAT_BYTES * (self.regions["target_frame"].base - self.frames.base)
+        return read_frame(self.config, np.fromfile(path, np.uint8)[begin:], self.width, self.height, display=True)
+
+    @property
+    def frames(self) -> Region:
+        """All that holds pixels in the end."""
+        first = self.regions["frame"]
+        return Region(first.base, self.regions.get("target_frame", first).end - first.base)
+
+
+def page_beats(counts: np.ndarray) -> int:
+    """Beats that the pages of tiles with so many entries take, first pages of empty tiles included.
+
+    Raises:
+        ValueError: a tile has more entries than its pages can hold.
+    """
+    counts = np.asarray(counts, np.int64)
+    most = (FIRST_PAGE_ENTRIES << (DIRECTORY_SLOTS + 1)) - FIRST_PAGE_ENTRIES
+    if len(counts) and counts.max() > most:
+        raise ValueError(f"counts must be at most {most} entries a tile, not {int(counts.max())!r}")
+    pages = np.arange(1, DIRECTORY_SLOTS + 1)
+    begun = counts[:, None] + FIRST_PAGE_ENTRIES > FIRST_PAGE_ENTRIES << pages  # page k follows (1 << k) - 1 first pages
+    return (FIRST_PAGE_ENTRIES * len(counts) + int((begun * (FIRST_PAGE_ENTRIES << pages)).sum())) // BEAT_ENTRIES
+
+
+def view_shift(*registers: FrameRegisters) -> int:
+    """The smallest `view_shift` that gives every level in use a view, in every one of the eyes."""
+    return max(int(eye.header[:, 0].max()).bit_length() for eye in registers)
+
+
+def gaussian_bytes(config: AcceleratorConfig, words: GaussianWords) -> dict[str, np.ndarray]:
+    """The regions `geometry` and `colour`, (beats, BEAT_BYTES) uint8 each: equal for all frames of a model."""
+    size = BEAT_BYTES * colour_beats(config, words.sh_degree)
+    colour = pack(gaussian_colour(config, words.sh_degree), words.colour, size)
+    return {"geometry": pack(gaussian_geometry(config), words.geometry, BEAT_BYTES), "colour": colour.reshape(-1, BEAT_BYTES)}
+
+
+def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.ndarray | None = None) -> np.ndarray:
+    """A table of tiles, (beats, BEAT_BYTES) uint8; `warp` is the target eye's bit of that name."""
+    rows = {"plane": registers.plane, "level": registers.header[:, 0], "blend": registers.header[:, 1]}
+    if config.stereo:
+        rows["warp"] = np.zeros(len(registers.header), np.int64) if warp is None else warp
+    flat = pack(tile_setting(config), rows, TILE_SETTING_BYTES).reshape(-1)
+    return np.pad(flat, (0, -len(flat) % BEAT_BYTES)).reshape(-1, BEAT_BYTES)
+
+
+def memory_image(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
+    beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
+    second: StereoRegisters | None = None,
+) -> MemoryImage:
+    """The image of a frame.
+
+    Args:
+        config: the machine.
+        words: the Gaussians.
+        registers: the view.
+        entries_beats: room for entries; `page_beats` says what a frame needs.
+        spill_beats: room for spilled runs.
+        beta: merge threshold, 0 merges nothing; None lets the machine choose it.
+        obb: bounding boxes instead of the exact tile test.
+        display: the frame in the format of displays.
+        gaussians: `gaussian_bytes` of the words, where several frames share them.
+        second: the target eye, in frames of two; those are for displays.
+    """
+    contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
+    if second is not None:
+        contents["target_tiles"] = tile_bytes(config, second.target, second.warp)
+        display = True
+    shift, tiles = view_shift(registers, *([second.target] if second else [])), len(registers.header)
+    pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    beats = {name: len(rows) for name, rows in contents.items()} | {
+        "views": len(words.geometry) << shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
+        "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
+    if second is not None:
+        beats["target_frame"] = beats["frame"]
+    regions, base = {}, _FIRST_BEAT
+    for name in (name for name in REGIONS if name in beats):
+        regions[name] = Region(base, beats[name])
+        base += beats[name] + _GUARD_BEATS
+    settings = {
+        **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
+        "view_shift": shift, "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
+        **{f"{name}_base": region.base for name, region in regions.items()},
+        "entries_beats": entries_beats, "spill_beats": spill_beats,
+    }
+    if config.stereo:
+        settings |= _second_eye(config, second) | settings
+    return MemoryImage(config, registers.width, registers.height, regions, settings, contents)
+
+
+def _second_eye(config: AcceleratorConfig, second: StereoRegisters | None) -> dict[str, int | list[int]]:
+    """The settings of the target eye but for its bases; in frames of one eye, what must not matter."""
+    if second is None:
+        return {"stereo": 0, **{
+            f.name: [f.raw_range[1]] * f.count if f.count > 1 else f.raw_range[1]
+            for f in frame_settings(config).fields if f.name in _SECOND_EYE}}
+    return {
+        "stereo": 1, "source_right": int(second.source_right), "disparity_scale": second.disparity_scale,
+        "target_position": _view_settings(config, second.target)["position"]}
+
+
+def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict[str, int | list[int]]:
+    """The fields that `FrameRegisters` has too; floats become bit patterns."""
+    settings = {}
+    for f in frame_settings(config).fields:
+        if hasattr(registers, f.name):
+            values = np.atleast_1d(getattr(registers, f.name)).reshape(-1)
+            raw = (f.format.quantise(values) if isinstance(f.format, SmallFloat) else values).astype(np.int64).tolist()
+            settings[f.name] = raw if f.count > 1 else raw[0]
+    return settings
+
+
+def read_frame(
+    config: AcceleratorConfig, data: np.ndarray, width: int, height: int, *, display: bool = False,
+) -> FramePixels | DisplayPixels:
+    """The pixels of a frame's bytes, (at least as many as its pixels take,) uint8."""
+    record, kind = (display_pixel(config), DisplayPixels) if display else (frame_pixel(config), FramePixels)
+    kinds = [(f.name, f"<u{f.format.width // 8}", (f.count,) if f.count > 1 else ()) for f in record.fields]
+    pixels = data[: width * height * record.width // 8].view(np.dtype(kinds)).reshape(height, width)
+    return kind(*(pixels[name].astype(np.int64) for name in kind._fields))
+
+
+def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:
+    """Room for the sorted runs of a frame's groups: twice what the largest one that is spilled needs.
+
+    Half of the region holds runs as they are sorted, the other half those of one group that are merged.
+    """
+    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    largest = int(np.max(group_counts, initial=0))
+    runs = -(-largest // chunk) if largest > chunk else 1
+    return 4 * runs * chunk // BEAT_ENTRIES

@@ -1,0 +1,78 @@
+"""The host's side of a frame of two eyes: what it writes besides the source eye's registers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from golden.host.quantise import GaussianWords
+from golden.host.registers import FrameRegisters
+from golden.scenes.gaze import FoveationMap
+from golden.scenes.stereo import StereoPair
+from spec.config import AcceleratorConfig
+from spec.errors import InputError
+from spec.formats import Rounding
+from spec.stereo import DISPARITY_SCALE_BITS, DISPARITY_SCALE_FRAC, reach
+
+
+@dataclass(frozen=True)
+class StereoRegisters:
+    """What the host writes besides the source eye's registers.
+
+    Attributes:
+        target: the target eye's registers: the source's with its own position and table.
+        warp: (tiles,) int64, bit `warp` of the target's table.
+        disparity_scale: disparity in pixels where depth saturates, raw.
+        source_right: the source is the right eye.
+    """
+
+    target: FrameRegisters
+    warp: np.ndarray
+    disparity_scale: int
+    source_right: bool
+
+
+def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: float) -> int:
+    """The setting of that name: HALF_UP of the disparity at full depth.
+
+    Args:
+        config: the machine.
+        pair: the eyes.
+        depth_far: z depth at which the source's depth saturates.
+
+    Raises:
+        InputError: more than the setting holds, where that would change a pixel.
+    """
+    most = (1 << DISPARITY_SCALE_BITS) - 1
+    pixels = float(pair.disparity(depth_far))
+    scale = int(np.floor(min(np.ldexp(pixels, DISPARITY_SCALE_FRAC) + 0.5, 2.0 * most)))
+    wide = min(pair.source.width, reach(config) + 1)
+    if scale > most and wide > most >> DISPARITY_SCALE_FRAC:  # narrower: all are dropped either way
+        raise InputError(f"disparities of {pixels:.4g} pixels and more in frames {pair.source.width} wide are not accepted: "
+                         f"check the IPD of {pair.baseline:g} world units")
+    return min(scale, most)
+
+
+def stereo_registers(
+    config: AcceleratorConfig, source: FrameRegisters, words: GaussianWords, pair: StereoPair, foveation: FoveationMap,
+    warp: np.ndarray,
+) -> StereoRegisters:
+    """What the host writes for the second eye; depth scale, limits and the rest are the source's.
+
+    Args:
+        config: the machine.
+        source: the source eye's registers.
+        words: the DRAM image.
+        pair: the eyes.
+        foveation: the target's.
+        warp: (tiles_y, tiles_x) bool: the tile may be warped.
+    """
+    n = config.formats
+    level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
+    target = replace(
+        source, position=n.view.round(pair.target.position - words.origin),
+        header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
+        plane=n.plane.quantise(foveation.plane.reshape(-1, 3), Rounding.HALF_UP))
+    return StereoRegisters(target, warp.reshape(-1).astype(np.int64), disparity_scale(config, pair, source.depth_far),
+                           pair.source_eye == "right")

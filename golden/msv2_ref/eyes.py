@@ -1,0 +1,237 @@
+"""A frame of two eyes: the source rendered, its pixels warped, the target's fovea and holes rendered over them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from golden.host.quantise import GaussianWords, quantise_model
+from golden.host.stereo_registers import StereoRegisters, stereo_registers
+from golden.msv2_ref import pipeline
+from golden.msv2_ref import warp as warp_unit
+from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
+from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
+from golden.scenes.model import GaussianModel
+from golden.scenes.pictures import anaglyph, depth_picture, kinds_picture, save_png
+from golden.scenes.request import Request, parse_numbers
+from golden.scenes.stereo import StereoPair, check_gaze, scene_scale, stereo_pair, target_gaze, warpable_tiles
+from spec.config import AcceleratorConfig
+from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.stereo import (
+    background_transmittance,
+    reach,
+    solid_transmittance,
+)
+
+RENDERED, RERENDERED, WARPED, BACKGROUND, FILLED = range(5)
+"""Where a pixel of the target comes from: a tile that had to be rendered, one rendered for its holes, the source, the source's
+background, its neighbours."""
+
+KINDS = {"rendered": RENDERED, "rerendered": RERENDERED, "warped": WARPED, "background": BACKGROUND, "filled": FILLED}
+
+
+@dataclass(frozen=True)
+class StereoFrame:
+    """A frame of two eyes.
+
+    Attributes:
+        pair: the cameras.
+        registers: what the host wrote for the second eye.
+        source: the source eye's frame.
+        warped: what the warp unit made of it.
+        rendered: (tiles,) bool, tiles of the target that were rendered.
+        target: the target eye's frame, of those tiles alone.
+        gaze: the source's and the target's gaze in pixels.
+        foveation: the target's tile levels and planes.
+        threshold_deg: eccentricity beyond which tiles may be warped.
+        warnings: what the user should know.
+    """
+
+    pair: StereoPair
+    registers: StereoRegisters
+    source: pipeline.Frame
+    warped: warp_unit.WarpedFrame
+    rendered: np.ndarray
+    target: pipeline.Frame
+    gaze: tuple[tuple[float, float], tuple[float, float]]
+    foveation: FoveationMap
+    threshold_deg: float
+    warnings: tuple[str, ...]
+
+    @property
+    def source_pixels(self) -> np.ndarray:
+        """(H, W) DisplayPixel records of the source eye."""
+        return display_pixels(self.source)
+
+    @cached_property
+    def target_pixels(self) -> np.ndarray:
+        """(H, W) DisplayPixel records of the target eye: rendered tiles over warped ones."""
+        return np.where(self._per_pixel(self.rendered), display_pixels(self.target), self.warped.pixels)
+
+    @cached_property
+    def origin(self) -> np.ndarray:
+        """(H, W) uint8: where each pixel of the target comes from, one of KINDS."""
+        of_warped = np.array([RERENDERED, WARPED, BACKGROUND, FILLED], np.uint8)[self.warped.origin]
+        foveal = self._per_pixel(self.registers.warp == 0)
+        again = self._per_pixel(self.rendered) & ~foveal
+        return np.where(foveal, RENDERED, np.where(again, RERENDERED, of_warped)).astype(np.uint8)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the target's pixels of each kind, and of its tiles that are rendered."""
+        counts = np.bincount(self.origin.reshape(-1), minlength=len(KINDS)) / self.origin.size
+        return {**{name: float(counts[kind]) for name, kind in KINDS.items()},
+                "tiles_foveal": float((self.registers.warp == 0).mean()),
+                "tiles_rerendered": float((self.rendered & (self.registers.warp == 1)).mean())}
+
+    @property
+    def images(self) -> tuple[np.ndarray, np.ndarray]:
+        """(H, W, 3) uint8 of the left and of the right eye."""
+        pictures = (pixels["colour"].astype(np.uint8) for pixels in (self.source_pixels, self.target_pixels))
+        return self.pair.left_right(*pictures)
+
+    @property
+    def events(self) -> dict[str, int]:
+        """What the machine counts of stereo, by the names of `spec.registers.STEREO_EVENTS`."""
+        return {**self.warped.events, "target_tiles": int(self.rendered.sum())}
+
+    def _per_pixel(self, tiles: np.ndarray) -> np.ndarray:
+        r = self.source.registers
+        expanded = tiles.reshape(r.tiles_y, r.tiles_x).repeat(TILE, axis=0).repeat(TILE, axis=1)
+        return expanded[: r.height, : r.width]
+
+
+def _warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> list[str]:
+    """Of a source frame whose depth is of no use, or that is too narrow for its disparities."""
+    n, t = frame.config.formats, frame_pixels(frame)["transmittance"]
+    solid, background = t <= solid_transmittance(n), t >= background_transmittance(n)
+    found = []
+    if not solid.any() and not background.all() and not frame.config.warp_veiled:
+        found.append("no pixel of the source eye has a depth: every tile with holes is rendered")
+    dropped, most = solid & (moved["keep"] == 0), reach(frame.config)
+    disparity = pair.disparity(np.where(solid, frame.depth, np.inf))
+    far = dropped & (disparity >= pair.source.width)
+    if far.any():
+        found.append(f"{int(far.sum())} pixels have disparities wider than the frame's {pair.source.width} pixels: they are "
+                     "dropped; check IPD and scale")
+    beyond = int((dropped & ~far & (disparity >= most + 1)).sum())
+    if beyond:
+        found.append(f"{beyond} pixels have disparities wider than the {most} pixels that the machine moves them by: "
+                     "they are dropped; check IPD and scale")
+    return found
+
+
+def render_stereo(
+    model: GaussianModel | GaussianWords, pair: StereoPair, *, config: AcceleratorConfig, foveation: FoveationMap | None = None,
+    threshold_deg: float = ECC_THRESHOLD_DEG, gaze: tuple[float, float] | None = None,
+    gaze_target: tuple[float, float] | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    beta: int | None = None, obb: bool = False, source: pipeline.Frame | None = None,
+) -> StereoFrame:
+    """Renders a frame of two eyes.
+
+    Args:
+        model: the Gaussians, or their words when several frames share them.
+        pair: the eyes.
+        config: a machine with stereo.
+        foveation: the source eye's tile levels and planes; None renders level 1 everywhere, in both eyes.
+        threshold_deg: tiles with all pixels beyond may be warped.
+        gaze: where the source eye looks, where `foveation` does not say it; None: at the frame's centre.
+        gaze_target: where the target eye looks; None: at the same point, by the depth there.
+        background, beta, obb: see `pipeline.render`.
+        source: the source eye's frame, where it is there already.
+
+    Raises:
+        ValueError: a machine without stereo.
+        InputError: as `pipeline.render`; a gaze off-screen, or a threshold out of range.
+    """
+    if not config.stereo:
+        raise ValueError(f"config must be a machine with stereo, not {config!r}")
+    camera = pair.source
+    display = Display(camera.width, camera.height)
+    gaze = (foveation and foveation.gaze_xy) or gaze or (camera.width / 2, camera.height / 2)
+    check_gaze(f"{pair.source_eye} (source)", gaze, camera)
+    if gaze_target is not None:
+        check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
+    warpable_tiles(display, gaze, threshold_deg)  # refuses the threshold before anything is rendered
+    words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
+    source = source or pipeline.render(
+        words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb,
+        baseline_px=float(pair.disparity(1.0)))
+
+    warnings: list[str] = []
+    if gaze_target is None:
+        column, row = min(int(gaze[0]), camera.width - 1), min(int(gaze[1]), camera.height - 1)
+        gaze_target, warning = target_gaze(pair, gaze, float(source.depth[row, column]))
+        warnings += [warning] if warning else []
+    foveated = foveation is not None and foveation.gaze_xy is not None
+    target_foveation = foveation_map(display, gaze_target, foveation.levels) if foveated else no_foveation(display)
+    warp = warpable_tiles(display, gaze_target, threshold_deg)
+    registers = stereo_registers(config, source.registers, words, pair, target_foveation, warp)
+
+    warped = warp_unit.warp(config, frame_pixels(source), registers.disparity_scale, registers.source_right)
+    warnings += _warnings(source, pair, warped.moved)
+    rendered = (registers.warp == 0) | warped.invalid
+    target = pipeline.render_frame(config, words, registers.target, beta=beta, obb=obb, rendered=rendered)
+    return StereoFrame(pair, registers, source, warped, rendered, target, (gaze, gaze_target), target_foveation, threshold_deg,
+                       tuple(warnings))
+
+
+def render_request(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, beta: int | None = None,
+    words: GaussianWords | None = None, foveation: FoveationMap | None = None,
+) -> StereoFrame:
+    """The frame behind a request; warnings go to stderr.
+
+    Args:
+        args: the command line's.
+        request: the resolved rest of it.
+        config: the machine, which gets stereo.
+        beta: as in `pipeline.render`.
+        words, foveation: the request's Gaussians and tiles as a plan of effects wants them; None: as they came.
+
+    Raises:
+        InputError: see `golden.scenes.stereo`.
+    """
+    units, assumed = scene_scale(request.model.name, args.units_per_metre)
+    pair = stereo_pair(request.camera, ipd_metres=args.ipd, units_per_metre=units, source_eye=args.source)
+    target = tuple(parse_numbers("gaze", args.gaze_target, 2)) if args.gaze_target else None
+    frame = render_stereo(
+        words or request.model, pair, config=config.with_(stereo=True),
+        foveation=foveation or request.foveation, threshold_deg=args.ecc_thresh,
+        gaze_target=target, background=request.background, beta=beta)
+    for warning in stereo_warnings(frame, assumed):
+        print(f"warning: {warning}", file=sys.stderr)
+    return frame
+
+
+def stereo_warnings(frame: StereoFrame, assumed: str | None) -> list[str]:
+    """All that the user should know, what was assumed of the scene's scale first."""
+    return [*([assumed] if assumed else []), *frame.warnings]
+
+
+def stereo_statistics(args: argparse.Namespace, request: Request, frame: StereoFrame) -> dict[str, object]:
+    """What stats.json says of the second eye, under "stereo"."""
+    units, assumed = scene_scale(request.model.name, args.units_per_metre)
+    gaze = dict(zip((frame.pair.source_eye, frame.pair.target_eye), map(list, frame.gaze), strict=True))
+    return {
+        "source_eye": frame.pair.source_eye, "ipd_metres": args.ipd, "units_per_metre": units,
+        "baseline": frame.pair.baseline, "ecc_thresh_deg": args.ecc_thresh, "gaze": gaze, "shares": frame.shares,
+        "disparity_scale": frame.registers.disparity_scale, "target_entries": len(frame.target.entries.splat),
+        "events": frame.events, "warnings": stereo_warnings(frame, assumed), "target_seconds": frame.target.seconds,
+    }
+
+
+def save_pictures(out: Path, frame: StereoFrame) -> None:
+    """left.png, right.png, anaglyph.png, depth.png, and the target's kinds: right_source.png or left_source.png."""
+    left, right = frame.images
+    target = right if frame.pair.target_eye == "right" else left
+    pictures = {
+        "left": left, "right": right, "anaglyph": anaglyph(left, right), "depth": depth_picture(frame.source.depth),
+        f"{frame.pair.target_eye}_source": kinds_picture(target, frame.origin)}
+    for name, picture in pictures.items():
+        save_png(out / f"{name}.png", picture)

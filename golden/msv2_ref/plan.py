@@ -1,0 +1,137 @@
+"""The plan of a frame's effects carried out: its data without what is absent, neutral where an effect is forced; its rendering.
+
+Neutral data makes an effect work without any bit of the image changing: coefficients of 0, levels like the first, blend
+parameters below 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from golden.host.quantise import GaussianWords, quantise_model
+from golden.msv2_ref import pipeline
+from golden.msv2_ref.eyes import StereoFrame, render_stereo
+from golden.scenes.gaze import FoveationMap
+from golden.scenes.probe import probe
+from golden.scenes.request import Request
+from golden.scenes.stereo import stereo_pair
+from spec.config import AcceleratorConfig
+from spec.constants import IPD_METRES, MAX_LEVELS
+from spec.effects import EffectPlan
+from spec.records import gaussian_colour
+
+_NOT_YET = (-1.0, 0.0, 0.0)
+"""A blend plane before its band: weight 0."""
+
+
+def with_sh_degree(words: GaussianWords, degree: int) -> GaussianWords:
+    """The words with colour records of `degree`: coefficients beyond are dropped, missing ones 0."""
+    if degree == words.sh_degree:
+        return words
+    colour = np.zeros(len(words.colour), gaussian_colour(words.config, degree).dtype)
+    colour["dc"] = words.colour["dc"]
+    if degree and words.sh_degree:
+        count = min(colour["rest"].shape[1], words.colour["rest"].shape[1])
+        colour["rest"][:, :count] = words.colour["rest"][:, :count]
+    return replace(words, colour=colour, sh_degree=degree)
+
+
+def prepare(
+    plan: EffectPlan, config: AcceleratorConfig, words: GaussianWords, foveation: FoveationMap,
+) -> tuple[GaussianWords, FoveationMap]:
+    """Words and tiles of a frame for `plan.machine(config)`.
+
+    Args:
+        plan: the effects.
+        config: the machine that has them all; its levels are those in use where levels are forced.
+        words: the Gaussians.
+        foveation: of the frame.
+    """
+    words = with_sh_degree(words, min(plan.sh_degree, config.sh_degree))
+    if "levels" not in plan.active:
+        return replace(words, levels=1), foveation
+    if "levels" not in plan.called:  # every level is the first: all points are in all
+        words = _all_levels(words, config.levels)
+        foveation = replace(foveation, levels=config.levels)
+    if "blend" in plan.active and "blend" not in plan.called:
+        blend = foveation.tile_level + 1 < foveation.levels
+        plane = np.where(blend[..., None], _NOT_YET, foveation.plane)
+        foveation = replace(foveation, blend=blend, plane=plane)
+    return words, foveation
+
+
+def _all_levels(words: GaussianWords, levels: int) -> GaussianWords:
+    geometry, colour = words.geometry.copy(), words.colour.copy()
+    geometry["log2_opacity"] = geometry["log2_opacity"][:, :1]
+    geometry["bound"] = MAX_LEVELS - 1
+    colour["dc"] = np.tile(colour["dc"][:, :3], (1, MAX_LEVELS))
+    return replace(words, geometry=geometry, colour=colour, levels=levels)
+
+
+@dataclass(frozen=True)
+class Work:
+    """A request as its plan wants it rendered.
+
+    Attributes:
+        request: what was asked for.
+        plan: its effects.
+        config: the machine that has what is active.
+        words: the Gaussians for it.
+        foveation: the tiles for it.
+        prepare_s: seconds that the words took.
+    """
+
+    request: Request
+    plan: EffectPlan
+    config: AcceleratorConfig
+    words: GaussianWords
+    foveation: FoveationMap
+    prepare_s: float
+
+    @property
+    def second_eye_forced(self) -> bool:
+        """One eye is asked for, two are rendered."""
+        return "stereo" in self.plan.active - self.plan.called
+
+    def render(self, *, beta: int | None = None) -> pipeline.Frame:
+        """The frame of one eye. `beta` as in `pipeline.render`."""
+        return pipeline.render(self.words, self.request.camera, config=self.config, foveation=self.foveation,
+                               background=self.request.background, beta=beta)
+
+    def add_eye(self, frame: pipeline.Frame, *, beta: int | None = None) -> StereoFrame:
+        """A frame of two eyes whose source is `frame`, unchanged."""
+        pair = stereo_pair(self.request.camera, ipd_metres=IPD_METRES, units_per_metre=1.0)
+        return render_stereo(self.words, pair, config=self.config, foveation=self.foveation,
+                             background=self.request.background, beta=beta, source=frame)
+
+
+def work_for(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False, full: bool = False,
+) -> Work:
+    """Probes the request, prints the plan, prepares the data.
+
+    Args:
+        args: `effects`, `depth` and `stereo` of the command line.
+        request: the resolved rest of it.
+        config: the machine.
+        contention: a memory with limits is simulated.
+        full: the machine has all of `config`, what is not active idles; otherwise that is left out.
+
+    Raises:
+        InputError: see `spec.effects.choose_plan`.
+    """
+    plan = probe(request.model, request.foveation, effects=args.effects, stereo=args.stereo, depth=args.depth,
+                 contention=contention)
+    print("\n".join(plan.lines()))
+    if plan.sh_degree > config.sh_degree:
+        print(f"config {config.name!r} has harmonics up to degree {config.sh_degree}: those beyond are left out")
+    begin = time.perf_counter()
+    words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
+    machine = plan.machine(config)
+    if full:
+        machine = config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth)
+    return Work(request, plan, machine, words, foveation, time.perf_counter() - begin)

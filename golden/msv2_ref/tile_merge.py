@@ -1,0 +1,65 @@
+"""Tile merging: counts of intersections to groups of tiles (paper section 6.2, "Tile Merging")."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spec.config import AcceleratorConfig
+from spec.records import COUNT_BITS, ENTRY_BYTES, tile_group
+
+
+def auto_beta(counts: np.ndarray, config: AcceleratorConfig) -> int:
+    """Twice the mean count of the frame's non-empty tiles, capped by half of the double buffer."""
+    filled = counts[counts > 0]
+    mean = float(filled.mean()) if len(filled) else 0.0
+    return max(1, min(round(2 * mean), config.sort_buffer_bytes // 2 // ENTRY_BYTES))
+
+
+def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
+    """Group id of every tile, (tiles,) int64, consecutive from 0.
+
+    A non-empty tile closes a non-empty open group when total + count >= beta; after adding, a group with total >= beta
+    closes at once; empty tiles join the open group or open one; the end of a tile row flushes. `beta` 0 means 1.
+
+    Args:
+        counts: (tiles,) entries of each tile, row-major.
+        tiles_x: tiles in a row.
+        beta: merge threshold in entries.
+
+    Raises:
+        ValueError: beta is negative.
+    """
+    if beta < 0:
+        raise ValueError(f"beta must be 0 or more, not {beta!r}")
+    beta = max(beta, 1)
+    groups = np.empty(len(counts), np.int64)
+    group, total, open_ = 0, 0, False
+    for tile, count in enumerate(counts.tolist()):
+        if open_ and (tile % tiles_x == 0 or (count and total and total + count >= beta)):
+            group, total, open_ = group + 1, 0, False
+        groups[tile], total, open_ = group, total + count, True
+        if total >= beta:
+            group, total, open_ = group + 1, 0, False
+    return groups
+
+
+def count_tiles(hits: np.ndarray, tiles: int, count_bits: int = COUNT_BITS) -> tuple[np.ndarray, bool, bool]:
+    """Entries of each tile as the unit's counters hold them: (tiles,) int64, whether one is full, whether a hit lies outside.
+
+    Args:
+        hits: (entries,) tile of each entry, in any order; those outside 0..tiles - 1 are not counted.
+        tiles: tiles of the frame.
+        count_bits: bits of a counter; it stays at its largest value.
+    """
+    inside = (hits >= 0) & (hits < tiles)
+    counts, full = np.bincount(hits[inside], minlength=tiles), (1 << count_bits) - 1
+    return np.minimum(counts, full), bool((counts > full).any()), not inside.all()
+
+
+def tile_groups(config: AcceleratorConfig, counts: np.ndarray, tiles_x: int, beta: int | None) -> np.ndarray:
+    """(tiles,) TileGroup records, as the merge unit emits them; `beta` None chooses it by `auto_beta`."""
+    rows = np.zeros(len(counts), tile_group(config).dtype)
+    groups = merge_tiles(counts, tiles_x, auto_beta(counts, config) if beta is None else beta)
+    rows["tile"], rows["count"], rows["group"] = np.arange(len(counts)), counts, groups
+    rows["last"] = np.append(np.diff(groups) > 0, True)
+    return rows

@@ -1,0 +1,172 @@
+"""The warp unit: the source eye's pixels to strips of the target eye's frame, as docs/stereo.md defines it.
+
+Everything is an integer. Stages: `warp_pixels` (disparity and column), `scatter` (nearest wins), `fill` (holes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from golden.msv2_ref.frame_memory import displayed
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import display_pixel
+from spec.stereo import (
+    DISPARITY_FRAC,
+    FILL_NEIGHBOURS,
+    background_transmittance,
+    disparity,
+    disparity_drop,
+    reach,
+    strip_pixel,
+    warp_pixel,
+    warped_transmittance,
+)
+
+HOLE, WARPED, BACKGROUND, FILLED = range(4)
+"""Where a pixel of the warped frame comes from."""
+
+
+@dataclass(frozen=True)
+class WarpedFrame:
+    """What the warp unit makes of a frame.
+
+    Attributes:
+        moved: (H, W) WarpPixel records of the source's pixels.
+        strips: (H, W) StripPixel records of the target before its holes are filled.
+        pixels: (H, W) DisplayPixel records of the target: the strips with filled holes; all 0 where one is left.
+        origin: (H, W) uint8 of the target: HOLE, WARPED, BACKGROUND or FILLED.
+        invalid: (tiles,) bool: a hole is left in the tile.
+    """
+
+    moved: np.ndarray
+    strips: np.ndarray
+    pixels: np.ndarray
+    origin: np.ndarray
+    invalid: np.ndarray
+
+    @property
+    def events(self) -> dict[str, int]:
+        """What the unit counts of the frame, by the names of `spec.registers.STEREO_EVENTS`."""
+        return {"warped": int((self.strips["valid"] == 1).sum()), "filled": int((self.origin == FILLED).sum()),
+                "invalid_tiles": int(self.invalid.sum())}
+
+
+def raw_disparity(config: AcceleratorConfig, transmittance: np.ndarray, depth: np.ndarray, scale: int) -> np.ndarray:
+    """int64 raw `disparity` of raw transmittances and depth sums (same shape): floor(S w / d), saturating, at d = 0 too."""
+    weight = config.formats.transmittance.raw_max - transmittance.astype(np.int64)  # all that a pixel gave
+    most = disparity(config).raw_max
+    numerator = scale * weight >> disparity_drop(config.formats)
+    return np.where(depth > 0, np.minimum(numerator // np.maximum(depth.astype(np.int64), 1), most), most)
+
+
+def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> np.ndarray:
+    """(H, W) WarpPixel records: where each pixel of the source goes.
+
+    Args:
+        config: the machine.
+        pixels: (H, W) FramePixel records of the source eye.
+        scale: the setting `disparity_scale`.
+        source_right: the setting of that name.
+    """
+    width, t = pixels.shape[1], pixels["transmittance"]
+    background, solid = t >= background_transmittance(config.formats), t <= warped_transmittance(config)
+    raw = raw_disparity(config, t, pixels["depth"], scale)
+    shift = (raw if source_right else -raw) + (1 << DISPARITY_FRAC - 1) >> DISPARITY_FRAC
+    shift = np.where(background, 0, shift)
+    x = np.arange(width) + shift
+    out = np.zeros(pixels.shape, warp_pixel(config).dtype)
+    keep = (background | solid) & (np.abs(shift) <= reach(config)) & (x >= 0) & (x < width)
+    out["keep"], out["x"] = keep, np.where(keep, x, 0)
+    out["row"] = np.arange(pixels.shape[0])[:, None] % TILE
+    out["colour"] = np.where(keep[..., None], displayed(config, pixels)["colour"], 0)
+    out["key"] = np.where(keep & ~background, raw + 1, 0)
+    return out
+
+
+@numba.njit(cache=True)
+def _scatter(x, key, keep, source):
+    """The column of the source pixel that each of the target's shows, -1: none. Equal keys move equally: they never meet."""
+    for row in range(x.shape[0]):
+        for column in range(x.shape[1]):
+            if keep[row, column]:
+                to = x[row, column]
+                old = source[row, to]
+                if old < 0 or key[row, column] > key[row, old]:
+                    source[row, to] = column
+
+
+def scatter(config: AcceleratorConfig, moved: np.ndarray) -> np.ndarray:
+    """(H, W) StripPixel records of (H, W) WarpPixel records: the largest key at each place."""
+    source = np.full(moved.shape, -1, np.int64)
+    columns = (np.ascontiguousarray(moved[name], np.int64) for name in ("x", "key", "keep"))
+    _scatter(*columns, source)
+    out = np.zeros(moved.shape, strip_pixel(config).dtype)
+    valid = source >= 0
+    rows = np.nonzero(valid)[0]
+    out["colour"][valid], out["key"][valid] = moved["colour"][rows, source[valid]], moved["key"][rows, source[valid]]
+    out["valid"] = valid
+    return out
+
+
+@numba.njit(cache=True)
+def _fill(colour, valid, filled, majority):
+    """Fills holes in `colour`, whose neighbours are looked at only where `valid`; marks them in `filled`."""
+    height, width = valid.shape
+    around = np.empty((3, 8), np.int64)
+    for y in range(height):
+        strip = y // TILE * TILE
+        for x in range(width):
+            if valid[y, x]:
+                continue
+            count, exist = 0, -1  # the hole itself is no neighbour
+            for row in range(max(y - 1, strip), min(y + 2, strip + TILE, height)):
+                for column in range(max(x - 1, 0), min(x + 2, width)):
+                    exist += 1
+                    if valid[row, column]:
+                        for channel in range(3):
+                            around[channel, count] = colour[row, column, channel]
+                        count += 1
+            if (2 * count > exist) if majority else (count >= FILL_NEIGHBOURS):
+                for channel in range(3):
+                    colour[y, x, channel] = np.sort(around[channel, :count])[(count - 1) // 2]
+                filled[y, x] = True
+
+
+def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Holes filled where enough neighbours in their strip are warped, as `warp_fill` says: the lower-middle median by channel.
+
+    Args:
+        config: the machine.
+        strips: (H, W) StripPixel records.
+
+    Returns:
+        pixels, origin and invalid: see `WarpedFrame`.
+    """
+    valid, colour = strips["valid"] == 1, np.ascontiguousarray(strips["colour"], np.int64)
+    colour[~valid] = 0
+    filled = np.zeros(valid.shape, bool)
+    _fill(colour, valid, filled, config.warp_fill == "majority")
+    background = valid & (strips["key"] == 0)
+    out = np.zeros(strips.shape, display_pixel(config).dtype)
+    out["colour"] = colour
+    out["coverage"] = np.where((valid & ~background) | filled, 255, 0)
+    origin = np.select([filled, background, valid], [FILLED, BACKGROUND, WARPED], HOLE).astype(np.uint8)
+    return out, origin, tiles_with(~valid & ~filled)
+
+
+def tiles_with(mask: np.ndarray) -> np.ndarray:
+    """(tiles,) bool, row-major: some pixel of the tile is marked."""
+    for axis in (0, 1):
+        mask = np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], TILE), axis=axis)
+    return mask.reshape(-1)
+
+
+def warp(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> WarpedFrame:
+    """The unit's work on a whole frame; arguments as `warp_pixels`."""
+    moved = warp_pixels(config, pixels, scale, source_right)
+    strips = scatter(config, moved)
+    return WarpedFrame(moved, strips, *fill(config, strips))

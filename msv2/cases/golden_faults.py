@@ -1,0 +1,189 @@
+"""Seeded faults: a guard dropped, and the case that must turn red for it.
+
+Guards that numba has compiled in are dropped where Python hands them their constants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, replace
+from unittest import mock
+
+import numpy as np
+
+from golden.msv2_ref import array_kernel, pipeline, projection, tile_merge, warp
+from golden.oracle import project as oracle_project
+from golden.scenes.model import GaussianModel
+from msv2.cases.check import Cell, cell
+from msv2.cases.registry import case_named
+from spec.constants import SH_C0
+from spec.formats import Fixed, Rounding
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A guard dropped.
+
+    Attributes:
+        name: of the fault.
+        column: whose guard: oracle, golden, gradient or rtl.
+        case: id or name of the case that must fail.
+        drop: a context in which the guard is not there.
+    """
+
+    name: str
+    column: str
+    case: str
+    drop: Callable[[], AbstractContextManager]
+
+
+def replaced(*changes: tuple[str, object]) -> Callable[[], AbstractContextManager]:
+    """A context in which each named attribute is another."""
+    def context() -> AbstractContextManager:
+        stack = ExitStack()
+        for name, value in changes:
+            stack.enter_context(mock.patch(name, value))
+        return stack
+    return context
+
+
+def _culling(**changes: object) -> Callable[[], AbstractContextManager]:
+    """Other constants in the culling unit's kernels."""
+    original = projection.culling_constants
+    return replaced(("golden.msv2_ref.projection.culling_constants", lambda config: original(config)._replace(**changes)))
+
+
+def _array(**changes: object) -> Callable[[], AbstractContextManager]:
+    """Other constants in the array's kernels."""
+    original = array_kernel.array_constants
+    return replaced(("golden.msv2_ref.array_kernel.array_constants", lambda config: original(config)._replace(**changes)))
+
+
+def _registers(**changes: object) -> Callable[[], AbstractContextManager]:
+    """Other registers of the frame."""
+    original = pipeline.frame_registers
+    return replaced(("golden.msv2_ref.pipeline.frame_registers", lambda *asked: replace(original(*asked), **changes)))
+
+
+def _wrapping(self: Fixed, x: np.ndarray | float, rounding: Rounding = Rounding.HALF_UP) -> np.ndarray:
+    """`Fixed.quantise` that wraps where it must saturate."""
+    raw = np.floor(np.ldexp(np.clip(np.asarray(x, float), -(2.0**40), 2.0**40), self.frac_bits) + 0.5).astype(np.int64)
+    return self.from_bits(self.to_bits(raw))
+
+
+def _ties_by_arrival(depth_key: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    rows = np.flatnonzero(visible).astype(np.int32)[::-1]
+    return rows[np.argsort(depth_key[rows], kind="stable")]
+
+
+def _groups_without_end(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
+    return 2 * _merge(counts, tiles_x, beta)
+
+
+_merge, _disparity, _colours, _oracle_colours, _select = (
+    tile_merge.merge_tiles, warp.raw_disparity, pipeline.splat_colours, oracle_project.colour_per_level,
+    GaussianModel.select)
+
+
+def _wrapping_counters(hits: np.ndarray, tiles: int, count_bits: int) -> tuple[np.ndarray, bool, bool]:
+    return np.bincount(hits[hits < tiles], minlength=tiles) % (1 << count_bits), False, False
+
+
+def _no_depth_of_zero(config, transmittance: np.ndarray, depth: np.ndarray, scale: int) -> np.ndarray:
+    return np.where(depth > 0, _disparity(config, transmittance, depth, scale), 0)
+
+
+def _last_wins(x: np.ndarray, key: np.ndarray, keep: np.ndarray, source: np.ndarray) -> None:
+    for row, column in np.argwhere(keep == 1):
+        source[row, x[row, column]] = column if source[row, x[row, column]] < 0 else source[row, x[row, column]]
+
+
+def _clamped_first(config, words, registers, rows: np.ndarray) -> np.ndarray:
+    colour = words.colour.copy()
+    colour["dc"] = np.maximum(colour["dc"], 0)
+    return _colours(config, replace(words, colour=colour), registers, rows)
+
+
+def _oracle_clamped_first(model: GaussianModel, index: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    return _oracle_colours(replace(model, sh_dc=np.maximum(model.sh_dc, -0.5 / SH_C0)), index, eye)
+
+
+def _without_colours(self: GaussianModel, index: np.ndarray) -> GaussianModel:
+    model = _select(self, index)
+    return replace(model, sh_dc=self.sh_dc[: len(model)])
+
+
+def _unclipped_logit(opacity: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return np.log(opacity) - np.log1p(-opacity)
+
+
+_ALL = "golden.scenes.clean._usable", lambda fields: (np.ones(len(fields.means), bool), {})
+_WIDE = np.array([-1e30, 1e30, -1e30, 1e30])
+
+FAULTS = (
+    Fault("no near plane", "golden", "point-at-the-camera", _registers(near=-1e30)),
+    Fault("near plane closed on the wrong side", "golden", "near-plane-ulp", _registers(near=0.25 - 2.0**-21)),
+    Fault("no clamp of the Jacobian", "golden", "needle-at-the-frustum", _registers(limits=_WIDE)),
+    Fault("no low-pass filter", "golden", "degenerate-axes", _culling(low_pass=0.0)),
+    Fault("no cull of the faint", "golden", "opacity-below-the-cut", _culling(faintest=-(1 << 20))),
+    Fault("no cut at 1/255 in the array", "golden", "opacity-below-the-cut", _array(cut_min=-(1 << 20))),
+    Fault("no bound of the support", "golden", "amplified-by-128", _array(support=1 << 20)),
+    Fault("no alpha_max at level 1", "golden", "opaque-against-the-stop", _array(alpha_max_l1=1 << 12)),
+    Fault("pixels stop a hundred times too early", "golden", "opaque-against-the-stop", _array(t_stop=400)),
+    Fault("numbers wrap where they must saturate", "golden", "colour-above-one",
+          replaced(("spec.formats.Fixed.quantise", _wrapping))),
+    Fault("depth keys do not saturate", "golden", "key-inversions", _culling(key_max=1 << 30)),
+    Fault("ties by arrival, not by index", "golden", "equal-depths",
+          replaced(("golden.msv2_ref.sort.depth_order", _ties_by_arrival))),
+    Fault("group ids with gaps", "golden", "merge-thresholds",
+          replaced(("golden.msv2_ref.tile_merge.merge_tiles", _groups_without_end))),
+    Fault("no origin among the points", "golden", "planetary-coordinates",
+          replaced(("numpy.median", lambda values, axis=None: np.zeros(3)))),
+    Fault("no gap allowed before an outlier's depth", "golden", "far-outlier",
+          replaced(("golden.host.registers.DEPTH_GAP", 1e30))),
+    Fault("quaternions as they come", "golden", "quaternions-of-any-length",
+          replaced(("numpy.linalg.norm", lambda values, axis=None, keepdims=False: np.ones((len(values), 1))))),
+    Fault("colours clamped before the sum", "golden", "negative-colour-sum",
+          replaced(("golden.msv2_ref.pipeline.splat_colours", _clamped_first))),
+    Fault("tile counters wrap", "golden", "more-than-an-index",
+          replaced(("golden.msv2_ref.tile_merge.count_tiles", _wrapping_counters))),
+    Fault("a depth of 0 has no disparity", "golden", "beyond-the-row",
+          replaced(("golden.msv2_ref.warp.raw_disparity", _no_depth_of_zero))),
+    Fault("the first of many wins", "golden", "many-onto-one", replaced(("golden.msv2_ref.warp._scatter", _last_wins))),
+    Fault("broken rows are kept", "golden", "nan-position", replaced(_ALL)),
+    Fault("infinite rows are kept", "golden", "infinite-fields", replaced(_ALL)),
+    Fault("zero rotations are kept", "golden", "zero-quaternion", replaced(_ALL)),
+    Fault("colours are not filtered with the rest", "oracle", "fields-stay-aligned",
+          replaced(("golden.scenes.model.GaussianModel.select", _without_colours))),
+    Fault("nothing is not finite", "oracle", "nan-scale-or-rotation",
+          replaced(("golden.oracle.project.finite_input", lambda model: np.ones(len(model), bool)))),
+    Fault("no clamp of the Jacobian", "oracle", "needle-at-the-frustum",
+          replaced(("golden.oracle.project.FRUSTUM_MARGIN", 1e30))),
+    Fault("no low-pass filter", "oracle", "degenerate-axes", replaced(("golden.oracle.project.LOW_PASS", 0.0))),
+    Fault("no cut at 1/255", "oracle", "opacity-below-the-cut", replaced(("golden.oracle.project.ALPHA_MIN", 1e-9))),
+    Fault("colours clamped before the sum", "oracle", "negative-colour-sum",
+          replaced(("golden.oracle.project.colour_per_level", _oracle_clamped_first))),
+    Fault("activated files pass", "oracle", "activated-already",
+          replaced(("golden.scenes.ply.check_not_activated", lambda *fields: None))),
+    Fault("logits of 1 without end", "oracle", "logit-of-one", replaced(("golden.scenes.save.logit", _unclipped_logit))),
+    Fault("gazes off the screen pass", "oracle", "gaze-off-and-at-the-edge",
+          replaced(("msv2.cases.eyes.check_gaze", lambda *gaze: None))),
+    Fault("frames without coverage pass", "oracle", "no-coverage-fails",
+          replaced(("msv2.cases.self_check.check_shots", lambda case, renderer, see: None))),
+)
+"""Of the oracle, the integer renderer and the loader."""
+
+
+def caught(fault: Fault) -> tuple[bool, str]:
+    """Whether the fault's case fails with it, and how it fails, or why the fault proves nothing."""
+    case = case_named(fault.case)
+    with fault.drop(), np.errstate(all="ignore"):
+        got = cell(case, fault.column)
+    return told(got), got.words or f"{case.id} does not notice"
+
+
+def told(got: Cell) -> bool:
+    """Whether a case failed by what it expects; a crash may be the fault's own."""
+    return got.outcome == "FAIL" and not got.crashed

@@ -1,0 +1,18 @@
+"""All cases that renderers can run; the machine's own are in `msv2.cases`."""
+
+from __future__ import annotations
+
+from msv2.cases import colour, coverage, eyes, inputs, order, projection, saturated, self_check
+from msv2.cases.case import Case
+
+CASES: tuple[Case, ...] = tuple(sorted(
+    (case for part in (projection, coverage, inputs, colour, saturated, order, eyes, self_check) for case in part.CASES),
+    key=lambda case: case.id))
+
+
+def case_named(name: str) -> Case:
+    """The case of a name or an id; KeyError where there is none."""
+    for case in CASES:
+        if name in (case.name, case.id):
+            return case
+    raise KeyError(f"case {name!r} is not accepted: choose one of {', '.join(case.id for case in CASES)}")

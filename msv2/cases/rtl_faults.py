@@ -1,0 +1,144 @@
+"""Seeded faults in hardware: settings that a guard stands on, dropped; arrays and whole machines, emitted without a guard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from unittest import mock
+
+from amaranth.hdl import Const
+
+from golden.msv2_ref.pipeline import Frame
+from msv2.cases.case import GOLDEN
+from msv2.cases.check import MACHINE, see_golden
+from msv2.cases.registry import case_named
+from rtl.top.machine import emit_msv2_top
+from rtl.vrc_array.array import emit_vrc_array
+from spec.config import AcceleratorConfig
+from tb.common.player import play
+from tb.top import planned as frames
+from tb.top.device import machine
+from tb.top.planned import PlannedFrame, planned
+from tb.top.player import play_frames
+from tb.top.stimuli import Case as Played
+from tb.top.suite import run_plan
+from tb.vrc_array.array_check import golden_pixels, problems, run_of
+from tb.vrc_array.array_device import vrc_playback
+from tb.vrc_array.traced import case_of
+
+
+@dataclass(frozen=True)
+class RtlFault:
+    """A guard that the hardware does not have, and the case whose frame must show it.
+
+    Attributes:
+        name: of the fault.
+        case, shot: whose golden frame is played.
+        settings: of the machine, by register: what is written instead.
+        patches: names in rtl's modules, and what stands there while the part is emitted.
+        part: array or machine.
+    """
+
+    name: str
+    case: str
+    shot: str
+    settings: Mapping[str, int] | None = None
+    patches: Mapping[str, object] | None = None
+    part: str = "array"
+
+    column = "rtl"
+
+
+_V = MACHINE.formats.view
+
+
+def _view(value: float) -> int:
+    return int(_V.quantise(value))
+
+
+FAULTS = (
+    RtlFault("no near plane", "depth-near-zero", "shot", {"near": _view(1e-30)}),
+    RtlFault("near plane an ulp too near", "near-plane-ulp", "shot", {"near": _view(0.25) - 1}),
+    RtlFault("no clamp of the Jacobian", "needle-at-the-frustum", "+1.5", {"limits_1": _view(1e30)}),
+    RtlFault("principal point forgotten", "principal-point", "odd", {"centre_0": 32 << MACHINE.formats.mean2d.frac_bits}),
+    RtlFault("boxes in place of ellipses", "thin-axes", "turned", {"obb": 1}),
+    RtlFault("no alpha_max at level 1", "opaque-against-the-stop", "level 1",
+             patches={"rtl.vrc_array.pixel_core.saturation_threshold": lambda formats: 1 << 12}),
+    RtlFault("pixels do not stop", "opaque-against-the-stop", "veils",
+             patches={"rtl.vrc_array.pixel_core.t_stop": lambda formats: 0}),
+    RtlFault("colours wrap", "saturations-are-counted", "colours", part="machine",
+             patches={"rtl.culling.views.saturate": lambda value, number: value[: number.width]}),
+    RtlFault("saturated values are not counted", "saturations-are-counted", "means", part="machine",
+             patches={"rtl.culling.saturations.at_limit": lambda value, number: Const(0)}),
+)
+"""All of them; those with settings are played in one simulation, the others each in an array, or a machine, of their own."""
+
+
+def frame_of(fault: RtlFault) -> tuple[Frame, int | None, bool]:
+    """The golden frame, its merge threshold and tile test."""
+    shot = case_named(fault.case).shots(GOLDEN)[fault.shot]
+    return see_golden(shot).frame, shot.beta, shot.obb
+
+
+def _frames(fault: RtlFault) -> list[PlannedFrame]:
+    """The case's frame as it is, and with the fault."""
+    played = Played(fault.name, *frame_of(fault))
+    return [planned(played, "right", reset=False, poison=False),
+            planned(played, "faulty", reset=False, changes=dict(fault.settings))]
+
+
+def settings_caught(faults: Sequence[RtlFault], folder: Path) -> list[tuple[bool, str]]:
+    """Of faults in settings: whether the right frame is right and the faulty one is told, and how."""
+    frames = [_frames(fault) for fault in faults]
+    failures = run_plan(MACHINE, [frame for pair in frames for frame in pair], folder).failures
+    return [_told(failures.get(right.name), failures.get(faulty.name)) for right, faulty in frames]
+
+
+def emitted_without(fault: RtlFault, emit: Callable[[AcceleratorConfig], str], config: AcceleratorConfig) -> str:
+    """Verilog with the fault's patches in place."""
+    patches = [mock.patch(name, value) for name, value in fault.patches.items()]
+    for patch in patches:
+        patch.start()
+    try:
+        return emit(config)
+    finally:
+        for patch in patches:
+            patch.stop()
+
+
+def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
+    """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
+    case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
+    verilog = emitted_without(fault, emit_vrc_array, config)
+    if verilog == usual.verilog:
+        return False, "the array is what it was"
+    faulty = replace(usual, name="vrc-faulty", verilog=verilog)
+    recording, = play(faulty, [run_of(config, case)], folder)
+    return _told([], problems(config, case, recording, golden_pixels(config, case)))
+
+
+def machine_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
+    """The same of a fault in another unit of the machine; without it the machine is right by the case's own frames."""
+    item, usual = planned(Played(fault.name, *frame_of(fault)), "faulty"), machine(config)
+    verilog = emitted_without(fault, emit_msv2_top, config)
+    if verilog == usual.verilog:
+        return False, "the machine is what it was"
+    result, = play_frames(replace(usual, name=f"{usual.name}-faulty", verilog=verilog), [item.run], folder)
+    return _told([], frames.problems(item, result))
+
+
+def _told(right: list[str] | None, faulty: list[str] | None) -> tuple[bool, str]:
+    if right:
+        return False, f"fails without the fault: {right[0]}"
+    return (True, faulty[0]) if faulty else (False, "the frame does not change")
+
+
+def caught(folder: Path) -> dict[str, tuple[bool, str]]:
+    """Every fault by its name."""
+    in_settings = [fault for fault in FAULTS if fault.settings is not None]
+    found = dict(zip((fault.name for fault in in_settings), settings_caught(in_settings, folder / "settings"), strict=True))
+    for number, fault in enumerate(fault for fault in FAULTS if fault.patches is not None):
+        caught_in = machine_caught if fault.part == "machine" else array_caught
+        found[fault.name] = caught_in(fault, folder / f"{fault.part}{number}")
+    return found

@@ -1,0 +1,137 @@
+"""Area of culling at one throughput, by how many units share it: reports/culling_area.json and the table in docs/synthesis.md.
+
+    python -m msv2.studies.area.culling            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
+
+A point a cycle through near test and projection, and a visible splat every four cycles through the colour unit: by one unit
+whose operators do one operation each, or by several units whose operators are shared by a schedule. All are synthesised whole,
+operators once a kind and added up. Every memory is left out and counted in bits, however small: many small queues would be made
+of flip-flops where one large one is a macro, which is not what is compared.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from amaranth.lib import wiring
+
+from rtl.culling.colour import ColourUnit, splat_interval
+from rtl.culling.compare import unit_cost
+from rtl.culling.harmonics import harmonics_graph
+from rtl.culling.projection_unit import ProjectionUnit
+from rtl.culling.schedule import Cost, cost, schedule
+from spec.config import PAPER, AcceleratorConfig
+from spec.errors import run_command_line
+from spec.harmonics import terms
+from spec.paths import ROOT
+from synth.liberty import PDK_VARIABLE
+from synth.report import Settings, synthesise, write_json, write_text
+
+PAGE, REPORT = ROOT / "docs" / "synthesis.md", ROOT / "reports" / "culling_area.json"
+MARK = "<!-- table:culling_area -->"
+
+CLOCK_PS = 1000.0
+SH_DEGREE = 3
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is compared.
+
+    Attributes:
+        make: a unit of a machine.
+        interval: cycles that one unit takes.
+        counts: schedule's counts of one unit.
+        sums: products a cycle that one unit makes outside its datapath.
+        throughput: of all units together, in words.
+    """
+
+    make: Callable[[AcceleratorConfig], wiring.Component]
+    interval: Callable[[AcceleratorConfig], int]
+    counts: Callable[[AcceleratorConfig], Cost]
+    sums: Callable[[AcceleratorConfig], int]
+    throughput: str
+
+
+def _colour_counts(config: AcceleratorConfig) -> Cost:
+    return cost(schedule(harmonics_graph(config, SH_DEGREE), splat_interval(config)))
+
+
+PARTS = {
+    "projection_unit": Part(
+        ProjectionUnit, lambda c: c.point_interval, lambda c: unit_cost(c, c.point_interval), lambda c: 0, "a point a cycle"),
+    "colour_unit": Part(
+        ColourUnit, splat_interval, _colour_counts, lambda c: 3 * -(-terms(SH_DEGREE) // splat_interval(c)),
+        "a splat every 4 cycles"),
+}
+"""Units by name."""
+
+
+def machines(config: AcceleratorConfig) -> list[AcceleratorConfig]:
+    """One unit's settings for the whole machine's throughput, and for a half, a quarter and an eighth of it."""
+    return [config.with_(culling_units=config.culling_units // share) for share in (1, 2, 4, 8)]
+
+
+def measure(folder: Path, config: AcceleratorConfig = PAPER) -> list[dict[str, object]]:
+    """The rows of the report; um^2 and slack are null without liberty files. `folder` keeps netlists and results."""
+    rows = []
+    for name, part in PARTS.items():
+        fastest = part.interval(config)
+        for machine in machines(config):
+            units, counts = part.interval(machine) // fastest, part.counts(machine)
+            gates = synthesise(part.make(machine), name, Settings("generic", CLOCK_PS, folder, memory_limit=0))
+            cells = dict.fromkeys(("area_um2", "slack_ps"))
+            if os.environ.get(PDK_VARIABLE):
+                cells = synthesise(part.make(machine), name, Settings("asap7", CLOCK_PS, folder, memory_limit=0))
+            operators = sum(below["count"] for below in gates["modules_below"].values())
+            rows.append({
+                "part": name, "throughput": part.throughput, "units": units, "interval": part.interval(machine),
+                "operators": units * (operators + part.sums(machine)),
+                "register_bits": units * counts.register_bits, "mux_bits": units * counts.mux_bits,
+                "flip_flops": units * gates["flip_flops"], "memory_bits": units * gates["memory_bits"],
+                "nand2_equivalents": units * gates["nand2_equivalents"],
+                "nand2_without_operators": units * gates["without_modules_below"],
+                "area_um2": None if cells["area_um2"] is None else round(units * cells["area_um2"], 1),
+                "slack_ps": cells["slack_ps"], "clock_ps": CLOCK_PS})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def table(rows: list[dict[str, object]]) -> str:
+    """The report in Markdown."""
+    head = ["units", "cycles each", "operators", "register bits", "2:1 mux bits", "flip-flops", "memory bits", "NAND2",
+            "of that outside operators", "um² ASAP7", "slack, ps"]
+    keys = ["units", "interval", "operators", "register_bits", "mux_bits", "flip_flops", "memory_bits", "nand2_equivalents",
+            "nand2_without_operators", "area_um2", "slack_ps"]
+    lines = []
+    for part in dict.fromkeys(row["part"] for row in rows):
+        of_part = [row for row in rows if row["part"] == part]
+        lines += ["", f"`{part}`, {of_part[0]['throughput']}:", "", f"| {' | '.join(head)} |", f"|{' ---: |' * len(head)}"]
+        for row in of_part:
+            cells = ["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys]
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines[1:], ""]) if lines else "(not measured yet)"
+
+
+def fill(page: Path, report: Path, *, check: bool = False) -> int:
+    """Writes the table into a page, between `<!-- table:culling_area -->` and `<!-- end -->`; with `check` changes nothing and
+    returns 1 where it would."""
+    old, rows = page.read_text(), json.loads(report.read_text())["rows"]
+    head, _, rest = old.partition(MARK)
+    new = f"{head}{MARK}\n{table(rows)}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    if new != old and not check:
+        write_text(page, new)
+    return int(check and new != old)
+
+
+def main() -> int:
+    """The command line's work."""
+    write_json(REPORT, {"config": PAPER.name, "rows": measure(ROOT / "build" / "results" / "synth")})
+    return fill(PAGE, REPORT)
+
+
+if __name__ == "__main__":
+    run_command_line(main)

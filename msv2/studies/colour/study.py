@@ -1,0 +1,207 @@
+"""Colours: their errors, the work of their functions, the gates of their unit; reports/colour.json and docs/colour.md's tables.
+
+    python -m msv2.studies colour            measure all (minutes where nothing is cached) and write the tables
+    python -m msv2.studies colour --check    exit 1 where the page differs from what the report gives
+
+Errors are those of the golden colours, at several fractions of `sh_basis`, against float64 spherical harmonics of the same
+offsets and coefficients. Gates are generic, counted as msv2/studies/area/culling.py counts them (every memory in bits,
+however small), with its cache: the units that both measure are synthesised once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from amaranth.lib import wiring
+
+from golden.msv2_ref.colour import survivor_views
+from msv2.studies.area.culling import CLOCK_PS
+from msv2.studies.results.tables import markdown
+from rtl.culling.colour import ColourUnit, carried_layout, splat_interval
+from rtl.culling.colour_sum import ColourSum
+from rtl.culling.datapath import Datapath
+from rtl.culling.harmonics import harmonics_graph
+from rtl.culling.schedule import Cost, cost, schedule
+from rtl.culling.views import ViewWriter
+from spec import harmonics
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.errors import InputError
+from spec.formats import SQ
+from spec.harmonics import basis_beyond_dc, terms
+from spec.memory import colour_beats
+from spec.paths import ROOT
+from spec.records import gaussian_colour, surviving_splat
+from synth.report import Settings, synthesise, write_json, write_text
+
+PAGE, REPORT = ROOT / "docs" / "colour.md", ROOT / "reports" / "colour.json"
+
+FRACTIONS = (12, 13, 14, 15, 16)
+"""Fraction bits of `sh_basis` that are compared."""
+
+SPLATS, COEFFICIENT_RMS, SEED = 60_000, 0.2, 0
+SH_DEGREE = 3
+MACHINES = (PAPER, DEFAULT, TINY)
+
+
+def lanes(config: AcceleratorConfig) -> int:
+    """Basis functions that the unit multiplies with their coefficients in a cycle."""
+    return -(-terms(SH_DEGREE) // splat_interval(config))
+
+
+PARTS: dict[str, Callable[[AcceleratorConfig], wiring.Component]] = {
+    "colour_unit": ColourUnit,
+    "datapath": lambda c: Datapath(harmonics_graph(c, SH_DEGREE), interval=splat_interval(c), carried=carried_layout(c)),
+    "colour_sum": lambda c: ColourSum(c, sh_degree=SH_DEGREE, lanes=lanes(c), carried=carried_layout(c)),
+    "view_writer": lambda c: ViewWriter(c, carried=carried_layout(c)),
+}
+"""The unit and what it is made of; a queue of survivors and the reads are the unit's own."""
+
+TITLES = {
+    "colour_unit": "`ColourUnit`, all of it", "datapath": "`Datapath`: the functions", "colour_sum": "`ColourSum`: their sums",
+    "view_writer": "`ViewWriter`"}
+
+
+def random_splats(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """SPLATS SurvivingSplat and GaussianColour records: offsets of any direction and distance, base colours of 1."""
+    rng, n = np.random.default_rng(seed), PAPER.formats
+    survivors = np.zeros(SPLATS, surviving_splat(PAPER).dtype)
+    distances = 2.0 ** rng.uniform(-4, 6, (SPLATS, 1))
+    survivors["offset"], survivors["levels"] = n.view.quantise(rng.normal(size=(SPLATS, 3)) * distances), 1
+    records = np.zeros(SPLATS, gaussian_colour(PAPER).dtype)
+    records["dc"] = 1 << n.sh_dc.frac_bits
+    records["rest"] = n.sh_rest.quantise(rng.normal(0, COEFFICIENT_RMS, (SPLATS, 3 * terms(SH_DEGREE))))
+    return survivors, records
+
+
+def exact_colours(survivors: np.ndarray, records: np.ndarray) -> np.ndarray:
+    """(SPLATS, 3) float64 colours in ulps of `colour`, not rounded, clamped to its range."""
+    n = PAPER.formats
+    offset = n.view.to_float(survivors["offset"])
+    basis = basis_beyond_dc(offset / np.linalg.norm(offset, axis=1, keepdims=True), terms(SH_DEGREE))
+    rest = n.sh_rest.to_float(records["rest"]).reshape(SPLATS, -1, 3)
+    colour = n.sh_dc.to_float(records["dc"][:, :3]) + np.einsum("nk,nkc->nc", basis, rest)
+    return np.clip(np.ldexp(colour, n.colour.frac_bits), 0, n.colour.raw_max)
+
+
+def error_rows() -> list[dict[str, object]]:
+    """Errors in ulps of `colour`, by fraction of `sh_basis`; null is that of exact functions, rounded to `colour` alone."""
+    survivors, records = random_splats(SEED)
+    exact, rows = exact_colours(survivors, records), []
+    for fraction in (*FRACTIONS, None):
+        if fraction is None:
+            found = np.floor(exact + 0.5)
+        else:
+            config = PAPER.with_(formats=replace(PAPER.formats, sh_basis=SQ(0, fraction)))
+            found = survivor_views(config, survivors, records, SH_DEGREE, 0)[0]["colour"][:, :3]
+        error = found - exact
+        rows.append({"fraction": fraction, "rms": round(float(np.sqrt(np.mean(error**2))), 4),
+                     "largest": round(float(np.abs(error).max()), 4)})
+    return rows
+
+
+def function_rows() -> list[dict[str, int]]:
+    """By degree: functions beyond the first, products that give them, beats of a colour record."""
+    products = [sum(node.kind == "operation" for node in harmonics_graph(PAPER, d).nodes) for d in range(1, SH_DEGREE + 1)]
+    return [{"degree": degree, "functions": terms(degree), "products": count, "beats": colour_beats(PAPER, degree)}
+            for degree, count in enumerate([0, *products])]
+
+
+def operand_bits() -> list[int]:
+    """Widths of the two operands of every product."""
+    return [harmonics.polynomial_format(PAPER.formats).width, harmonics.direction_format(PAPER.formats).width]
+
+
+def counts(config: AcceleratorConfig) -> Cost:
+    """What the functions' schedule needs."""
+    return cost(schedule(harmonics_graph(config, SH_DEGREE), splat_interval(config)))
+
+
+def multipliers(config: AcceleratorConfig) -> dict[str, int]:
+    """By part: products a cycle."""
+    functions, sums = sum(counts(config).operators.values()), 3 * lanes(config)
+    return {"colour_unit": functions + sums, "datapath": functions, "colour_sum": sums, "view_writer": 0}
+
+
+def cost_rows(folder: Path) -> list[dict[str, object]]:
+    """Of every part in every machine; `folder` keeps netlists and results."""
+    rows = []
+    for name, make in PARTS.items():
+        for config in MACHINES:
+            gates = synthesise(make(config), name, Settings("generic", CLOCK_PS, folder, memory_limit=0))
+            waiting = counts(config).register_bits if name in ("colour_unit", "datapath") else None
+            rows.append({
+                "part": name, "config": config.name, "interval": splat_interval(config),
+                "multipliers": multipliers(config)[name], "register_bits": waiting,
+                **{key: gates[key] for key in ("flip_flops", "memory_bits", "nand2_equivalents")}})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def functions_table(report: dict) -> str:
+    """Products and beats by degree."""
+    rows = [[f"{row[key]}" for key in ("degree", "functions", "products", "beats")] for row in report["functions"]]
+    first, second = report["operand_bits"]
+    table = markdown(["degree", "functions beyond the first", "products", "beats of a colour record"], rows)
+    return f"{table}\n\nEvery product is of one kind, {first} x {second} bits."
+
+
+def errors_table(report: dict) -> str:
+    """Errors by fraction."""
+    splats, rows = report["splats"], report["errors"]
+    names = ["exact functions" if row["fraction"] is None else f"{row['fraction']}" for row in rows]
+    lines = [[key, *(f"{row[key]:.4f}" for row in rows)] for key in ("rms", "largest")]
+    return (f"{splats['count']:,} random splats of degree {splats['sh_degree']}, coefficients of "
+            f"{splats['coefficient_rms']} rms:\n\n{markdown(['fraction of `sh_basis`', *names], lines)}")
+
+
+def cost_table(report: dict) -> str:
+    """Gates by part and machine."""
+    header = ["part", "machine", "cycles a splat", "multipliers", "waiting register bits", "flip-flops in all", "memory bits",
+              "NAND2"]
+    keys = ("interval", "multipliers", "register_bits", "flip_flops", "memory_bits", "nand2_equivalents")
+    return markdown(header, [
+        [TITLES[row["part"]], row["config"].upper(), *("-" if row[key] is None else f"{row[key]:,}" for key in keys)]
+        for row in report["cost"]])
+
+
+TABLES: dict[str, Callable[[dict], str]] = {
+    "colour_functions": functions_table, "colour_errors": errors_table, "colour_cost": cost_table}
+"""By the name in the page's marker."""
+
+
+def fill(page: Path, report: Path, *, check: bool = False) -> int:
+    """Writes the tables into a page, each between `<!-- table:NAME -->` and `<!-- end -->`; with `check` changes nothing and
+    returns 1 where it would. Raises InputError where the page lacks one."""
+    numbers, old = json.loads(report.read_text()), page.read_text()
+    new = old
+    for name, table in TABLES.items():
+        new, found = re.subn(rf"(<!-- table:{name} -->\n).*?(\n<!-- end -->)",
+                             lambda m, table=table: f"{m[1]}{table(numbers)}{m[2]}", new, flags=re.S)
+        if found != 1:
+            raise InputError(f"{page.name} has {found} places for the table {name}: 1 is wanted")
+    if new != old and not check:
+        write_text(page, new)
+    return int(check and new != old)
+
+
+def measure(folder: Path) -> dict[str, object]:
+    """The report."""
+    return {
+        "splats": {"count": SPLATS, "sh_degree": SH_DEGREE, "coefficient_rms": COEFFICIENT_RMS, "seed": SEED},
+        "operand_bits": operand_bits(), "functions": function_rows(), "errors": error_rows(), "cost": cost_rows(folder)}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work."""
+    parser = argparse.ArgumentParser(prog="python -m msv2.studies colour", description="Errors and gates of colours.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
+    args = parser.parse_args(argv)
+    if not args.check:
+        write_json(REPORT, measure(ROOT / "build" / "results" / "synth"))
+    return fill(PAGE, REPORT, check=args.check)

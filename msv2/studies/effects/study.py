@@ -1,0 +1,249 @@
+"""`make table-effects`: what a scene does not pay for: golden time, cycles, simulation time and area saved by effects left out.
+
+For every frame, the golden renderer runs with what the frame calls for, then with each further effect forced beside it, then
+with all of them but a second eye, in turns on one thread; times are the medians of CPU time. The RTL runs the first and the
+last of these, each on the machine that has its effects and no others; its times, too, are the processor's. Areas are of
+synthesised machines of --area-config at 16 nm, memories included: of what the frame calls for beside all but a second eye,
+and of each effect, the machine with it less the same machine without it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from tqdm import tqdm
+
+from golden import threads as parallel
+from golden.msv2_ref.plan import Work, work_for
+from golden.scenes.files import atomic_output
+from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
+from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
+from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from spec.config import CONFIGS
+from spec.effects import EFFECTS, GIVEN
+from spec.errors import InputError
+from spec.paths import ROOT
+
+EXAMPLES = """examples:
+  python -m msv2.studies effects                                   the embedded scene, with and without a gaze
+  python -m msv2.studies effects truck.splat embedded@320,180   truck without a gaze, embedded with one; @centre is the frame's
+  python -m msv2.studies effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
+  MSV2_PDK=DIR python -m msv2.studies effects --area               and areas: minutes for each machine not synthesised before
+"""
+
+BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
+SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
+"""Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+
+CENTRE = "centre"
+
+RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio", "area_ratio")
+"""Of the RTL, and of its area: all effects but a second eye over those that are called for."""
+
+RUNS = 9
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A scene and where it is looked at: pixels of --size, the centre, or None for no gaze."""
+
+    scene: str
+    gaze: str | None
+
+    @classmethod
+    def parse(cls, text: str) -> Frame:
+        """Of "SCENE" or "SCENE@X,Y"."""
+        scene, _, gaze = text.partition("@")
+        return cls(scene, gaze or None)
+
+    def gaze_at(self, size: str, to: str) -> str:
+        """The gaze in a frame `to` of what is given in one of `size`, both as WxH."""
+        old, new = parse_size(size), parse_size(to)
+        at = [edge / 2 for edge in old] if self.gaze == CENTRE else parse_numbers("gaze", self.gaze, 2)
+        return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return f"{Path(self.scene).stem}, {'gaze' if self.gaze else 'no gaze'}"
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m msv2.studies effects", description=__doc__, epilog=EXAMPLES,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
+                        help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
+    parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
+    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
+    parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
+    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
+    args = parser.parse_args(argv)
+    for name in (args.config, args.area_config):
+        if name not in CONFIGS:
+            raise InputError(f"config {name!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    for size in (args.size, args.rtl):
+        if size is not None:
+            parse_size(size)
+    if args.runs < 1:
+        raise InputError(f"runs {args.runs} is not accepted: 1 or more is")
+    return args
+
+
+def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
+    """The frame with what it calls for ("auto"), with each effect more by its name, and with all but a second eye ("most")."""
+    gaze, levels = (frame.gaze_at(args.size, args.size), 4) if frame.gaze else ("none", None)
+    given = SimpleNamespace(
+        scene=frame.scene, camera="orbit", size=args.size, gaze=gaze, levels=levels,
+        background="0,0,0", seed=args.seed, stereo=False, depth=False, effects="auto")
+    request, config = resolve(given), CONFIGS["paper"]
+    found = {"auto": work_for(given, request, config)}
+    called = found["auto"].plan.called
+    for name, forced in {**SINGLE, "most": BUT_STEREO}.items():
+        if set(forced) - called:
+            given.effects = ",".join(effect for effect in EFFECTS if effect in {*forced, *called})
+            found[name] = work_for(given, request, config)
+    return found
+
+
+def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, float]:
+    """Median CPU seconds of each, taken in turns on one thread.
+
+    Raises:
+        ValueError: two of them gave different images.
+    """
+    threads, parallel.threads = parallel.threads, 1
+    try:
+        images = {name: work.render() for name, work in found.items()}  # compiles
+        for name, image in images.items():
+            if not np.array_equal(image.pixels.colour, images["auto"].pixels.colour):
+                raise ValueError(f"images must be equal, not those of auto and {name!r} of {label}")
+        seconds: dict[str, list[float]] = {name: [] for name in found}
+        for _ in tqdm(range(runs), desc=label, unit="run"):
+            for name, work in found.items():
+                begin = time.process_time()
+                work.render()
+                seconds[name].append(time.process_time() - begin)
+    finally:
+        parallel.threads = threads
+    return {name: statistics.median(times) for name, times in seconds.items()}
+
+
+def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -> dict[str, object]:
+    """What is kept of frame.json.
+
+    Raises:
+        InputError: the simulation fails.
+    """
+    view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
+    command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, "--config", args.config,
+               "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+    if done.returncode:
+        raise InputError(f"{' '.join(command[1:])} failed with exit status {done.returncode}")
+    row = json.loads((out / "frame.json").read_text())
+    kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
+    spent = frame_energy(counter_counts(row), row["cycles"], CONFIGS[args.config], load_table())
+    return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
+
+
+def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None = None) -> dict[str, object]:
+    """One frame's row; its machine's area where `area` measures it."""
+    frame = Frame.parse(text)
+    found = works(args, frame)
+    seconds = golden_seconds(found, args.runs, frame.label)
+    most = seconds.get("most", seconds["auto"])
+    row: dict[str, object] = {
+        "frame": frame.label, "size": args.size, "effects": found["auto"].plan.record, "golden_ms": {
+            name: 1e3 * value for name, value in seconds.items()}, "golden_ratio": most / seconds["auto"]}
+    if args.rtl:
+        both = {name: simulated(args, frame, ",".join(sorted(found[name].plan.active | {"contention"})), out / f"rtl-{name}")
+                for name in ("auto", "most") if name in found}
+        auto, full = both["auto"], both.get("most", both["auto"])
+        energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
+        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
+                "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
+    if area:
+        config = CONFIGS[args.area_config]
+        mm2, most = area(found["auto"].plan.machine(config)), area(machine_of(config, ONE_EYE))
+        row |= {"area_config": config.name, "area_mm2": mm2, "area_most_mm2": most, "area_ratio": most / mm2}
+    return row
+
+
+def table(rows: list[dict[str, object]]) -> str:
+    """The rows as Markdown."""
+    lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
+             + " | all but a second eye | golden | cycles | energy | simulation | area | area, mm^2 |",
+             "|---" * (len(SINGLE) + 10) + "|"]
+    for row in rows:
+        ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
+        single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
+        rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS]
+        lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
+                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
+                                        f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"]) + " |")
+    return "\n".join(lines)
+
+
+def area_table(areas: Mapping[str, EffectArea]) -> str:
+    """Areas of effects as Markdown."""
+    lines = ["| effect | with it, mm^2 | without it | its own | share |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:z.3f} | {a.share:z.1%} |"
+                                for effect, a in areas.items())])
+
+
+def draw(rows: list[dict[str, object]], path: Path) -> None:
+    """Bars of what each frame saves, in times; nothing where matplotlib is not installed."""
+    try:
+        import matplotlib
+    except ImportError:
+        print("no picture: matplotlib is not installed (make setup EXTRAS=train)")
+        return
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = ("golden_ratio", *(name for name in RATIOS if any(name in row for row in rows)))
+    figure, axes = pyplot.subplots(figsize=(8, 3.5), layout="constrained")
+    for i, name in enumerate(names):
+        step = 0.8 / len(names)
+        bars = axes.bar([x + step * (i - (len(names) - 1) / 2) for x in range(len(rows))], [row.get(name, 0) for row in rows],
+                        0.9 * step, label=name.removesuffix("_ratio"))
+        axes.bar_label(bars, fmt="%.2f", fontsize=7)
+    axes.axhline(1, color="grey", linewidth=0.8)
+    axes.set_xticks(range(len(rows)), [row["frame"] for row in rows])
+    axes.set_ylabel("all but a second eye / called for")
+    axes.legend(ncols=len(names), fontsize=8)
+    with atomic_output(path) as file:
+        figure.savefig(file, format="png", dpi=120)
+    pyplot.close(figure)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command line's work."""
+    args = parse_arguments(argv)
+    out = make_folder(args.out)
+    area = measure_in(ROOT / "build" / "synth") if args.area else None
+    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first: they need what may be absent
+    rows = [measure(args, text, out, area) for text in args.scenes]
+    kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
+    write_json(out / "effects.json", {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})})
+    tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
+    text = "\n\n".join(["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables])
+    with atomic_output(out / "effects.md") as file:
+        file.write(f"{text}\n".encode())
+    draw(rows, out / "effects.png")
+    print("\n\n".join(tables))

@@ -1,0 +1,257 @@
+"""Energy of a frame: operations times what each was measured to cost, cycles times clock, time times leakage, bits of memory.
+
+    trace, cycles = trace_request(...), simulate(...)
+    report = frame_energy(model_counts(trace, cycles), cycles.total, config, load_table())
+
+A unit's energy is dynamic (its operations), clock (every cycle of the frame, whether it works or not: nothing gates a whole
+unit) and leakage. Its memories are counted by access, apart. What no netlist shows, wires and the clock's tree, is an
+assumption of its own rows, in no sum but the last.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING
+
+from msv2.studies.energy.sources import (
+    LPDDR3,
+    SRAM_LEAKAGE_SHARE,
+    SRAM_NODE,
+    SRAM_SCALING,
+    SRAM_SOURCE,
+    Dram,
+    sram_access_pj,
+)
+from msv2.studies.energy.table import Table, Unit, load_table
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BYTES
+
+if TYPE_CHECKING:  # else a frame's counters would need the model's compiler
+    from perf.model import FrameCycles
+    from perf.trace import FrameTrace
+
+__all__ = ["EnergyReport", "EnergyRow", "Table", "WorkCounts", "counter_counts", "frame_energy", "load_table", "model_counts"]
+
+PARTS = ("dynamic", "clock", "leakage", "sram", "dram", "assumed")
+"""Kinds of rows."""
+
+CHIP = ("dynamic", "clock", "leakage", "sram")
+"""Those of the chip itself."""
+
+WIRE_SHARE = 0.5
+"""Assumed: wires are half as large a load as the pins at their ends."""
+
+CLOCK_TREE_SHARE = 0.5
+"""Assumed: the tree in front of the clock pins takes half of what the pins and the cells behind them take."""
+
+PJ_TO_MJ = 1e-9
+
+
+@dataclass(frozen=True)
+class WorkCounts:
+    """Operations of a frame, of both eyes together: the machine's counters, by their names.
+
+    Attributes:
+        points, survivors, entries, spilled_entries, ops, pixels, warped: events of `spec.registers`.
+        tiles: of the table, read once a pass.
+        read_beats, write_beats: of memory.
+    """
+
+    points: int = 0
+    survivors: int = 0
+    entries: int = 0
+    spilled_entries: int = 0
+    ops: int = 0
+    pixels: int = 0
+    warped: int = 0
+    tiles: int = 0
+    read_beats: int = 0
+    write_beats: int = 0
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+                raise ValueError(f"{name} must be an integer, 0 or more, not {value!r}")
+
+    def of(self, operation: str) -> int:
+        """How many of a unit's operations: a field, or one of what is made of several."""
+        if operation == "sorted_entries":
+            return self.entries + self.spilled_entries
+        if operation == "beats":
+            return self.read_beats + self.write_beats
+        if operation == "cycles":
+            return 0
+        if operation not in {f.name for f in fields(self)}:
+            raise ValueError(f"operation must be a count of a frame, not {operation!r}")
+        return getattr(self, operation)
+
+
+@dataclass(frozen=True)
+class EnergyRow:
+    """A part of a frame's energy.
+
+    Attributes:
+        unit: of the machine; "dram" and "assumed" beside them.
+        part: one of PARTS.
+        value_mj: of the frame.
+        operations, operation: how many of what.
+        coefficient_pj: of one of them, at the node that the frame's energy is given for.
+        node, source, scaling: of the coefficient.
+    """
+
+    unit: str
+    part: str
+    value_mj: float
+    operations: float
+    operation: str
+    coefficient_pj: float
+    node: str
+    source: str
+    scaling: str
+
+
+@dataclass(frozen=True)
+class EnergyReport:
+    """A frame's energy.
+
+    Attributes:
+        rows: all parts.
+        cycles, clock_hz: of the frame.
+        counts: of it.
+    """
+
+    rows: tuple[EnergyRow, ...]
+    cycles: int
+    clock_hz: float
+    counts: WorkCounts
+
+    def sum_mj(self, *parts: str) -> float:
+        """Of rows of some kinds; of all without a name."""
+        return sum(row.value_mj for row in self.rows if not parts or row.part in parts)
+
+    @property
+    def chip_mj(self) -> float:
+        """Logic and memories on the chip, without what is assumed."""
+        return self.sum_mj(*CHIP)
+
+    @property
+    def total_mj(self) -> float:
+        """All rows."""
+        return self.sum_mj()
+
+    def by_unit(self) -> dict[str, dict[str, float]]:
+        """mJ by unit and part."""
+        found: dict[str, dict[str, float]] = defaultdict(lambda: dict.fromkeys(PARTS, 0.0))
+        for row in self.rows:
+            found[row.unit][row.part] += row.value_mj
+        return dict(found)
+
+    def as_json(self) -> dict[str, object]:
+        """JSON-ready values."""
+        entries = max(self.counts.entries, 1)
+        return {
+            "total_mj": self.total_mj, "chip_mj": self.chip_mj, "dram_mj": self.sum_mj("dram"),
+            "assumed_mj": self.sum_mj("assumed"), "cycles": self.cycles, "clock_hz": self.clock_hz,
+            "milliseconds": 1e3 * self.cycles / self.clock_hz, "frames_per_s": self.clock_hz / max(self.cycles, 1),
+            "chip_mw": self.chip_mj * self.clock_hz / max(self.cycles, 1),
+            "by_part_mj": {part: self.sum_mj(part) for part in PARTS}, "by_unit_mj": self.by_unit(),
+            "pj_per_entry": {unit: sum(parts.values()) / PJ_TO_MJ / entries for unit, parts in self.by_unit().items()},
+            "counts": asdict(self.counts), "rows": [asdict(row) for row in self.rows]}
+
+
+def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
+    """Counts of a frame by the cycle model."""
+    warped = trace.width * trace.height if len(trace.eyes) > 1 else 0
+    covered = sum(int(eye.rendered.sum()) for eye in trace.eyes) / max(len(trace.eyes[0].rendered), 1)
+    return WorkCounts(
+        points=trace.points * len(trace.eyes), survivors=sum(len(eye.survivor) for eye in trace.eyes), entries=cycles.entries,
+        spilled_entries=cycles.spilled_entries, ops=cycles.ops, pixels=round(covered * trace.width * trace.height),
+        warped=warped, tiles=sum(len(eye.counts) for eye in trace.eyes),
+        read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES)
+
+
+def counter_counts(frame: Mapping[str, object]) -> WorkCounts:
+    """Counts of a frame through the RTL, of its counters as `python -m tb.frame` writes them to frame.json."""
+    events, dram = frame["events"], frame["dram_bytes"]
+    return WorkCounts(
+        **{name: events.get(name, 0) for name in (
+            "points", "survivors", "entries", "spilled_entries", "ops", "pixels", "warped")},
+        tiles=frame["tiles"], read_beats=dram["read"] // BEAT_BYTES, write_beats=dram["write"] // BEAT_BYTES)
+
+
+def frame_energy(
+    counts: WorkCounts, cycles: int, config: AcceleratorConfig, table: Table, *, clock_hz: float = 1e9, dram: Dram = LPDDR3,
+) -> EnergyReport:
+    """Energy of a frame at 16 nm, and of its memory.
+
+    Args:
+        counts: the frame's operations.
+        cycles: its length.
+        config: the machine. Clock and leakage of units that are larger or smaller than the table's go with their size.
+        table: what operations cost.
+        clock_hz: how long the cycles are: of leakage and standby.
+        dram: the memory.
+
+    Raises:
+        ValueError: cycles or clock that are not positive, or counts without cycles.
+    """
+    if not isinstance(cycles, int) or cycles < 0 or (not cycles and counts != WorkCounts()):
+        raise ValueError(f"cycles must be an integer, 1 or more where there is work, not {cycles!r}")
+    if not clock_hz > 0:
+        raise ValueError(f"clock_hz must be positive, not {clock_hz!r}")
+    seconds, rows = cycles / clock_hz, []
+    for unit in table.units:
+        if unit.operation != "warped" or config.stereo:
+            rows += _unit_rows(unit, counts, cycles, seconds, config, table)
+    rows += _dram_rows(counts, seconds, dram)
+    switching = sum(unit.switching_pj * counts.of(unit.operation) for unit in table.units) * table.to_16nm
+    clock = sum(row.value_mj for row in rows if row.part == "clock")
+    rows.append(EnergyRow(
+        "assumed: wires", "assumed", WIRE_SHARE * switching * PJ_TO_MJ, switching, "pJ of nets", WIRE_SHARE, "16 nm",
+        "assumption: no placement is made; wires are half as large a load as the pins", table.scaling))
+    rows.append(EnergyRow(
+        "assumed: clock tree", "assumed", CLOCK_TREE_SHARE * clock, clock / PJ_TO_MJ, "pJ of clock pins", CLOCK_TREE_SHARE,
+        "16 nm", "assumption: no tree is made; it takes half of what the clock pins take", table.scaling))
+    return EnergyReport(tuple(rows), cycles, clock_hz, counts)
+
+
+def _unit_rows(
+    unit: Unit, counts: WorkCounts, cycles: int, seconds: float, config: AcceleratorConfig, table: Table,
+) -> list[EnergyRow]:
+    size, factor, done = _size(unit, config, table), table.to_16nm, counts.of(unit.operation)
+    made = "16 nm", unit.source, f"{table.node}: {table.scaling}"
+    leakage = factor * size * unit.leakage_mw  # as energy: a stated rule, leakage is little
+    rows = [
+        _row(unit.name, "dynamic", done, unit.operation, factor * unit.dynamic_pj, *made),
+        _row(unit.name, "clock", cycles, "cycles", factor * size * unit.clock_pj, *made),
+        _row(unit.name, "leakage", seconds * 1e9, "ns", leakage, *made)]
+    for m in unit.memories:
+        access, kept = sram_access_pj(m.words, m.width), m.words * m.width * SRAM_LEAKAGE_SHARE * table.flop_leakage_pw * 1e-9
+        rows.append(_row(
+            unit.name, "sram", done * (m.reads + m.writes), f"accesses of {m.words} x {m.width}", access, "16 nm", SRAM_SOURCE,
+            f"{SRAM_NODE}: {SRAM_SCALING}"))
+        rows.append(_row(
+            unit.name, "leakage", seconds * 1e9, "ns", factor * kept, "16 nm",
+            f"{m.words} x {m.width} bits, each {SRAM_LEAKAGE_SHARE} of a flip-flop's", f"{table.node}: {table.scaling}"))
+    return rows
+
+
+def _row(unit: str, part: str, count: float, operation: str, pj: float, node: str, source: str, scaling: str) -> EnergyRow:
+    return EnergyRow(unit, part, count * pj * PJ_TO_MJ, count, operation, pj, node, source, scaling)
+
+
+def _size(unit: Unit, config: AcceleratorConfig, table: Table) -> float:
+    if not unit.scales_with:
+        return 1.0
+    here = {"cores": config.cores_x * config.cores_y, "culling_units": config.culling_units, "warp_lanes": config.warp_lanes}
+    return here[unit.scales_with] / table.reference[unit.scales_with]
+
+
+def _dram_rows(counts: WorkCounts, seconds: float, dram: Dram) -> list[EnergyRow]:
+    bits, made = 8 * BEAT_BYTES, (dram.name, dram.source, "none: not of the chip's node")
+    return [
+        _row("dram", "dram", bits * counts.read_beats, "bits read", dram.read_pj_per_bit, *made),
+        _row("dram", "dram", bits * counts.write_beats, "bits written", dram.write_pj_per_bit, *made),
+        _row("dram", "dram", seconds * 1e9, "ns of standby", dram.standby_mw, *made)]

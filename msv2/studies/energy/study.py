@@ -1,0 +1,163 @@
+"""`python -m msv2.studies energy`: energy of frames, by unit, with what it rests on, into reports/energy.{json,md,png}.
+
+Operations and cycles of a frame are the cycle model's, or the RTL's own counters: of frame.json as `python -m tb.frame` writes
+it, and of the frames in reports/machine.json. What an operation costs is in reports/energy_per_operation.json, which
+`python -m msv2.studies energy_per_operation` measures.
+
+examples:
+  python -m msv2.studies energy                                     the embedded scene, garden_large where MSV2_DATA has it,
+                                                                   and the frames of reports/machine.json
+  python -m msv2.studies energy truck.splat --size 1280x720         one frame
+  python -m msv2.studies energy --frame build/frame/frame.json      a frame through the RTL
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
+from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
+from msv2.studies.energy.page import OTHERS, as_markdown, plot
+from msv2.studies.energy.table import TABLE, Table, load_table
+from spec.config import CONFIGS
+from spec.errors import InputError
+from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.paths import ROOT
+
+CACHE = ROOT / "build" / "perf" / "traces"
+FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
+"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+
+MACHINE = ROOT / "reports" / "machine.json"
+"""Frames through the RTL, with its counters (`make results`)."""
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m msv2.studies energy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_request_arguments(parser, size="640x360")
+    parser.set_defaults(scene=None)
+    add_stereo_arguments(parser)
+    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, which is measured)")
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
+    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
+    parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports", metavar="DIR", help="default: reports")
+    return parser.parse_args(argv)
+
+
+def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
+    """A frame by the cycle model: what it is, and its energy."""
+    from perf.model import MemoryModel, simulate  # compiled at first use, which counters need not wait for
+    from perf.trace import trace_request
+
+    config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
+    trace = trace_request(args, config, cache=CACHE)
+    cycles = simulate(trace, config, memory=MemoryModel(args.memory), display=True)
+    report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
+    return _frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", config.name, report)
+
+
+def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
+    """A frame through the RTL, by its counters."""
+    counts, config = counter_counts(frame), CONFIGS[frame["config"]]
+    report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
+    return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
+
+
+def counted_cycles(frame: Mapping[str, object]) -> int:
+    """Length of a frame through the RTL, without what a reset before it clears."""
+    return sum(frame[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))
+
+
+def read_frames(path: Path) -> list[dict[str, object]]:
+    """The frame of a frame.json; of a report of many, those with all the machine does, at the paper's bandwidth.
+
+    Raises:
+        InputError: the file is neither.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if "rows" not in content:
+            counter_counts(content)
+            return [content]
+        return [row for row in content["rows"]
+                if row["merge"] and row["pipeline"] and row["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE and row["entries"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} must be a frame.json of `python -m tb.frame` ({error})") from error
+
+
+def _frame(
+    scene: str, size: list[int], record: dict[str, object], source: str, config: str, report: EnergyReport,
+) -> dict[str, object]:
+    return {"scene": Path(scene).stem, "size": size, "gaze": record.get("gaze"), "levels": record.get("levels"),
+            "config": config, "work": source, **report.as_json()}
+
+
+def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
+    """The frames that are asked for."""
+    if args.scene is not None:
+        yield args
+        return
+    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
+    for scene, size, gaze in FRAMES:
+        path = scene if scene == "embedded" else str(trained / scene)
+        if scene != "embedded" and not Path(path).exists():
+            print(f"{scene}: not in MSV2_DATA, left out", flush=True)
+            continue
+        yield argparse.Namespace(**{**vars(args), "scene": path, "size": size, "gaze": gaze, "levels": 4})
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work."""
+    args = _arguments(argv)
+    if args.config not in CONFIGS:
+        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    if not 1 <= args.clock_mhz <= 1e5:
+        raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
+    take_stereo_arguments(args)
+    table = load_table(args.table)
+    files = [args.frame] if args.frame else [MACHINE] if args.scene is None and MACHINE.is_file() else []
+    frames = [modelled(request, table) for request in requests(args) if not args.frame]
+    frames += [counted(frame, table, args.clock_mhz) for path in files for frame in read_frames(path)]
+    print("\n".join(map(summary, frames)), flush=True)
+    args.out.mkdir(parents=True, exist_ok=True)
+    content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
+               "coefficients": coefficients(frames), "frames": frames, "others": OTHERS}
+    write_json(args.out / "energy.json", content)
+    (args.out / "energy.md").write_text(as_markdown(content, table))
+    drawn = plot(frames, args.out / "energy.png")
+    print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
+    return 0
+
+
+def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
+    """Node, source and scaling of the rows' coefficients, each once; rows get `coefficient`, the place there, instead."""
+    places: dict[tuple[str, str, str], int] = {}
+    for frame in frames:
+        for row in frame["rows"]:
+            made = row.pop("node"), row.pop("source"), row.pop("scaling")
+            row["coefficient"] = places.setdefault(made, len(places))
+    return [dict(zip(("node", "source", "scaling"), made, strict=True)) for made in places]
+
+
+def summary(frame: dict[str, object]) -> str:
+    """A line of the printed report."""
+    width, height = frame["size"]
+    energies = ", ".join(f"{name} {frame[key]:.3f} mJ" for name, key in (
+        ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))
+    return (f"{frame['scene']} {width}x{height}, {frame['work']}: {energies}; {frame['frames_per_s']:.0f} frames/s "
+            f"at {frame['clock_hz'] / 1e6:.0f} MHz")
+
+
+def commit() -> str:
+    """Of the working tree."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"

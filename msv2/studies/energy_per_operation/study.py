@@ -1,0 +1,134 @@
+"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, into
+reports/energy_per_operation.json.
+
+Units that a bench plays are simulated gate by gate, with delays, at work of scenes' frames, every output compared. Of the
+others clock and leakage are those of their netlists, and an operation costs the mean of the simulated units by area: the
+default activity. Needs the extra `synth` and the liberty files of MSV2_PDK.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+from golden.msv2_ref.pipeline import Frame
+from golden.scenes.request import write_json
+from msv2.studies.energy.table import TABLE
+from msv2.studies.energy_per_operation.measure import map_work, measure, still
+from msv2.studies.energy_per_operation.table import DEFAULTS, unit_rows
+from msv2.studies.energy_per_operation.work import WORK
+from spec.config import PAPER
+from spec.errors import InputError
+from spec.paths import ROOT
+from synth import flow
+from synth.liberty import ASAP7, find_files
+from synth.power.cells import read_cells
+from synth.power.energy import VOLTAGE
+from synth.scaling import ENERGY_TO_16NM, SOURCE
+from tb.common.scenes import scene_path, traced_frame
+
+SIZE = "160x96"
+FOLDER = ROOT / "build" / "power"
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m msv2.studies energy_per_operation", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--unit", default="",
+                        help=f"only measure this one, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
+    parser.add_argument("--scenes", default="embedded,truck.splat", help="comma-separated (default: embedded,truck.splat)")
+    parser.add_argument("--clock-ps", type=float, default=1000.0, help="that netlists are made for (default: 1000)")
+    parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
+                        help="folder of netlists (default: build/synth)")
+    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    return parser.parse_args(argv)
+
+
+def _kept(unit: str, scene: str, args: argparse.Namespace) -> Path:
+    """Where a measurement is kept, by all that it depends on."""
+    files = sorted(path for pattern in ("spec/*.py", "rtl/**/*.py", "synth/**/*.py", "msv2/studies/energy_per_operation/*.py",
+                                        "golden/msv2_ref/*.py")
+                   for path in ROOT.glob(pattern) if path.name not in ("__main__.py", "table.py"))
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in files))
+    digest.update(repr((unit, scene, SIZE, args.clock_ps, flow.version())).encode())
+    return FOLDER / f"{unit}-{Path(scene).stem or 'still'}-{digest.hexdigest()[:12]}.json"
+
+
+def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespace) -> list[dict[str, object]]:
+    """Rows of simulated units, scene by scene; of others, one row without a scene."""
+    rows = []
+    for unit in units:
+        mapped = None
+        for scene in scenes if unit in WORK else ("",):
+            path = _kept(unit, scene, args)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                config = PAPER.with_(stereo=True) if unit == "warp_unit" else PAPER
+                mapped = mapped or map_work(unit, config, args.clock_ps, args.synth)
+                write_json(path, measure(mapped, unit, config, scene, _frame(scene)) if scene else still(mapped, unit))
+            rows.append(json.loads(path.read_text()))
+            print(_line(rows[-1]), flush=True)
+    return rows
+
+
+@cache
+def _frame(scene: str) -> Frame:
+    return traced_frame(PAPER, scene_path(scene), SIZE)[1]
+
+
+def _line(row: dict[str, object]) -> str:
+    work = (f"{row['pj_per_operation']:9.3f} pJ an {row['operation']}, {row['operations']} in {row['cycles']} cycles, "
+            f"{row['items_compared']} items equal; " if "operation" in row else " " * 12)
+    return (f"{row['unit']:20} {row.get('scene', ''):12} {work}clock {row['clock_pj_per_cycle']:8.3f} pJ a cycle, "
+            f"leakage {row['leakage_mw']:.4f} mW")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work."""
+    args = _arguments(argv)
+    if args.unit and args.unit not in (*WORK, *DEFAULTS):
+        raise InputError(f"unit {args.unit!r} is not accepted: choose one of {', '.join((*WORK, *DEFAULTS))}")
+    if flow.libyosys is None:
+        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+    find_files(ASAP7)
+    scenes = args.scenes.split(",")
+    for scene in scenes:
+        if scene_path(scene) is None:
+            raise InputError(f"scene {scene!r} is not there: MSV2_DATA must name the folder that has trained/{scene}")
+    rows = measured([args.unit] if args.unit else [*WORK, *DEFAULTS], scenes, args)
+    if not args.unit:
+        write_table(args.out, rows, scenes, args.clock_ps)
+        print(f"wrote {args.out}")
+    return 0
+
+
+def write_table(path: Path, rows: Sequence[dict[str, object]], scenes: Sequence[str], clock_ps: float) -> None:
+    """The table of a set of measurements."""
+    write_json(path, {
+        "config": PAPER.name,
+        "reference": {"cores": PAPER.cores_x * PAPER.cores_y, "culling_units": PAPER.culling_units,
+                      "warp_lanes": PAPER.warp_lanes},
+        "node": ASAP7.node, "voltage": VOLTAGE, "clock_ps": clock_ps, "to_16nm": ENERGY_TO_16NM["asap7"],
+        "scaling": f"x {ENERGY_TO_16NM['asap7']:g} to 16 nm at 0.8 V ({SOURCE})", "flop_leakage_pw": flop_leakage(),
+        "commit": commit(), "tools": flow.version(), "scenes": scenes, "size": SIZE,
+        "units": unit_rows(rows), "samples": rows})
+
+
+def flop_leakage() -> float:
+    """pW of the library's flip-flop."""
+    return read_cells(find_files(ASAP7), [ASAP7.flop])[ASAP7.flop].leakage
+
+
+def commit() -> str:
+    """Of the working tree, with a plus where it differs."""
+    run = ["git", "-C", str(ROOT)]
+    head = subprocess.run([*run, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
+    changed = subprocess.run([*run, "status", "--porcelain", "--untracked-files=no", "--", "rtl", "spec", "synth", "tb"],
+                             capture_output=True, text=True, check=False).stdout.strip()
+    return (head or "unknown") + "+" * bool(changed)

@@ -1,0 +1,40 @@
+"""Areas of machines of ours that have fewer units, from the area report; and GSCore's as published."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from spec.config import PAPER, AcceleratorConfig
+from spec.paths import ROOT
+
+REPORT = ROOT / "reports" / "area.json"
+
+GSCORE_MM2_16NM = 1.45
+"""The published machine, scaled to 16 nm by the paper (section 7, "Hardware Implementation")."""
+
+WITH_CORES, WITH_CULLING, WARP = ("array", "blending"), ("culling and conversion", "colour"), "warp"
+"""Groups whose logic goes with the array's cores, with the culling units; the one that a machine for one eye has not."""
+
+
+def load_area(path: Path = REPORT) -> dict[str, object] | None:
+    """The area report of `make report-area`; None where there is none."""
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def build_of(report: Mapping[str, object]) -> tuple[str, Mapping[str, object]]:
+    """The build that frames of one eye are compared by: the one without the warp unit where it has been made."""
+    name = "mono" if "mono" in report["builds"] else "1ghz"
+    return name, report["builds"][name]
+
+
+def machine_mm2(report: Mapping[str, object], config: AcceleratorConfig) -> float:
+    """mm^2 at 16 nm of a machine of ours for one eye, with memories: groups of the report, scaled by their units."""
+    cores = config.cores_x * config.cores_y / (PAPER.cores_x * PAPER.cores_y)
+    culling, total = config.culling_units / PAPER.culling_units, 0.0
+    for name, sums in build_of(report)[1]["groups"].items():
+        factor = cores if name in WITH_CORES else culling if name in WITH_CULLING else 1.0
+        if name != WARP:
+            total += factor * sums["logic_um2_16nm"] + sums["memory_um2_16nm"]
+    return total / 1e6

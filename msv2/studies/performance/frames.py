@@ -1,0 +1,160 @@
+"""The frames that machines are compared on, each rendered once by the golden renderer, and kept as traces."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref.eyes import render_stereo
+from golden.scenes.files import atomic_output
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import add_request_arguments, parse_size, resolve
+from golden.scenes.stereo import scene_scale, stereo_pair
+from perf.gscore import GscoreTrace, gscore_trace
+from perf.trace import FrameTrace, load_trace, save_trace, trace_of
+from spec.config import PAPER, AcceleratorConfig
+from spec.constants import ECC_THRESHOLD_DEG
+from spec.errors import InputError
+from spec.paths import ROOT
+
+CACHE = ROOT / "build" / "perf" / "compared"
+TWO_EYES = PAPER.with_(stereo=True)
+LEVELS = 4
+
+CAPTURED = ("truck.splat", "rock_sh3", "garden_large")
+"""Scenes of MSV2_DATA: captured, with random nested subsets as levels."""
+
+TRAINED = ("fern", "bonsai")
+"""Scenes that `make train` has left in build/train: with trained levels."""
+
+SECOND_VIEW = "3"
+"""Of the orbit's eight, or of a scene's cameras: far from the first."""
+
+SOURCES = ("golden/msv2_ref/*.py", "golden/scenes/*.py", "spec/*.py", "perf/trace.py", "perf/gscore.py", "perf/runs.py",
+           "perf/stops.py")
+"""What a trace is made of."""
+
+_ALL_TILES = 180.0  # degrees: no tile lies beyond, so that none is warped
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A frame, the gaze in its centre.
+
+    Attributes:
+        name: scene and view.
+        scene: the scene alone. trained: its levels are.
+        frame: one eye's.
+        other: the other eye's, rendered as a whole.
+        warped: both eyes, the second warped beyond the threshold.
+        gscore: the first eye's on the other machine.
+        subject: the request, as the record beside a picture has it.
+    """
+
+    name: str
+    scene: str
+    trained: bool
+    frame: FrameTrace
+    other: FrameTrace
+    warped: FrameTrace
+    gscore: GscoreTrace
+    subject: dict[str, object]
+
+
+def _data_folder() -> Path:
+    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
+
+
+def scene_file(scene: str) -> Path | None:
+    """Where a scene is; None where it is not."""
+    places = [_data_folder() / scene, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
+    return next((place for place in places if place.exists()), None)
+
+
+def scenes_here() -> tuple[list[str], list[str]]:
+    """Names of the scenes that are there, the embedded one first; of those that are not."""
+    found = {scene: scene_file(scene) is not None for scene in (*CAPTURED, *TRAINED)}
+    return [EMBEDDED, *(s for s, there in found.items() if there)], [s for s, there in found.items() if not there]
+
+
+def request(scene: str, size: str, camera: str = "orbit") -> argparse.Namespace:
+    """The arguments of a frame.
+
+    Raises:
+        InputError: the scene is not there.
+    """
+    path = EMBEDDED if scene == EMBEDDED else scene_file(scene)
+    if path is None:
+        raise InputError(f"SCENE {scene!r} is not accepted: 'embedded', a model file, a scene of MSV2_DATA or build/train are")
+    width, height = parse_size(size)
+    parser = argparse.ArgumentParser()
+    add_request_arguments(parser)
+    return parser.parse_args([str(path), "--size", size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", str(LEVELS),
+                              "--camera", camera])
+
+
+def compared(scene: str, size: str, camera: str = "orbit", *, config: AcceleratorConfig = TWO_EYES) -> Compared:
+    """A frame's traces, from the cache where nothing they are made of has changed.
+
+    Raises:
+        InputError: a scene that is not there, or a request that no frame can be made of.
+    """
+    args = request(scene, size, camera)
+    folder = CACHE / _key(args, config)
+    found = _load(folder)
+    if found is None:
+        found = _render(args, config)
+        for name, trace in zip(("frame", "other", "warped"), found[:3], strict=True):
+            save_trace(trace, folder / f"{name}.npz")
+        with atomic_output(folder / "gscore.npz") as file:
+            np.savez_compressed(file, **found[3]._asdict())
+    name = Path(scene).stem + ("" if camera == "orbit" else f", view {camera}")
+    return Compared(name, scene, scene in TRAINED, *found, found[0].record)
+
+
+def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
+    state = hashlib.sha256(repr((sorted(vars(args).items()), ECC_THRESHOLD_DEG, config)).encode())
+    for path in sorted(path for pattern in SOURCES for path in ROOT.glob(pattern)):
+        state.update(path.read_bytes())
+    for path in filter(Path.exists, map(Path, (args.scene, args.camera))):
+        state.update(repr((path.stat().st_size, path.stat().st_mtime_ns)).encode())
+    return state.hexdigest()[:16]
+
+
+def _load(folder: Path) -> tuple[FrameTrace, FrameTrace, FrameTrace, GscoreTrace] | None:
+    paths = [folder / f"{name}.npz" for name in ("frame", "other", "warped", "gscore")]
+    if not all(path.is_file() for path in paths):
+        return None
+    traces = [load_trace(path) for path in paths[:3]]
+    if None in traces:
+        return None
+    with np.load(paths[3]) as file:
+        numbers = {name: file[name] if file[name].ndim else int(file[name]) for name in GscoreTrace._fields}
+    return (*traces, GscoreTrace(**numbers))
+
+
+def _render(args: argparse.Namespace, config: AcceleratorConfig) -> tuple[FrameTrace, FrameTrace, FrameTrace, GscoreTrace]:
+    """One eye, the other as a whole, and the other where it is not warped."""
+    begin, asked = time.perf_counter(), resolve(args)
+    units, _ = scene_scale(asked.model.name, None)
+    pair = stereo_pair(asked.camera, units_per_metre=units)
+    both = {"config": config, "foveation": asked.foveation, "background": asked.background}
+    whole = render_stereo(asked.model, pair, threshold_deg=_ALL_TILES, **both)
+    warped = render_stereo(asked.model, pair, source=whole.source, **both)
+    seconds = time.perf_counter() - begin
+    return (*(trace_of(eye, seconds=seconds, record=asked.record) for eye in (whole.source, whole.target, warped)),
+            gscore_trace(whole.source))
+
+
+def default_frames(scenes: list[str]) -> Iterator[tuple[str, str]]:
+    """Scene and camera of every frame of a report: two views of each scene."""
+    for scene in scenes:
+        for camera in ("orbit", SECOND_VIEW):
+            yield scene, camera

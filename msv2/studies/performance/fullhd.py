@@ -1,0 +1,51 @@
+"""Full HD frames, beside a chip that renders them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from golden.scenes.load import EMBEDDED
+from msv2.studies.energy.frame import frame_energy, load_table, model_counts
+from msv2.studies.performance.frames import TRAINED, request, scene_file
+from msv2.studies.performance.machines import BANDWIDTHS, CLOCK_HZ, floor_cycles
+from perf.model import MemoryModel, simulate
+from perf.trace import trace_request
+from spec.config import PAPER
+from spec.memory import BEAT_BYTES, colour_beats
+from spec.paths import ROOT
+
+SIZE = "1920x1080"
+SCENES = (EMBEDDED, "garden_large", "bonsai")
+CACHE = ROOT / "build" / "perf" / "traces"
+
+
+def full_hd(scenes: tuple[str, ...] = SCENES) -> Iterator[dict[str, object]]:
+    """A row for each scene that is there, at the paper's memory, unlimited, and on four channels of LPDDR3-1600."""
+    for scene in scenes:
+        if scene != EMBEDDED and scene_file(scene) is None:
+            continue
+        trace = trace_request(request(scene, SIZE), PAPER, cache=CACHE)
+        stored = trace.points * BEAT_BYTES * (1 + colour_beats(PAPER, trace.sh_degree))
+        for kind, bandwidth in (*(("ideal", b) for b in BANDWIDTHS), ("lpddr3", BANDWIDTHS[0])):
+            frame = simulate(trace, PAPER, memory=MemoryModel(kind, bytes_per_cycle=bandwidth), display=True)
+            energy = frame_energy(model_counts(trace, frame), frame.total, PAPER, load_table(), clock_hz=CLOCK_HZ)
+            name = "4 x LPDDR3-1600" if kind == "lpddr3" else "unlimited" if bandwidth is None else f"{bandwidth:g} B a cycle"
+            yield {"frame": scene, "memory": name, "size": SIZE, "points": trace.points, "entries": trace.entries,
+                   "model_mb": stored / 1e6, "quality": quality(scene), "cycles": frame.total, "phases": frame.phases,
+                   "frames_per_s": CLOCK_HZ / frame.total, "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram"),
+                   "assumed_mj": energy.sum_mj("assumed"), "dram_bytes": frame.dram_bytes["read"] + frame.dram_bytes["write"],
+                   "over_floor": frame.total / floor_cycles(trace, frame, PAPER, bandwidth)}
+
+
+def quality(scene: str) -> str:
+    """What is known of a model's quality, from its training's own report."""
+    report = ROOT / "build" / "train" / scene / "report.json"
+    if scene not in TRAINED or not report.is_file():
+        kind = "synthetic" if scene == EMBEDDED else "captured"
+        return f"{kind} model as it is; levels are random subsets, without training"
+    found = json.loads(report.read_text())
+    size, loss = "x".join(map(str, found["size"])), found["psnr_l1"] - found["psnr_dense"]
+    return (f"trained at {size}: level 1 {found['psnr_l1']:.2f} dB, {loss:+.2f} dB to its dense model of "
+            f"{found['points']['dense']:,} points, on test views of {Path(found['scene']).name}")

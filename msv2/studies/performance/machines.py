@@ -1,0 +1,158 @@
+"""The machines that are compared, and a frame on each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from functools import cache
+
+from msv2.studies.energy.frame import Table, frame_energy, load_table, model_counts
+from msv2.studies.performance.frames import Compared
+from msv2.studies.performance.gpu import gpu_frame
+from perf.gscore import GscoreConfig, gscore_cycles
+from perf.model import FrameCycles, MemoryModel, simulate
+from perf.trace import FrameTrace
+from spec.config import PAPER, AcceleratorConfig
+from spec.memory import DRAM_BYTES_PER_CYCLE
+
+CLOCK_HZ = 1e9
+BANDWIDTHS = (DRAM_BYTES_PER_CYCLE, None)
+"""Bytes of memory a cycle: the paper's at 1 GHz; None: a beat read and a beat written in every cycle."""
+
+UNLIMITED_BYTES = 64
+"""Bytes a cycle of other machines where ours has a beat read and a beat written."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A configuration: tiles are merged; stages hand over incrementally, instead of through double buffers."""
+
+    name: str
+    merge: bool
+    pipeline: bool
+
+
+MACHINES = (
+    Machine("base", False, False), Machine("merging", True, False), Machine("pipelining", False, True),
+    Machine("merging+pipelining", True, True))
+BASE, BOTH = MACHINES[0], MACHINES[-1]
+TWO_BASE, TWO_BOTH, WARPING = "base, two eyes", "merging+pipelining, two eyes", "merging+pipelining+warping"
+GSCORE, GPU = "GSCore-like", "mobile GPU (modelled)"
+GEOMETRY_READS, GEOMETRY_WRITES = ("geometry", "colour"), ("entries", "views")
+"""Clients of memory that belong to the geometry phase alone."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A frame on a machine.
+
+    Attributes:
+        machine: its name.
+        bytes_per_cycle: of memory; None: unlimited.
+        eyes: of the frame.
+        cycles, geometry, render: of the frame and its two phases; None where the machine has no such number.
+        frames_per_s: at `clock_hz`.
+        dram_bytes: moved.
+        chip_mj, dram_mj: None where no energies are known.
+        floor: least cycles that the frame could take (`floor_cycles`).
+        array: share of the rendering phase in which the array has work.
+    """
+
+    machine: str
+    bytes_per_cycle: float | None
+    eyes: int
+    cycles: float
+    geometry: float | None
+    render: float | None
+    frames_per_s: float
+    clock_hz: float
+    dram_bytes: int
+    chip_mj: float | None = None
+    dram_mj: float | None = None
+    floor: float | None = None
+    array: float | None = None
+
+
+@cache
+def _table() -> Table:
+    return load_table()
+
+
+def floor_cycles(trace: FrameTrace, f: FrameCycles, config: AcceleratorConfig, bytes_per_cycle: float | None) -> float:
+    """Least cycles of the frame: every phase by its busiest part, which never waits.
+
+    Geometry: points at the culling units' rate, survivors at the colour unit's, or its bytes at memory's. Rendering: an entry
+    or an op a cycle, or its bytes.
+    """
+    reads = sum(f.reads[name] for name in GEOMETRY_READS), sum(n for name, n in f.reads.items() if name not in GEOMETRY_READS)
+    writes = (sum(f.writes[name] for name in GEOMETRY_WRITES),
+              sum(n for name, n in f.writes.items() if name not in GEOMETRY_WRITES))
+
+    def memory(read: int, written: int) -> float:
+        return max(read, written) / (UNLIMITED_BYTES / 2) if bytes_per_cycle is None else (read + written) / bytes_per_cycle
+
+    points = trace.points * len(trace.eyes) * config.point_interval
+    colours = sum(len(eye.survivor) for eye in trace.eyes) * config.colour_interval
+    return max(points, colours, memory(reads[0], writes[0])) + max(trace.entries, f.ops, memory(reads[1], writes[1]))
+
+
+def run_ours(
+    name: str, traces: Iterable[FrameTrace], config: AcceleratorConfig, bytes_per_cycle: float | None, *, merge: bool,
+    beta: int | None = None,
+) -> tuple[Run, list[FrameCycles]]:
+    """One or more frames, one behind the other, on a machine of ours."""
+    traces = tuple(traces)
+    frames = [simulate(trace, config, memory=MemoryModel(bytes_per_cycle=bytes_per_cycle), merge=merge, beta=beta, display=True)
+              for trace in traces]
+    energy = [frame_energy(model_counts(trace, frame), frame.total, config, _table(), clock_hz=CLOCK_HZ)
+              for trace, frame in zip(traces, frames, strict=True)]
+    cycles, render = sum(f.total for f in frames), sum(f.phases["render"] for f in frames)
+    return Run(
+        name, bytes_per_cycle, sum(len(trace.eyes) for trace in traces), cycles, sum(f.phases["geometry"] for f in frames),
+        render, CLOCK_HZ / cycles, CLOCK_HZ, sum(sum(f.reads.values()) + sum(f.writes.values()) for f in frames),
+        chip_mj=sum(e.chip_mj for e in energy), dram_mj=sum(e.sum_mj("dram") for e in energy),
+        floor=sum(floor_cycles(t, f, config, bytes_per_cycle) for t, f in zip(traces, frames, strict=True)),
+        array=sum(max(f.entries, f.ops) for f in frames) / max(1, render)), frames
+
+
+def run_gscore(frame: Compared, bytes_per_cycle: float | None, factor: float = 1.0, name: str = GSCORE) -> Run:
+    """A frame on the GSCore-like machine, `factor` times the published one's units; its energy is not modelled."""
+    machine = GscoreConfig(bytes_per_cycle=bytes_per_cycle or UNLIMITED_BYTES).scaled(factor)
+    c = gscore_cycles(frame.gscore, machine)
+    return Run(name, bytes_per_cycle, 1, c.total, c.geometry, c.render, CLOCK_HZ / c.total, CLOCK_HZ, c.dram_bytes)
+
+
+def run_gpu(frame: Compared, ops: int) -> Run:
+    """A frame on the mobile GPU, by its roofline; cycles are of its own clock."""
+    g = gpu_frame(frame.frame, ops)
+    return Run(GPU, g.bytes_per_cycle, 1, g.seconds * g.clock_hz, None, None, 1 / g.seconds, g.clock_hz, g.dram_bytes)
+
+
+def run_all(frame: Compared) -> tuple[list[Run], FrameCycles]:
+    """A frame on all machines, at both bandwidths; and its cycles on the one with everything, at the paper's."""
+    runs, kept = [], None
+    for bandwidth in BANDWIDTHS:
+        for m in MACHINES:
+            run, cycles = run_ours(m.name, [frame.frame], PAPER.with_(incremental=m.pipeline), bandwidth, merge=m.merge)
+            runs.append(run)
+        kept = kept or cycles[0]
+        eyes = (frame.frame, frame.other)
+        runs.append(run_ours(TWO_BASE, eyes, PAPER.with_(incremental=False), bandwidth, merge=False)[0])
+        runs.append(run_ours(TWO_BOTH, eyes, PAPER, bandwidth, merge=True)[0])
+        runs.append(run_ours(WARPING, [frame.warped], PAPER.with_(stereo=True), bandwidth, merge=True)[0])
+        runs.append(run_gscore(frame, bandwidth))
+    return [*runs, run_gpu(frame, kept.ops)], kept
+
+
+def rows(runs: Iterable[Run]) -> list[dict[str, object]]:
+    """JSON-ready, with each machine's speedup over the base of as many eyes."""
+    runs = list(runs)
+    base = {(r.eyes, r.bytes_per_cycle): r for r in runs if r.machine in (BASE.name, TWO_BASE)}
+    out = []
+    for r in runs:
+        b = base.get((r.eyes, r.bytes_per_cycle)) or base[r.eyes, BANDWIDTHS[0]]  # the GPU has a memory of its own
+        speedups = {"speedup": r.frames_per_s / b.frames_per_s, "speedup_render": b.render / r.render if r.render else None,
+                    "energy_ratio": None if r.chip_mj is None else (b.chip_mj + b.dram_mj) / (r.chip_mj + r.dram_mj),
+                    "energy_ratio_chip": None if r.chip_mj is None else b.chip_mj / r.chip_mj}
+        out.append(asdict(r) | speedups)
+    return out

@@ -1,0 +1,217 @@
+"""The performance report in Markdown; every number is of its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, GPU, GSCORE, MACHINES, TWO_BASE, TWO_BOTH, WARPING
+from msv2.studies.performance.summary import geomean
+
+COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> str:
+    """A table in Markdown; its first `left` columns and those named in `words` are aligned left."""
+    rule = " | ".join("---" if i < left or name in words else "---:" for i, name in enumerate(head))
+    return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def page(content: Mapping, pictures: Sequence[str]) -> str:
+    """All of it."""
+    sections = {
+        "The paper and ours": _paper(content), "What was to be reached": _goals(content),
+        "Speed over base": _speeds(content, "speedup"),
+        "Speed of the rendering phase over base's": _speeds(content, "speedup_render"),
+        "Frames and floors": _frames(content), "Two eyes": _two_eyes(content),
+        "GSCore-like machine at equal area": _gscore(content) + _picture("area", pictures),
+        "Mobile GPU": _gpu(content), "Energy": _energy(content) + _picture("bars", pictures), "Full HD": _full_hd(content),
+        "Splats in a tile": _tiles(content) + _picture("tiles", pictures),
+        "Hand-over": _timeline(content) + _picture("timeline", pictures),
+        "Memory": _memory(content) + _picture("bandwidth", pictures), "Sweeps": _sweeps(content) + _picture("sweeps", pictures)}
+    parts = ["# Performance", _intro(content), *(f"## {title}\n\n{text}" for title, text in sections.items())]
+    return "\n\n".join(parts) + "\n"
+
+
+def _picture(name: str, pictures: Sequence[str]) -> str:
+    return f"\n\n![{name}](performance_{name}.png)" if name in pictures else ""
+
+
+def _where(bandwidth: float | None) -> str:
+    return "unlimited" if bandwidth is None else f"{bandwidth:g} B"
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{value:,.{digits}f}"
+
+
+def _run(frame: Mapping, machine: str, bandwidth: float | None) -> Mapping:
+    return next(r for r in frame["runs"] if r["machine"] == machine and (machine == GPU or r["bytes_per_cycle"] == bandwidth))
+
+
+def _intro(content: Mapping) -> str:
+    error = content["model_error"]
+    missing = f" Not there, and left out: {', '.join(content['missing'])}." if content["missing"] else ""
+    checked = (f" Its cycles are within {100 * error['total']:.2f} % of the RTL's in {error['frames']} frames "
+               "(reports/model.md)." if error else "")
+    return (
+        f"Commit {content['commit']}; machine `{content['config']}`, {content['clock_hz'] / 1e9:g} GHz; written by "
+        f"`{content['command']}`. How it is found, what is modelled and what is assumed: [reports.md](../docs/reports.md). "
+        f"Frames are {content['size']}, {content['levels']} levels, the gaze in the centre, by the cycle model, a memory of "
+        f"{_where(BANDWIDTHS[0])} a cycle (the paper's) and an unlimited one (a beat read and a beat written in a cycle)."
+        f"{checked} Levels of {', '.join(content['trained']) or 'no scene'} are trained, of the others random nested subsets."
+        f"{missing}")
+
+
+def _paper(content: Mapping) -> str:
+    rows = [(r["what"], _number(r["paper"]), _number(r["ours"]["paper_bandwidth"]), _number(r["ours"]["unlimited"]), r["why"])
+            for r in content["beside_paper"]]
+    head = ("geomean", "paper", f"ours, {_where(BANDWIDTHS[0])} a cycle", "ours, unlimited", "why they differ")
+    return table(head, rows, words=head[-1:])
+
+
+def _goals(content: Mapping) -> str:
+    rows = [(g["goal"], f"{g['wanted']:.2f}", _number(g["found"], 3), "yes" if g["reached"] else "**no**", f"{g['frames']}")
+            for g in content["goals"]]
+    return table(("goal", "at least", "found", "reached", "frames"), rows)
+
+
+def _speeds(content: Mapping, key: str) -> str:
+    shown = COLUMNS if key == "speedup" else COLUMNS[:-1]
+    rows = []
+    for bandwidth in BANDWIDTHS:
+        for frame in content["frames"]:
+            rows.append((frame["name"], _where(bandwidth), *(_number(_run(frame, m, bandwidth)[key], 3) for m in shown)))
+        means = [next(r for r in content["means"] if r["machine"] == m and r["bytes_per_cycle"] == bandwidth) for m in shown]
+        rows.append(("**geomean**", _where(bandwidth), *(f"**{_number(r[key], 3)}**" for r in means)))
+    return table(("frame", "memory", *shown), rows, left=2) + "\n\nWith warping: two eyes over base with two rendered eyes."
+
+
+def _frames(content: Mapping) -> str:
+    rows = []
+    for frame in content["frames"]:
+        for bandwidth in BANDWIDTHS:
+            for machine in (BASE.name, BOTH.name):
+                r = _run(frame, machine, bandwidth)
+                rows.append((frame["name"], _where(bandwidth), machine, f"{frame['points']:,}", f"{frame['entries']:,}",
+                             f"{r['cycles']:,}", f"{r['geometry']:,}", f"{r['render']:,}", _number(r["cycles"] / r["floor"]),
+                             f"{100 * r['array']:.0f} %", f"{r['dram_bytes'] / 1e6:.2f}", f"{r['frames_per_s']:,.0f}"))
+    head = ("frame", "memory", "machine", "points", "entries", "cycles", "geometry", "rendering", "over floor", "array busy",
+            "MB", "frames/s")
+    return table(head, rows, left=3) + (
+        "\n\nFloor: each phase by its busiest part (culling, sorting, array, memory) that never waits. Array busy: of the "
+        "rendering phase.")
+
+
+def _two_eyes(content: Mapping) -> str:
+    rows = []
+    for frame in content["frames"]:
+        for bandwidth in BANDWIDTHS:
+            base, both, warp = (_run(frame, m, bandwidth) for m in (TWO_BASE, TWO_BOTH, WARPING))
+            rows.append((frame["name"], _where(bandwidth), f"{100 * frame['target_rendered']:.0f} %", f"{base['cycles']:,}",
+                         f"{both['cycles']:,}", f"{warp['cycles']:,}", _number(warp["speedup"], 3),
+                         _number(both["cycles"] / warp["cycles"], 3), _number(warp["cycles"] / warp["floor"]),
+                         _number(warp["energy_ratio"], 3)))
+    head = ("frame", "memory", "tiles of the second eye rendered", "base, both rendered", "all, both rendered", "all, warping",
+            "over base", "warping alone", "over floor", "energy of base over it")
+    return table(head, rows, left=2)
+
+
+def _gscore(content: Mapping) -> str:
+    if not content["equal_area"]:
+        return ("No reports/area.json is there (`make report-area`), so areas are not known; at the published size the machine "
+                "is in the tables of speed.")
+    rows = [(e["frame"], _where(e["bytes_per_cycle"]), f"{e['ours_cycles']:,}", f"{e['gscore_cycles']:,}",
+             _number(e["speedup"]), _number(e["speedup_render"]), _number(e["speedup_over_large"]),
+             *(f"{e[key] / 1e6:.2f}" for key in ("ours_dram_bytes", "gscore_dram_bytes")))
+            for e in content["equal_area"]]
+    first, means = content["equal_area"][0], []
+    for bandwidth in BANDWIDTHS:
+        mine = [e for e in content["equal_area"] if e["bytes_per_cycle"] == bandwidth]
+        frame, render, large = (geomean(e[key] for e in mine) for key in ("speedup", "speedup_render", "speedup_over_large"))
+        means.append(f"{_where(bandwidth)}: {frame:.2f}, in rendering {render:.2f}, over the large one {large:.2f}")
+    return table(("frame", "memory", "ours, cycles", "GSCore-like", "speedup", "in rendering",
+                  f"over GSCore-like of {first['large_mm2_16nm']:g} mm²", "ours, MB", "GSCore-like, MB"),
+                 rows, left=2) + (
+        f"\n\nGeomeans, {'; '.join(means)}.\n\n"
+        f"Ours for one eye takes {first['mm2_16nm']:.3f} mm² at 16 nm ({content['area_source']}); GSCore is scaled to that, "
+        f"{first['factor']:.2f} times the published units. Scaled machines of ours are of the report's groups: array with "
+        "cores, culling and colour with units, all else and memories as they are; an array larger than a tile is not modelled, "
+        "so the curve ends at the paper's resources.")
+
+
+def _gpu(content: Mapping) -> str:
+    rows = []
+    for frame in content["frames"]:
+        gpu, ours = _run(frame, GPU, None), _run(frame, BOTH.name, BANDWIDTHS[0])
+        rows.append((frame["name"], _number(gpu["frames_per_s"], 0), _number(ours["frames_per_s"], 0),
+                     _number(ours["frames_per_s"] / gpu["frames_per_s"])))
+    published = [(p["what"], _number(p["fps"], 1), p["source"]) for p in content["gpu_published"]]
+    return table(("frame", "GPU's roofline, frames/s (modelled)", "ours, frames/s", "ours over it, at least"), rows) + (
+        f"\n\nModelled, not measured: {content['gpu_model']}. Measured by others, on other frames:\n\n"
+        + table(("what", "frames/s", "source"), published, words=("source",)))
+
+
+def _energy(content: Mapping) -> str:
+    rows = []
+    for frame in content["frames"]:
+        cells = [_run(frame, m, BANDWIDTHS[0]) for m in (BASE.name, BOTH.name, TWO_BASE, WARPING)]
+        rows.append((frame["name"], *(f"{r['chip_mj']:.3f} + {r['dram_mj']:.3f}" for r in cells),
+                     _number(cells[1]["energy_ratio"], 3), _number(cells[3]["energy_ratio"], 3)))
+    head = ("frame", BASE.name, BOTH.name, TWO_BASE, WARPING, "base over both", "two eyes: base over warping")
+    return (f"mJ a frame, chip at 16 nm + memory, {_where(BANDWIDTHS[0])} a cycle (docs/energy.md). Wires and clock tree are "
+            "not in it.\n\n" + table(head, rows))
+
+
+def _full_hd(content: Mapping) -> str:
+    if not content["full_hd"]:
+        return "Not made with a SCENE named (`--full-hd 1` does)."
+    rows = [(f["frame"], f["memory"], f"{f['points']:,}", f"{f['model_mb']:.1f}", f["quality"], f"{f['cycles']:,}",
+             _number(f["frames_per_s"], 1), f"{f['chip_mj']:.2f}", f"{f['dram_mj']:.2f}", _number(f["over_floor"]))
+            for f in content["full_hd"]]
+    c = content["chip_129"]
+    rows.append((f"{c['design']}, {c['node']}", "published", "-", "-", c["model"], "-", _number(c["frames_per_s"], 1),
+                 f"{c['chip_mj']:.2f}", "-", "-"))
+    head = ("1920x1080", "memory", "points", "model, MB", "quality", "cycles", "frames/s", "chip, mJ", "DRAM, mJ", "over floor")
+    scaled, text = content["scaled_clock"], (
+        "\n\nNot like for like: the chip is a measured one of 28 nm at 800 MHz with wires and clock tree, and renders every "
+        "pixel of a compressed model; ours is modelled at 1 GHz, its energies at 16 nm from netlists, foveated, of another "
+        "model.")
+    if content["reached_ghz"]:
+        text += (f" 1 GHz is the clock of the model; synthesis reaches {content['reached_ghz']:.2f} GHz in ASAP7 so far (zero "
+                 "slack of the slowest unit).")
+    if scaled:
+        rates = ", ".join(f"{f['frame']}, {f['memory']}: {f['frames_per_s'] * scaled:.1f}" for f in content["full_hd"])
+        text += (f" At {1e3 * scaled:.0f} MHz, which 1 GHz in ASAP7 is at 16 nm by scaling (docs/area.md), with memory slower "
+                 f"by as much, frames/s: {rates}.")
+    return table(head, rows, left=2, words=("quality",)) + text
+
+
+def _tiles(content: Mapping) -> str:
+    shown = ("least", "quarter", "median", "three_quarters", "most", "mean")
+    rows = [(f["name"], *(f"{f['tiles'][key]:,.0f}" for key in shown),
+             _number(f["tiles"]["most"] / max(1, f["tiles"]["median"]), 1)) for f in content["frames"]]
+    return table(("frame", "least", "quarter", "median", "three quarters", "most", "mean", "most / median"), rows)
+
+
+def _timeline(content: Mapping) -> str:
+    rows = [(t["machine"], f"{t['groups']:,}", f"{t['render']:,}") for t in content["timeline"]["machines"]]
+    return table(("machine", "groups", "cycles of rendering"), rows) + (
+        f"\n\n{content['timeline']['frame']}, {_where(content['timeline']['bytes_per_cycle'])} a cycle; as traces for "
+        f"ui.perfetto.dev in {content['timeline']['folder']}.")
+
+
+def _memory(content: Mapping) -> str:
+    rows = [(r["frame"], r["sweep"], _where(r["value"]), f"{r['cycles']:,}", f"{r['render']:,}", f"{r['dram_bytes'] / 1e6:.2f}")
+            for r in content["bandwidth"]]
+    return table(("frame", "machine", "memory, a cycle", "cycles", "rendering", "MB"), rows, left=3)
+
+
+def _sweeps(content: Mapping) -> str:
+    by = {}
+    for r in content["sweeps"]:
+        by.setdefault((r["frame"], r["sweep"], r["value"]), {})[r["bytes_per_cycle"]] = r
+    rows = [(frame, sweep, "automatic" if value is None else f"{value:,}",
+             *(f"{found[b][key]:,}" for b in BANDWIDTHS for key in ("cycles", "render")))
+            for (frame, sweep, value), found in by.items()]
+    head = ("frame", "what", "value", *(f"{name}, {_where(b)}" for b in BANDWIDTHS for name in ("cycles", "rendering")))
+    return table(head, rows, left=3)

@@ -1,0 +1,189 @@
+"""The report's pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from msv2.studies.performance.machines import BANDWIDTHS, BOTH, GPU, GSCORE, MACHINES, WARPING
+from perf.model import FrameCycles
+
+STAGES = ("sort", "handover", "fetch", "array", "pixel_write")
+"""Rows of the timeline."""
+
+SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
+
+
+def _pyplot():
+    """None where matplotlib is not installed."""
+    try:
+        import matplotlib
+    except ImportError:
+        return None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -> list[str]:
+    """All pictures, as performance_*.png; their names, none without matplotlib."""
+    pyplot, made = _pyplot(), []
+    if pyplot is None:
+        return made
+    for name, picture in (("tiles", _tiles), ("timeline", _timeline), ("bars", _bars), ("area", _area),
+                          ("bandwidth", _bandwidth), ("sweeps", _sweeps)):
+        figure = picture(pyplot, timelines if name == "timeline" else content)
+        if figure is not None:
+            figure.tight_layout()
+            figure.savefig(folder / f"performance_{name}.png", dpi=100)
+            pyplot.close(figure)
+            made.append(name)
+    return made
+
+
+def _tiles(pyplot, content: Mapping):
+    """Intersections per tile: a map of each frame, and their spread over the frames."""
+    frames = content["frames"]
+    columns = min(3, len(frames))
+    lines = -(-len(frames) // columns)
+    figure = pyplot.figure(figsize=(5 * columns, 3 * lines + 3.5))
+    grid = figure.add_gridspec(lines + 1, columns)
+    for i, frame in enumerate(frames):
+        axis = figure.add_subplot(grid[i // columns, i % columns])
+        counts = np.array(frame["tiles"]["counts"]).reshape(-1, frame["tiles"]["across"])
+        shown = axis.imshow(np.maximum(counts, 1), norm="log", cmap="inferno")
+        figure.colorbar(shown, ax=axis, label="splats in a tile")
+        axis.set_title(frame["name"])
+        axis.set_axis_off()
+    axis = figure.add_subplot(grid[lines, :])
+    axis.boxplot([np.maximum(frame["tiles"]["counts"], 1) for frame in frames], whis=(0, 100))
+    axis.set_xticks(range(1, len(frames) + 1), [frame["name"] for frame in frames], rotation=15)
+    axis.set_yscale("log")
+    axis.set_ylabel("splats in a tile (none as 1)")
+    return figure
+
+
+def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
+    """The same part of the rendering phase of each machine, a row a stage, a colour a group."""
+    figure, axes = pyplot.subplots(len(timelines), 1, figsize=(13, 2.3 * len(timelines)), sharex=True, squeeze=False)
+    begins = {name: next(first for stage, _, _, first, _ in f.timeline if stage == "render") for name, f in timelines.items()}
+    width = max(f.phases["render"] for f in timelines.values())
+    colours = pyplot.get_cmap("tab20").colors
+    for axis, (name, frame) in zip(axes[:, 0], timelines.items(), strict=True):
+        for place, stage in enumerate(STAGES):
+            bars = [(group, first - begins[name], last - first + 1) for found, _, group, first, last in frame.timeline
+                    if found == stage and group >= 0]
+            axis.broken_barh([bar[1:] for bar in bars], (place - 0.4, 0.8), linewidth=0,
+                             facecolors=[colours[bar[0] % len(colours)] for bar in bars])
+        axis.set_yticks(range(len(STAGES)), STAGES)
+        axis.invert_yaxis()
+        axis.set_xlim(0, width)
+        axis.axvline(frame.phases["render"], color="black", linewidth=1)
+        axis.set_title(f"{name}: {frame.phases['render']:,} cycles of rendering, {frame.groups:,} groups", loc="left")
+    axes[-1, 0].set_xlabel("cycle of the rendering phase; a colour is a group of tiles in order")
+    return figure
+
+
+def _bars(pyplot, content: Mapping):
+    """Speedup and energy over base, every frame and the geomean."""
+    names = [frame["name"] for frame in content["frames"]] + ["geomean"]
+    figure, axes = pyplot.subplots(2, len(BANDWIDTHS), figsize=(8 * len(BANDWIDTHS), 9), squeeze=False)
+    for column, bandwidth in enumerate(BANDWIDTHS):
+        for axis, key, shown, label in ((axes[0, column], "speedup", SHOWN, "speed over base"),
+                                        (axes[1, column], "energy_ratio", SHOWN[: len(MACHINES) + 1],
+                                         "base's energy over the machine's")):
+            for i, machine in enumerate(shown):
+                values = [run[key] for frame in content["frames"] for run in frame["runs"]
+                          if run["machine"] == machine and (machine == GPU or run["bytes_per_cycle"] == bandwidth)]
+                values.append(next(row[key] for row in content["means"]
+                                   if row["machine"] == machine and row["bytes_per_cycle"] == bandwidth))
+                width = 0.8 / len(shown)
+                axis.bar(np.arange(len(names)) + (i - len(shown) / 2) * width, values, width, label=machine,
+                         hatch="//" if machine == GPU else None)
+            axis.axhline(1, color="black", linewidth=0.5)
+            axis.set_xticks(range(len(names)), names, rotation=30, ha="right")
+            axis.set_ylabel(label)
+            axis.set_title("unlimited memory" if bandwidth is None else f"{bandwidth:g} B a cycle")
+    axes[0, 0].legend(fontsize=8, ncols=4, loc="lower left", bbox_to_anchor=(0, 1.08))
+    return figure
+
+
+def _lines(axis, rows: Sequence[Mapping], x: str, y: str, label: str, **style: object) -> None:
+    points = [(row[x], row[y]) for row in rows if row[x] is not None]
+    axis.plot(*zip(*points, strict=True), marker="o", label=label, **style)
+
+
+def _area(pyplot, content: Mapping):
+    """Frames a second over mm^2; None without an area report."""
+    rows = content["iso_area"]
+    frames = list(dict.fromkeys(row["frame"] for row in rows))
+    if not frames:
+        return None
+    figure, axes = pyplot.subplots(1, len(frames), figsize=(6 * len(frames), 4.5), squeeze=False)
+    for axis, frame in zip(axes[0], frames, strict=True):
+        for bandwidth in BANDWIDTHS:
+            for machine, colour in ((BOTH.name, "tab:blue"), (GSCORE, "tab:red")):
+                found = [r for r in rows if (r["frame"], r["machine"], r["bytes_per_cycle"]) == (frame, machine, bandwidth)]
+                memory = "unlimited" if bandwidth is None else f"{bandwidth:g} B a cycle"
+                _lines(axis, found, "mm2_16nm", "frames_per_s", f"{machine}, {memory}", color=colour,
+                       linestyle="--" if bandwidth is None else "-")
+        axis.set_title(frame)
+        axis.set_xlabel("mm² at 16 nm")
+        axis.set_ylabel("frames a second at 1 GHz")
+        axis.legend(fontsize=7)
+    return figure
+
+
+def _bandwidth(pyplot, content: Mapping):
+    """Cycles of a frame over memory's bandwidth, and what it moves."""
+    rows = content["bandwidth"]
+    frames = list(dict.fromkeys(row["frame"] for row in rows))
+    figure, axes = pyplot.subplots(1, len(frames) + 1, figsize=(5 * len(frames) + 5, 4), squeeze=False)
+    machines = list(dict.fromkeys(row["sweep"] for row in rows))
+    for axis, frame in zip(axes[0], frames, strict=False):
+        for machine in machines:
+            found = [row for row in rows if row["frame"] == frame and row["sweep"] == machine]
+            _lines(axis, found, "value", "cycles", machine)
+        axis.set_title(frame)
+        axis.set_xlabel("bytes of memory a cycle")
+        axis.set_ylabel("cycles of a frame")
+        axis.set_ylim(bottom=0)
+    axes[0, 0].legend(fontsize=7)
+    for i, machine in enumerate(machines):
+        moved = [next(r["dram_bytes"] for r in rows if r["frame"] == frame and r["sweep"] == machine) / 1e6 for frame in frames]
+        axes[0, -1].bar(np.arange(len(frames)) + 0.27 * (i - 1), moved, 0.27, label=machine)
+    axes[0, -1].set_xticks(range(len(frames)), frames)
+    axes[0, -1].set_ylabel("MB a frame")
+    return figure
+
+
+def _sweeps(pyplot, content: Mapping):
+    """Cycles over those of the paper's machine with automatic beta: a colour a frame, dashed without memory's limit.
+
+    Of the rendering phase; of the frame where geometry depends on what is changed.
+    """
+    rows = content["sweeps"]
+    names = [name for name in dict.fromkeys(row["sweep"] for row in rows) if name != "beta, double buffers"]
+    figure, axes = pyplot.subplots(1, len(names), figsize=(4.2 * len(names), 4.5))
+    whole = {(r["frame"], r["bytes_per_cycle"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
+    for axis, name in zip(axes, names, strict=True):
+        key = "cycles" if "units" in name else "render"
+        for colour, frame in enumerate(dict.fromkeys(row["frame"] for row in rows)):
+            for sweep in dict.fromkeys((name, name.replace("line buffers", "double buffers"))):
+                for bandwidth, style in zip(BANDWIDTHS, ("-", "--"), strict=True):
+                    found = [dict(r, value=max(1, r["value"]), shown=r[key] / whole[frame, bandwidth][key])
+                             for r in rows if r["value"] is not None
+                             and (r["frame"], r["sweep"], r["bytes_per_cycle"]) == (frame, sweep, bandwidth)]
+                    label = ", ".join((frame, *["double buffers"] * ("double" in sweep), *["unlimited"] * (bandwidth is None)))
+                    _lines(axis, found, "value", "shown", label, linestyle=style, color=f"C{colour}",
+                           markersize=3 if "double" in sweep else 6)
+        axis.set_xscale("log", base=2)
+        axis.set_xlabel(name.partition(",")[0] + " in entries (none as 1)" if name.startswith("beta") else name)
+        axis.set_title(f"cycles of the {'frame' if key == 'cycles' else 'rendering phase'}", fontsize=10)
+        axis.set_ylim(0.9, max(1.15, axis.get_ylim()[1]))
+    axes[0].set_ylabel("over the paper's resources, beta automatic")
+    axes[0].legend(fontsize=6, loc="upper left")
+    return figure

@@ -1,0 +1,148 @@
+"""`python -m msv2.studies performance`: machines on the same frames, beside the paper: performance.{json,md} and
+performance_*.png.
+
+Areas are those of reports/area.json (`make report-area`), energies of reports/energy_per_operation.json (`python -m
+msv2.studies energy_per_operation`).
+
+examples:
+  python -m msv2.studies performance   the embedded scene; those of MSV2_DATA and build/train that are there
+  python -m msv2.studies performance embedded --size 320x180          one scene
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from golden.scenes.files import atomic_output
+from golden.scenes.request import make_folder, parse_size, write_json
+from msv2.studies.performance import area, gpu, summary
+from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scenes_here
+from msv2.studies.performance.fullhd import full_hd
+from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, CLOCK_HZ, MACHINES, Run, rows, run_all
+from msv2.studies.performance.page import page
+from msv2.studies.performance.pictures import draw
+from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
+from msv2.studies.performance.tiles import tile_granular
+from perf.model import FrameCycles, simulate
+from perf.perfetto import trace_events
+from spec.config import PAPER
+from spec.paths import ROOT
+
+REPORTS = ROOT / "reports"
+SWEPT = ("embedded", "truck", "garden_large")
+"""Scenes whose first view goes through the sweeps and over area."""
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m msv2.studies performance", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", nargs="*", metavar="SCENE",
+                        help="'embedded', a model file, a scene of MSV2_DATA or build/train")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
+    parser.add_argument("--full-hd", default=None, choices=("0", "1"),
+                        help="Full HD frames too (default: where no SCENE is named)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+    return parser.parse_args(argv)
+
+
+def commit() -> str:
+    """Of the working tree, marked where what the report is made of differs from it."""
+    done = [subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False).stdout.strip()
+            for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "spec", "golden", "perf"))]
+    return (done[0] or "unknown") + (", changed" if done[1] else "")
+
+
+def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None:
+    """Worst error of the cycle model's total against the RTL, as validation found it; None where there is no report."""
+    if not path.is_file():
+        return None
+    found = json.loads(path.read_text())["summary"]
+    return {"total": found["model_error_total"], "mean": found["mean_error_total"], "frames": found["frames"]}
+
+
+def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
+    """A frame's numbers."""
+    counts = frame.frame.eyes[0].counts
+    quartiles = np.percentile(counts, (0, 25, 50, 75, 100))
+    base = next(r for r in runs if (r.machine, r.bytes_per_cycle) == (BASE.name, BANDWIDTHS[0]))
+    return {
+        "name": frame.name, "scene": frame.scene, "trained": frame.trained, "subject": {**frame.subject, "scene": frame.scene},
+        "points": frame.frame.points, "entries": frame.frame.entries, "runs": rows(runs),
+        "target_rendered": float(frame.warped.eyes[1].rendered.mean()),
+        "memory_share": base.dram_bytes / (BANDWIDTHS[0] * base.cycles), "tile_granular": tile_granular(frame.frame.eyes[0]),
+        "tiles": dict(zip(("least", "quarter", "median", "three_quarters", "most"), quartiles.tolist(), strict=True))
+        | {"mean": float(counts.mean()), "across": frame.frame.tiles_x, "counts": counts.tolist()}}
+
+
+def timelines(frame: Compared) -> dict[str, FrameCycles]:
+    """A frame on base, with merging, and with all, at the paper's memory."""
+    shown = [m for m in MACHINES if m.merge or m is BASE]
+    return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), merge=m.merge, display=True) for m in shown}
+
+
+def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[dict[str, object], dict[str, FrameCycles]]:
+    """The report's numbers, and what the picture of the hand-over is of."""
+    here, missing = scenes_here()
+    found, areas, swept, equal = [], area.load_area(), [], []
+    for scene, camera in default_frames(list(scenes) or here):
+        frame = compared(scene, size, camera)
+        runs, _ = run_all(frame)
+        found.append(frame_rows(frame, runs))
+        equal += at_equal_area(frame, [r for r in runs if r.machine == BOTH.name], areas)
+        if camera == "orbit" and (Path(scene).stem in SWEPT or scenes):
+            swept.append(frame)
+        print(f"{frame.name}: {', '.join(f'{r.machine} {r.cycles:,.0f}' for r in runs[:len(MACHINES)])} cycles", flush=True)
+    shown = timelines(swept[0])
+    for name, cycles in shown.items():
+        (folder / f"perfetto_{name}.json").write_text(json.dumps(trace_events(cycles)))
+    means = summary.means(found)
+    build = area.build_of(areas) if areas else None
+    return {
+        "size": size, "levels": LEVELS, "config": PAPER.name, "clock_hz": CLOCK_HZ, "missing": [] if scenes else missing,
+        "trained": sorted({f["scene"] for f in found if f["trained"]}), "model_error": model_error(),
+        "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, equal),
+        "goals": summary.goals(found, means, equal), "equal_area": equal,
+        "iso_area": [row for frame in swept for row in iso_area(frame, areas)],
+        "area_source": build and f"build `{build[0]}` of reports/area.json, commit {build[1].get('commit')}",
+        "bandwidth": [row for frame in swept for row in bandwidth_rows(frame)],
+        "sweeps": [row for frame in swept for row in sweeps(frame)],
+        "timeline": {"frame": swept[0].name, "bytes_per_cycle": BANDWIDTHS[0], "folder": str(folder.relative_to(ROOT)),
+                     "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
+                                  for name, f in shown.items()]},
+        "full_hd": list(full_hd()) if hd else [], "chip_129": summary.CHIP_129,
+        "scaled_clock": 1 / areas["delay_to_16nm"] if areas else None,
+        "reached_ghz": areas["builds"]["1ghz"].get("clock_ghz_zero_slack") if areas else None, "gpu_published": gpu.PUBLISHED,
+        "gpu_model": f"{gpu.CORES} cores at {gpu.CLOCK_HZ / 1e9:g} GHz, {gpu.BYTES_PER_S / 1e9:g} GB/s, {gpu.PAIR_FLOPS} "
+                     f"operations a pixel and splat, {gpu.POINT_FLOPS} a point; kernels in turn, each at its bound. Its memory "
+                     f"is {gpu.BYTES_PER_S / (BANDWIDTHS[0] * CLOCK_HZ):.2f} times as fast as ours",
+    }, shown
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work."""
+    args = _arguments(argv)
+    parse_size(args.size)
+    hd = args.full_hd == "1" or (args.full_hd is None and not args.scene)
+    out, traces = make_folder(args.out), make_folder(ROOT / "build" / "report")
+    content, shown = measure(args.scene, args.size, hd, traces)
+    words = ["python -m msv2.studies performance", *(sys.argv[1:] if argv is None else argv)]
+    content = {"commit": commit(), "command": " ".join([words[0], *map(shlex.quote, words[1:])]), **content}
+    write_json(out / "performance.json", content)
+    pictures = draw(content, shown, out)
+    with atomic_output(out / "performance.md") as file:
+        file.write(page(content, pictures).encode())
+    for row in content["beside_paper"]:
+        ours = row["ours"]
+        print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "
+              f"{ours['unlimited']:.3f} unlimited")
+    print(f"wrote {out / 'performance.json'}, performance.md, "
+          + (f"{len(pictures)} pictures" if pictures else "no pictures without matplotlib"))
+    return 0

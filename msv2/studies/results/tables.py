@@ -1,0 +1,312 @@
+"""The README's tables, made of the numbers in reports/."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from golden.scenes.files import atomic_output
+from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
+from msv2.studies.accuracy.study import as_markdown
+from msv2.studies.results.report_tables import REPORT_TABLES
+from msv2.studies.training.readme_tables import TRAINING_TABLES
+from rtl.culling.colour import splat_interval
+from rtl.float.add import FloatAdd
+from rtl.float.convert import FixedToFloat, FloatToFixed
+from rtl.float.divide import FloatDivide, FloatReciprocal
+from rtl.float.multiply import FloatMul
+from rtl.float.roots import FloatRsqrt, FloatSqrt
+from rtl.vrc_array import blend, expand, row, setup, splat_fetch
+from spec.config import DEFAULT, PAPER
+from spec.constants import TILE
+
+AREA_7_TO_16_NM = 1 / 0.31
+"""Area of the same logic at 16 nm over 7 nm (Stillmaker & Baas 2017)."""
+
+PAPER_CORE_UM2 = 2.74e6 * 0.63 / TILE**2
+"""The paper's array, 63 % of 2.74 mm^2 at 16 nm, per core."""
+
+PAPER_SIZE = (1237, 822)
+"""Frame of the paper's datasets at which it states the regions' shares."""
+
+Reports = dict[str, dict]
+
+
+def load_reports(folder: Path) -> Reports:
+    """Every report by name."""
+    return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+
+
+def markdown(header: list[str], rows: list[list[str]]) -> str:
+    """A table; a message where there is nothing to show."""
+    if not rows:
+        return "(not measured yet)"
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, ["---"] * len(header), *rows])
+
+
+def results_table(reports: Reports) -> str:
+    """Paper, ours, and why they differ."""
+    rows = []
+    synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
+    if "vrc_row" in synthesis:
+        per_core, core = synthesis["vrc_row"]["area_per_core_um2"], synthesis["pixel_core"]
+        rows.append(["area of a core, registers of its row included, at 16 nm", f"{PAPER_CORE_UM2:,.0f} um²",
+                     f"{per_core * AREA_7_TO_16_NM:,.0f} um² (ASAP7: {per_core:.0f} um² x 1/0.31)",
+                     "log2-domain integers, their format is not stated; cells only, no place and route, no line buffer"])
+        rows.append(["pixel core alone, ASAP7, strict cell list", "-",
+                     f"{core['area_um2']:.0f} um², slack {core['slack_ps']:.0f} ps at {core['clock_ps']:.0f} ps",
+                     f"two level banks, depth, early stop; {1e3 / core['derated_ps']:.2f} GHz with 15 % for wires"])
+    frames = reports.get("frames", {"rows": []})["rows"]
+    if frames:
+        exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
+        counted = f"{exact} of {len(frames)}, {pixels:,} pixels"
+        rows.append(["frames of the whole machine equal to the golden renderer", "-", counted, "every bit of every pixel"])
+    rows += _gains(reports.get("machine", {"rows": []})["rows"])
+    display = Display(*PAPER_SIZE)
+    gaze = (PAPER_SIZE[0] / 2, PAPER_SIZE[1] / 2)
+    eccentricity = display.eccentricity(gaze)
+    level = region_level(eccentricity)
+    shares = "/".join(f"{100 * (level == i).mean():.1f}" for i in range(4))
+    band = 100 * ((blend_parameter(eccentricity, level) > 0) & (level < 3)).mean()
+    tiles = 100 * foveation_map(display, gaze).blend.mean()
+    size = "x".join(map(str, PAPER_SIZE))
+    rows.append([f"pixels per quality region at {size}", "13/17/21/49 %", f"{shares} %", "display 90° wide, theirs not stated"])
+    bands = f"{band:.1f} % ({tiles:.0f} % of the tiles)"
+    rows.append(["pixels in blend bands", "about 25 %", bands, "one such pixel makes a tile blend"])
+    accuracy = reports.get("accuracy", {"rows": []})["rows"]
+    if accuracy:
+        worst = min(r["psnr_vs_oracle_db"] for r in accuracy)
+        rows.append(["integer datapath against float64", "-", f"{worst:.1f} dB or more in {len(accuracy)} views",
+                     "budget 60 dB, before 8-bit rounding"])
+    return markdown(["quantity", "paper", "ours", "why they differ, notes"], rows)
+
+
+def _gains(machine: list[dict]) -> list[list[str]]:
+    """Merging and pipelining against the baseline, and how busy what limits a frame is."""
+    rows, frames = [], [r for r in machine if r["gaze"]]
+    for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
+        ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
+        base = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and not r["pipeline"]}
+        if ours:
+            gains = sorted(base[key]["render_cycles"] / r["render_cycles"] for key, r in ours.items())
+            used = sorted(r["utilisation"] for r in ours.values())
+            rows.append([f"merging and pipelining over the baseline, {words}", "1.13x", f"{gains[0]:.2f}x to {gains[-1]:.2f}x",
+                         f"rendering cycles of {len(ours)} foveated frames; see the machine's table"])
+            rows.append([f"utilisation of what limits rendering, {words}", "-", f"{used[0]:.3f} to {used[-1]:.3f}",
+                         "LS-Gaussian reports 0.886 for its machine"])
+    return rows
+
+
+UNITS = (
+    ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", "sim TEST=lists",
+     "memory's, 1 beat/cycle", ""),
+    ("near test, projection", "culling/projection_unit", "culling", "sim TEST=culling", "{projection} cycles, 1 point/cycle",
+     "near_test, projection"),
+    ("tile test, foveation filter", "culling/tile_test", "tiling", "sim TEST=culling",
+     "{tile_test} cycles, 1 run and 1 entry/cycle", "tile_test"),
+    ("colour unit", "culling/colour", "colour", "sim TEST=culling",
+     "{colour_unit} to {colour_unit_most} cycles, 1 SH-3 splat/{interval} cycles", "colour_unit"),
+    ("entry writer", "tile_lists/entry_writer", "tile_lists", "sim TEST=lists", "{entry_writer} cycles, 1 entry/cycle",
+     "entry_writer"),
+    ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "sim TEST=tmu",
+     "{tile_merge_unit} cycles, 1 entry, 1 tile/cycle", "tile_merge_unit"),
+    ("list reader, header maker", "tile_lists/list_reader, header_maker", "tile_lists", "sim TEST=lists",
+     "{list_reader_request} + {list_reader_answer}, {header_maker_request} + {header_maker_answer} cycles and memory's, "
+     "1 entry, 1 tile/cycle", "list_reader"),
+    ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "sim TEST=sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
+    ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", "sim TEST=sort", "the group, 1 entry/cycle",
+     ""),
+    ("line buffer, double buffer", "sort_tmu/handover", "-", "sim TEST=sort",
+     "{line_buffer}, the group and {double_buffer} cycles, 1 entry/cycle", ""),
+    ("splat fetch", "vrc_array/splat_fetch", "views", "sim TEST=vrc", "{splat_fetch} cycles, 1 entry/cycle", "splat_fetch"),
+    ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", "{setup} cycles, 1 op/cycle", "setup"),
+    ("expansion", "vrc_array/expand", "array_kernel", "test_rtl_expand", "{expand} cycles, 1 op/cycle", "expand"),
+    ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", "{pixel_core} cycles, 1 op/cycle",
+     "pixel_core"),
+    ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "{vrc_row} cycle to the next row", "vrc_row"),
+    ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "{blend} cycles, 1 row/cycle", "blend"),
+    ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc", "1 entry/cycle", ""),
+    ("pixel writer", "vrc_array/pixel_writer", "views", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle", "pixel_writer"),
+    ("warp unit (with `stereo`)", "warp_unit/", "warp_unit", "sim TEST=warp", "a ring of columns, 4 pixels/cycle", "warp_unit"),
+    ("AXI master, read queues", "axi/master, read_port", "-", "sim TEST=axi",
+     "{axi_master_request} + {axi_master_answer}, {read_queue} cycles, a read and a write/cycle", "axi_master"),
+    ("registers, counters", "axi/registers, counters", "-", "sim TEST=axi", "{register_file} cycles to start", "register_file"),
+    ("frame controller, machine", "top/controller, machine", "pipeline", "sim TEST=top, frame", "see frames", ""),
+    ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", "{float_add}, {float_mul} cycles, 1/cycle",
+     "float_add, float_mul"),
+    ("float divide, 1/x", "float/divide", "rounding", "sim TEST=float",
+     "{float_divide}, {float_reciprocal} cycles, 1/cycle", "float_divide, float_reciprocal"),
+    ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", "{float_rsqrt}, {float_sqrt} cycles, 1/cycle",
+     "float_rsqrt, float_sqrt"),
+    ("float from, to fixed", "float/convert", "rounding", "sim TEST=float",
+     "{fixed_to_float}, {float_to_fixed} cycles, 1/cycle", "fixed_to_float, float_to_fixed"),
+)
+"""Title, source, golden, tests, latency and throughput by the names of `unit_cycles`, names in synth/."""
+
+
+class _Cycles(dict):
+    """Numbers by name; what was not measured is shown as such."""
+
+    def __missing__(self, name: str) -> str:
+        return "?"
+
+
+def unit_cycles(reports: Reports) -> dict[str, int]:
+    """Latencies by name: those that the RTL states and its tests hold, those that reports/latencies.json measured; `interval`
+    is the colour unit's."""
+    stated = {
+        "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
+        "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
+        "float_add": FloatAdd.latency, "float_mul": FloatMul.latency, "float_divide": FloatDivide.latency,
+        "float_reciprocal": FloatReciprocal.latency, "float_rsqrt": FloatRsqrt.latency, "float_sqrt": FloatSqrt.latency,
+        "fixed_to_float": FixedToFloat.latency, "float_to_fixed": FloatToFixed.latency}
+    return _Cycles(stated | reports.get("latencies", {"cycles": {}})["cycles"])
+
+
+def units_table(reports: Reports) -> str:
+    """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
+    synthesis, cycles = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}, unit_cycles(reports)
+    rows = [[*unit[:4], unit[4].format_map(cycles), _areas(synthesis, unit[5])] for unit in UNITS]
+    header = ["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "logic in ASAP7 (slack at 1 ns)"]
+    return markdown(header, rows)
+
+
+def _areas(synthesis: dict[str, dict], names: str) -> str:
+    """Areas and slacks of the named units, as far as they were synthesised, and their memories."""
+    found = [synthesis[name] for name in names.split(", ") if name in synthesis]
+    bits = sum(r.get("memory_bits", 0) for r in found)
+    memories = f" and {bits / 8192:,.1f} KB" if bits else ""
+    return ", ".join(f"{r['area_um2']:,.0f} um² ({r['slack_ps']:+.0f} ps)" for r in found) + memories if found else "-"
+
+
+def accuracy_table(reports: Reports) -> str:
+    """The table of reports/accuracy.md."""
+    return as_markdown(reports["accuracy"]["rows"]) if "accuracy" in reports else "(not measured yet)"
+
+
+def frames_table(reports: Reports) -> str:
+    """Frames through the machine, a row for the four ways of merging and pipelining."""
+    kinds: dict[tuple, dict[tuple[bool, bool], dict]] = {}
+    for r in reports.get("frames", {"rows": []})["rows"]:
+        kinds.setdefault((r["scene"], *r["size"], r["levels"] > 1), {})[r["merge"], r["pipeline"]] = r
+    rows = []
+    for (scene, width, height, foveated), ways in kinds.items():
+        both = ways[True, True]
+        cycles = [f"{ways[way]['render_cycles']:,}" if way in ways else "-"
+                  for way in ((False, False), (True, False), (False, True), (True, True))]
+        exact = all(r["bit_exact"] and not r["counter_errors"] for r in ways.values())
+        rows.append([f"{scene}, {width}x{height}", "4 levels" if foveated else "-", f"{both['entries']:,}", f"{both['ops']:,}",
+                     f"{both['geometry_cycles']:,}", *cycles, f"yes, {len(ways)} of {len(ways)}" if exact else "NO"])
+    header = ["frame", "foveation", "entries", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining", "both",
+              "every bit and counter"]
+    return markdown(header, rows)
+
+
+def machine_table(reports: Reports) -> str:
+    """Merging and pipelining against the baseline, by frame and memory."""
+    pairs: dict[tuple, dict[bool, dict]] = {}
+    for r in reports.get("machine", {"rows": []})["rows"]:
+        if r["camera"] != "away" and r["gaze"]:
+            pairs.setdefault((r["scene"], *r["size"], r["bytes_per_cycle"] or 0), {})[r["pipeline"]] = r
+    rows = []
+    for (scene, width, height, speed), pair in pairs.items():
+        ours, baseline = pair[True], pair[False]
+        limit = max(ours["bounds"], key=ours["bounds"].get)
+        rows.append([
+            f"{scene}, {width}x{height}", f"{speed} B" if speed else "the bus's", f"{ours['entries']:,}",
+            f"{100 * ours['events']['spilled_entries'] / ours['entries']:.0f} %",
+            f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
+            f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
+            f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
+    header = ["foveated frame", "memory, a cycle", "entries", "spilled in sorting", "geometry cycles", "rendering: baseline",
+              "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
+    return markdown(header, rows)
+
+
+def sorting_table(reports: Reports) -> str:
+    """The sorter alone on scenes' frames: what of them is in groups larger than its buffer, and how fast entries are taken."""
+    report = reports.get("sorting", {"rows": []})
+    rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
+             f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
+             f"{r['entries_written']:,}", f"{r['taken_per_cycle']:.3f}"] for r in report["rows"]]
+    return markdown(["frame", "entries", "groups", f"entries in groups beyond {report.get('buffer_entries', 0):,}",
+                     "entries written to memory", "entries taken a cycle"], rows)
+
+
+def culling_table(reports: Reports) -> str:
+    """Points and splats a cycle in the paper's machine, by memory."""
+    rows = []
+    for r in reports.get("machine", {"rows": []})["rows"]:
+        if r["pipeline"] and (r["camera"] == "away" or r["size"] == [640, 360]):
+            events, cycles = r["events"], r["geometry_cycles"]
+            culled = sum(events[f"culled_{why}"] for why in ("near", "faint", "outside"))
+            size = "x".join(map(str, r["size"]))
+            rows.append([
+                f"{r['scene']}, {'looking away' if r['camera'] == 'away' else size}{', foveated' * bool(r['gaze'])}",
+                f"{r['bytes_per_cycle']} B" if r["bytes_per_cycle"] else "the bus's", f"{events['points']:,}", f"{culled:,}",
+                f"{events['survivors']:,}", f"{cycles:,}", f"{events['points'] / cycles:.3f}",
+                f"{cycles / events['survivors']:.2f}" if events["survivors"] else "-"])
+    header = ["frame", "memory, a cycle", "points", "culled", "with an entry", "geometry cycles", "points a cycle",
+              "cycles a splat with an entry"]
+    return markdown(header, rows)
+
+
+def order_table(reports: Reports) -> str:
+    """How far the machine's order is from the exact one."""
+    rows = [[f"{r['scene']}, {'x'.join(map(str, r['size']))}", f"{r['neighbours']:,}", f"{r['machine_inversions']:,}",
+             f"{r['equal_keys']:,}", f"{r['float64_inversions']:,}", f"{r['largest_gap']:.1e}", f"{r['changed_pixels']:,}",
+             f"{r['max_abs_error']:.4f}"] for r in reports.get("order", {"rows": []})["rows"]]
+    header = ["frame", "neighbours in lists", "inverted by the machine's z", "equal keys", "inverted by float64 z",
+              "largest gap of these", "pixels changed by them", "largest change"]
+    return markdown(header, rows)
+
+
+def shared_table(reports: Reports) -> str:
+    """One pipeline at full rate against several units that take turns; all of it is in docs/synthesis.md."""
+    rows = [[r["part"].replace("_", " "), r["throughput"], f"{r['units']}", f"{r['interval']}", f"{r['operators']:,}",
+             f"{r['register_bits']:,}", f"{r['mux_bits']:,}", f"{r['area_um2']:,.0f}"]
+            for r in reports.get("culling_area", {"rows": []})["rows"] if r["units"] in (1, 8)]
+    header = ["part", "throughput", "units", "cycles an item each", "operators", "register bits", "2:1 mux bits", "um², ASAP7"]
+    return markdown(header, rows)
+
+
+def time_table(reports: Reports) -> str:
+    """Every renderer's time against its error, from the benchmark; the RTL's from the frames it simulated."""
+    rows = []
+    for scene in reports.get("bench", {"scenes": []})["scenes"]:
+        size = "x".join(map(str, scene["size"]))
+        for name, r in scene["renderers"].items():
+            rows.append([f"{scene['scene']}, {size}", name, f"{1e3 * r['median_s']:,.1f} ms", f"{r['times_integer']:.2f}",
+                         f"{r['psnr_vs_oracle_db']:.1f} dB"])
+    for r in reports.get("frames", {"rows": []})["rows"]:
+        if r["merge"] and r["pipeline"] and not r["gaze"]:
+            size = "x".join(map(str, r["size"]))
+            milliseconds = 1e3 * r["frame_cycles"] / r["cycles_per_s"]
+            rows.append([f"{r['scene']}, {size}", "RTL in Verilator", f"{milliseconds:,.0f} ms", "-",
+                         "equal to the integer golden"])
+    return markdown(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
+
+
+TABLES: dict[str, Callable[[Reports], str | None]] = {
+    "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
+    "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
+    "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
+}
+"""By name; None where a table's report is not there: what the README has stays."""
+
+
+def fill_readme(readme: Path, reports_folder: Path, *, check: bool = False) -> int:
+    """Rewrites the text between each `<!-- table:NAME -->` and `<!-- end -->`; with `check` returns 1 where it would change."""
+    reports, old = load_reports(reports_folder), readme.read_text()
+
+    def filled(match: re.Match[str]) -> str:
+        made = TABLES[match[2]](reports)
+        return match[0] if made is None else f"{match[1]}{made}\n{match[3]}"
+
+    new = re.sub(r"(<!-- table:(\w+) -->\n).*?(<!-- end -->)", filled, old, flags=re.S)
+    if not check and new != old:
+        with atomic_output(readme) as file:
+            file.write(new.encode())
+    return int(check and new != old)

@@ -1,0 +1,152 @@
+"""What a pose says of every threshold: tiles, entries, cycles, and HVSQ of both eyes against their references."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from golden.host.quantise import GaussianWords, quantise_model
+from golden.metrics.binocular import BinocularHvsq, BinocularReference, EyePair
+from golden.msv2_ref import pipeline
+from golden.msv2_ref.eyes import StereoFrame, render_stereo
+from golden.msv2_ref.frame_memory import display_pixels
+from golden.scenes.camera import Camera
+from golden.scenes.gaze import Display, FoveationMap, foveation_map
+from golden.scenes.stereo import StereoPair, stereo_pair, warpable_tiles
+from msv2.studies.threshold.cycles import CycleModel, eye_cycles, golden_cycles
+from msv2.studies.threshold.scenes import TableScene
+from spec.config import PAPER
+from spec.constants import IPD_METRES
+
+CONFIG = PAPER.with_(stereo=True)
+"""The machine."""
+
+ALL = 180.0
+"""A threshold beyond which no tile lies: both eyes are rendered."""
+
+EyeJudge = Callable[[np.ndarray], float]
+"""HVSQ of an eye's frame against that eye's reference."""
+
+Judge = tuple[float, EyeJudge]
+"""The source eye's HVSQ, and what gives the target's."""
+
+
+@dataclass(frozen=True)
+class TableWords:
+    """A scene's models in the machine's words: its own, the dense one, v1's or None."""
+
+    ours: GaussianWords
+    dense: GaussianWords
+    v1: GaussianWords | None
+
+    @classmethod
+    def of(cls, scene: TableScene) -> TableWords:
+        """Quantised once for all poses."""
+        return cls(*(model and quantise_model(CONFIG, model) for model in (scene.model, scene.reference, scene.v1)))
+
+
+def measure_pose(
+    words: TableWords, camera: Camera, thresholds: Sequence[float], *, units_per_metre: float, ipd_metres: float = IPD_METRES,
+    cycles: CycleModel = golden_cycles,
+) -> dict[str, object]:
+    """A pose's row, ready for JSON: `rendered` (both eyes rendered), `v1` (the same of v1, or None) and `thresholds`.
+
+    Args:
+        words: of the scene.
+        camera: of the source eye, which looks at the frame's centre.
+        thresholds: degrees.
+        units_per_metre, ipd_metres: of the pair.
+        cycles: of a golden frame.
+    """
+    pair = stereo_pair(camera, units_per_metre=units_per_metre, ipd_metres=ipd_metres)
+    centre = camera.width / 2, camera.height / 2
+    whole = render_stereo(words.ours, pair, config=CONFIG, foveation=_foveation(words.ours, camera, centre), threshold_deg=ALL)
+    gazes = whole.gaze
+    shown = eyes_of(whole)
+    dense = [_eye_judge(*each) for each in zip(_dense(words.dense, pair), gazes, strict=True)]
+    judges = {"rendered": (0.0, _eye_judge(shown[1], gazes[1])), "dense": (dense[0](shown[0]), dense[1])}
+    rows = [_row(at_threshold(whole, words.ours, threshold), whole, judges, cycles) for threshold in thresholds]
+    v1 = None
+    if words.v1 is not None:
+        frame = render_stereo(words.v1, pair, config=CONFIG, foveation=_foveation(words.v1, camera, centre), threshold_deg=ALL,
+                              gaze_target=gazes[1])
+        v1 = _rendered(frame, (dense[0](eyes_of(frame)[0]), dense[1]))
+    return {
+        "camera": camera.name, "size": [camera.width, camera.height], "gaze": [list(gaze) for gaze in gazes],
+        "median_disparity_px": float(np.nanmedian(pair.disparity(whole.source.depth))),
+        "rendered": _rendered(whole, judges["dense"]), "v1": v1, "thresholds": rows}
+
+
+def at_threshold(whole: StereoFrame, words: GaussianWords, threshold_deg: float) -> StereoFrame:
+    """A frame at another threshold: its source eye and what is warped of it are the same.
+
+    Args:
+        whole: at any threshold.
+        words: its model.
+        threshold_deg: the other.
+    """
+    display = Display(whole.pair.source.width, whole.pair.source.height)
+    warp = warpable_tiles(display, whole.gaze[1], threshold_deg).reshape(-1).astype(np.int64)
+    registers = replace(whole.registers, warp=warp)
+    rendered = (warp == 0) | whole.warped.invalid
+    target = pipeline.render_frame(whole.source.config, words, registers.target, rendered=rendered)
+    return replace(whole, registers=registers, rendered=rendered, target=target, threshold_deg=threshold_deg)
+
+
+def eyes_of(frame: StereoFrame) -> EyePair:
+    """(H, W, 3) uint8 of source and target."""
+    return tuple(pixels["colour"].astype(np.uint8) for pixels in (frame.source_pixels, frame.target_pixels))
+
+
+def _eye_judge(reference: np.ndarray, gaze: tuple[float, float]) -> EyeJudge:
+    """One eye at a time: the source eye of a pose is the same at every threshold, and judging takes longer than rendering."""
+    judge = BinocularReference((reference,), (gaze,))
+    return lambda image: judge((image,)).eyes[0]
+
+
+def _foveation(words: GaussianWords, camera: Camera, gaze: tuple[float, float]) -> FoveationMap:
+    return foveation_map(Display(camera.width, camera.height), gaze, min(words.levels, CONFIG.levels))
+
+
+def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
+    """Both eyes of a model of one level, each rendered as a whole, without a gaze."""
+    return tuple(display_pixels(pipeline.render(words, camera, config=CONFIG))["colour"].astype(np.uint8)
+                 for camera in (pair.source, pair.target))
+
+
+def _hvsq(target: np.ndarray, judge: Judge) -> dict[str, float]:
+    found = BinocularHvsq((judge[0], judge[1](target)))
+    return {"mean": found.mean, "source": found.eyes[0], "target": found.eyes[1]}
+
+
+def _rendered(frame: StereoFrame, judge: Judge) -> dict[str, object]:
+    """Both eyes rendered, by a machine that warps nothing."""
+    one, other = eye_cycles(frame.source), eye_cycles(frame.target)
+    return {"hvsq": {"dense": _hvsq(eyes_of(frame)[1], judge)}, "entries": {"source": len(frame.source.entries.splat),
+            "target": len(frame.target.entries.splat)}, "cycles": {"source": one, "target": other, "total": one + other}}
+
+
+def _row(
+    frame: StereoFrame, whole: StereoFrame, judges: dict[str, Judge], cycles: CycleModel,
+) -> dict[str, object]:
+    """A threshold's."""
+    entries, foveal = np.diff(whole.target.entries.start), frame.registers.warp == 0
+    again, cost = frame.rendered & ~foveal, cycles(frame)
+    alone = eye_cycles(whole.source), eye_cycles(whole.target)
+    all_entries = max(int(entries.sum()), 1)
+    return {
+        "threshold_deg": frame.threshold_deg,
+        "hvsq": {name: _hvsq(eyes_of(frame)[1], judge) for name, judge in judges.items()},
+        "tiles": {"all": len(foveal), "foveal": int(foveal.sum()), "holes": int(again.sum()),
+                  "warped": int((~frame.rendered).sum())},
+        "pixels": {name: share for name, share in frame.shares.items() if not name.startswith("tiles")},
+        "entries": {"source": len(frame.source.entries.splat), "target": len(frame.target.entries.splat),
+                    "target_if_rendered": int(entries.sum()),
+                    "floor_share": float(entries[foveal].sum() / all_entries),
+                    "holes_share": float(entries[again].sum() / all_entries)},
+        "cycles": {"source": cost.source, "target": cost.target, "total": cost.total, "geometry": cost.geometry,
+                   "render": cost.render, "busiest": cost.busiest, "stages": cost.stages, "overhead": cost.overhead,
+                   "of_one_eye": cost.total / alone[0], "of_two_eyes": cost.total / sum(alone)},
+        "warnings": list(frame.warnings)}

@@ -1,0 +1,151 @@
+"""The threshold of selective warping: quality, tiles, entries and cycles of frames of two eyes, and which one is picked."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from golden.scenes.files import atomic_output
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, write_json
+from golden.train import import_torch
+from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
+from spec.errors import InputError
+
+THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
+"""Where the paper looks: the starts of the regions, 0, 18, 27 and 33 degrees."""
+
+EXAMPLES = """examples:
+  python -m msv2.studies threshold                                        the embedded scene
+  python -m msv2.studies threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
+  beside it
+  python -m msv2.studies threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
+
+A run's folder or model.ply is judged by the run's dense model and seen from its test views; the v1 model that picks the
+threshold is RUN-v1/model.ply, as golden/train.py --no-opacity-enhancement writes it; --train-v1 makes it of the run's own L1.
+Any other model gets untrained levels where it has none and no v1 model. After Ctrl-C the same command goes on. Writes
+OUT/NAME.json, NAME.md and NAME.png.
+"""
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m msv2.studies threshold", description=__doc__, epilog=EXAMPLES,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, runs' folders, or embedded (default: embedded)")
+    add("--size", default="640x360", metavar="WxH", help="of scenes without a size of their own (default: 640x360)")
+    add("--poses", type=int, default=2, metavar="N", help="of each scene, evenly over its views (default: 2)")
+    add("--thresholds", default=",".join(f"{t:g}" for t in THRESHOLDS), metavar="DEG,DEG",
+        help="eccentricities (default: %(default)s)")
+    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="between the eyes in metres (default: %(default)s)")
+    add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
+    add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
+    add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
+    add("--rtl", default="none", metavar="all|NAME,NAME",
+        help="scenes whose first pose goes through the RTL as well, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="and each of its eyes alone (more minutes)")
+    add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
+    add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
+    add("--name", default="table_ecc", help="of those files (default: table_ecc)")
+    return parser.parse_args(argv)
+
+
+def chosen_thresholds(text: str) -> tuple[float, ...]:
+    """Ascending degrees.
+
+    Raises:
+        InputError: a number that is none, or not in 0..180.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = [math.nan]
+    for value in values:
+        if not 0 <= value <= 180:
+            raise InputError(f"thresholds {text!r} are not accepted: numbers in 0..180 degrees, separated by commas, are")
+    return tuple(sorted(set(values)))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work; its exit status."""
+    args = parse_arguments(argv)
+    thresholds = chosen_thresholds(args.thresholds)
+    for name, value in (("IPD", args.ipd), ("units per metre", args.units_per_metre)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} {value!r} is not accepted: a positive number is")
+    if args.v1 and len(args.scenes) != 1:
+        raise InputError(f"--v1 {args.v1} is not accepted with {len(args.scenes)} scenes: one is")
+    if args.rtl != "none" and ECC_THRESHOLD_DEG not in thresholds:
+        raise InputError(f"--rtl is not accepted without the threshold {ECC_THRESHOLD_DEG:g}: it is simulated at that one")
+    import_torch()
+    from golden.training.chain import Interrupted
+
+    out, records = make_folder(args.out), []
+    try:
+        for text in args.scenes or [EMBEDDED]:
+            records.append(measured(args, text, thresholds))
+            write(out, args, records)
+    except (Interrupted, KeyboardInterrupt):
+        print("\ninterrupted; the same command goes on", file=sys.stderr)
+        return 130
+    print((out / f"{args.name}.md").read_text())
+    return 0
+
+
+def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -> dict[str, Any]:
+    """A scene's record; poses that were measured before are not measured again."""
+    from msv2.studies.threshold.kept import GOLDEN_SOURCES, fingerprint, kept
+    from msv2.studies.threshold.measure import TableWords, measure_pose
+    from msv2.studies.threshold.rtl import rtl_pose
+    from msv2.studies.threshold.scenes import named, table_scene
+    from msv2.studies.threshold.v1_model import train_v1
+
+    path, size = named(text, args.size)
+    work = Path(args.work)
+    scene = table_scene(path, size, args.poses, args.units_per_metre, args.v1)
+    if scene.v1 is None and scene.run is not None and args.train_v1:
+        print(f"{scene.name}: training v1's levels in {work / 'v1'}", file=sys.stderr)
+        scene = table_scene(path, size, args.poses, args.units_per_metre, str(train_v1(scene.run / "model.ply", work / "v1")))
+    if scene.units["scale"] == "assumed":
+        print(f"warning: {scene.name}: {scene.metres:g} units per metre are assumed: {scene.units['reason']}", file=sys.stderr)
+    pair = {"units_per_metre": scene.metres, "ipd_metres": args.ipd}
+    poses, words = [], None
+    for camera in tqdm(scene.cameras, desc=scene.name, unit="pose", disable=None):
+        key = fingerprint(GOLDEN_SOURCES, scene.model, scene.reference, scene.v1, camera, pair, tuple(thresholds))
+
+        def make(camera: Any = camera) -> dict[str, object]:
+            nonlocal words
+            words = words or TableWords.of(scene)
+            return measure_pose(words, camera, thresholds, **pair)
+
+        poses.append(kept(work / "poses", key, make))
+        print(f"{scene.name}: {len(poses)} of {len(scene.cameras)} poses", file=sys.stderr)
+    record = {"scene": scene.name, "levels": scene.levels, "points": len(scene.model), "judged_by": scene.judged_by,
+              "v1_points": None if scene.v1 is None else len(scene.v1), "units": scene.units, "ipd_metres": args.ipd,
+              "poses": poses}
+    if args.rtl == "all" or scene.name in args.rtl.split(","):
+        gazes = tuple(tuple(gaze) for gaze in poses[0]["gaze"])
+        record["rtl"] = rtl_pose(scene.model, scene.cameras[0], gazes, ECC_THRESHOLD_DEG, work / "rtl", **pair,
+                                 alone=args.rtl_eyes, step=lambda what: print(f"{scene.name}: RTL, {what}", file=sys.stderr))
+    return record
+
+
+def write(out: Path, args: argparse.Namespace, records: list[dict[str, Any]]) -> None:
+    """The files, of the scenes so far; the plot where matplotlib is installed."""
+    from msv2.studies.threshold.plot import save_plot
+    from msv2.studies.threshold.summary import over_poses, picked, rendered
+    from msv2.studies.threshold.text import markdown
+
+    summaries = [{**record, "means": over_poses(record["poses"]), "both_rendered": rendered(record["poses"], "rendered"),
+                  "v1_rendered": rendered(record["poses"], "v1"), "picked": picked(record["poses"])} for record in records]
+    write_json(out / f"{args.name}.json", {"scenes": summaries})
+    with atomic_output(out / f"{args.name}.md") as file:
+        file.write(markdown(records, f"{args.name}.png").encode())
+    save_plot(records, out / f"{args.name}.png")

@@ -1,0 +1,98 @@
+"""The hard cases of docs/stability.md by the integer renderer, at a setting's formats: its worst error, and what breaks."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from golden.msv2_ref import pipeline, projection
+from golden.oracle import render as oracle
+from msv2.cases.case import RENDERERS, RIM, CaseFailure, Seen, Shot
+from msv2.cases.check import MACHINE, album
+from msv2.cases.registry import CASES
+from msv2.studies.tradeoff.knobs import Setting
+from spec.config import AcceleratorConfig
+from spec.constants import SUPPORT_SIGMA
+
+SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/oracle/*.py", "msv2/cases/*.py", "golden/scenes/*.py",
+           "msv2/studies/tradeoff/hard.py")
+"""What these results are made of."""
+
+_GOLDEN = RENDERERS["golden"]
+
+
+def machine_of(setting: Setting) -> AcceleratorConfig:
+    """The machine of the hard cases with the setting's numbers."""
+    config = setting.config
+    return MACHINE.with_(
+        name="tradeoff", formats=config.formats, support_sigma=config.support_sigma, sh_degree=config.sh_degree)
+
+
+def identity(setting: Setting) -> tuple[object, ...]:
+    """What of a setting the hard cases depend on."""
+    return machine_of(setting), setting.sh_degree, setting.obb
+
+
+def hard_cases(setting: Setting) -> dict[str, object]:
+    """Every case with shots: the worst error of an image (of 255) and its case, and what fails, with the reason.
+
+    A case fails where what it expects does not come, or where an image is farther from the float64 renderer's than the shot
+    allows. Both are what the default machine is held to; but the float64 renderer has the setting's support radius, and what a
+    shot allows for rims of footprints is what a rim of that radius shows.
+    """
+    broken, worst, where = {}, 0.0, ""
+    for case in CASES:
+        if case.shots is None or "golden" not in case.columns:
+            continue
+        shots = case.shots(_GOLDEN)
+        try:
+            seen = album(case, _GOLDEN, lambda shot: see(shot, setting))
+            for name, shot in shots.items():
+                if shot.rim is None:
+                    continue
+                top = _GOLDEN.largest_colour
+                error = float(np.abs(np.minimum(seen[name].image, top)
+                                     - np.minimum(_exact(case.id, name, setting.config.support_sigma), top)).max())
+                if error > worst:
+                    worst, where = error, case.id
+                if error > rim_of(shot.rim, setting):
+                    raise CaseFailure(
+                        f"{name}: {255 * error:.2f}/255 off the oracle, more than {255 * rim_of(shot.rim, setting):.2f}/255")
+            case.expect(seen, _GOLDEN, shots)
+        except CaseFailure as failure:
+            broken[case.id] = str(failure)
+        except Exception as failure:  # a crash of a setting is a finding about it, and the other cases still run
+            broken[case.id] = f"{type(failure).__name__}: {failure}"
+    return {"worst_error_255": 255 * worst, "worst_case": where, "broken": broken}
+
+
+def see(shot: Shot, setting: Setting) -> Seen:
+    """A shot by the integer renderer at a setting."""
+    config, model = machine_of(setting), shot.model
+    if setting.sh_degree is not None and setting.sh_degree < model.sh_degree:
+        model = model.with_sh_degree(setting.sh_degree)
+    frame = pipeline.render(model, shot.camera, config=config, foveation=shot.foveation, background=shot.background,
+                            beta=shot.beta, obb=shot.obb or setting.obb)
+    reason, n = frame.projected.reason, config.formats
+    coverage = n.transmittance.to_float(n.transmittance.raw_max) - frame.transmittance
+    return Seen(
+        frame.image, coverage, frame.depth, int((reason == projection.NEAR).sum()), int((reason == projection.FAINT).sum()),
+        len(np.unique(frame.entries.splat)), len(frame.entries.splat), np.diff(frame.entries.start), frame)
+
+
+def rim_of(allowed: float, setting: Setting) -> float:
+    """A shot's bound for footprints that end elsewhere: an alpha of 1 is exp(-r^2 / 2) on its rim."""
+    sigma = setting.config.support_sigma
+    if allowed < RIM or sigma is None or sigma >= SUPPORT_SIGMA:
+        return allowed
+    return allowed * math.exp((SUPPORT_SIGMA**2 - sigma**2) / 2)
+
+
+@cache
+def _exact(case_id: str, name: str, support_sigma: float | None) -> np.ndarray:
+    """The float64 renderer's image; one process asks for it at every setting."""
+    shot = next(case for case in CASES if case.id == case_id).shots(_GOLDEN)[name]
+    return oracle.render(shot.model, shot.camera, foveation=shot.foveation, weights=_GOLDEN.weights,
+                         background=shot.background, support_sigma=support_sigma).image

@@ -1,0 +1,120 @@
+"""What simulating costs: oracle, float32 kernel, integer renderer, cycle model and RTL on the same frame."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from golden.host.quantise import quantise_model
+from golden.metrics.image import max_abs_error, psnr_vs
+from golden.msv2_ref import pipeline
+from golden.oracle.render import render as render_oracle
+from golden.scenes.camera import Camera
+from golden.scenes.model import GaussianModel
+from golden.scenes.request import resolve
+from msv2.studies.speed import float32
+from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
+from perf.model import simulate
+from perf.trace import trace_of
+from spec.config import CONFIGS
+from spec.errors import InputError
+from spec.paths import ROOT
+
+Row = dict[str, object]
+REPEATS = 3
+RTL_SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/*.py")
+"""What a frame through the RTL is made of."""
+
+
+def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
+    """Least wall time in seconds of some calls, and the last result; a call before them compiles."""
+    result, best = work(), float("inf")
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        result = work()
+        best = min(best, time.perf_counter() - begin)
+    return best, result
+
+
+def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object] | None = None) -> list[Row]:
+    """A row for each way to render camera 0, level 1.
+
+    Wall times are of this machine as it is: beside other work they are upper bounds. `cycle_error` is relative to the RTL's
+    cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
+
+    Args:
+        rtl: `rtl_frame` of the same request and machine.
+    """
+    config, (model, camera) = CONFIGS[config_name], _frame(request)
+    rows: list[Row] = []
+
+    begin = time.perf_counter()
+    ideal = render_oracle(model, camera).image
+    rows.append(_row("oracle", "float64, to be read", time.perf_counter() - begin, ideal, ideal))
+    kept = float32.prepare(model)
+    seconds, frame = best_of(lambda: float32.render(kept, camera))
+    rows.append(_row("float kernel", "float32, numba", seconds, frame.image.astype(np.float64), ideal))
+    words = quantise_model(config, model)
+    seconds, golden = best_of(lambda: pipeline.render(words, camera, config=config))
+    rows.append(_row("integer golden", "every bit of the RTL", seconds, golden.image, ideal))
+
+    more, frame = best_of(lambda: simulate(trace_of(golden), config))
+    row = _row("cycle model", "golden, its trace, and the model", seconds + more, golden.image, ideal)
+    row["cycles"] = frame.total - frame.phases["clear"]  # tb.frame's phases are without it
+    rows.append(row)
+    if rtl:
+        other = _row("RTL", f"Verilator, bit exact: {rtl['bit_exact']}", rtl["wall_s"], golden.image, ideal)
+        other["cycles"] = rtl["table_cycles"] + rtl["geometry_cycles"] + rtl["render_cycles"]
+        row["cycle_error"] = row["cycles"] / other["cycles"] - 1
+        other["cycle_error"] = 0.0
+        rows.append(other)
+    else:
+        row["cycle_error"], row["cycle_error_of"] = _worst_known(), "worst frame of reports/model.json"
+    return rows
+
+
+def _frame(request: SceneRequest) -> tuple[GaussianModel, Camera]:
+    """Level 1 and the camera that command lines call 0, so that the RTL's has the same; of a run's folder its first view."""
+    if run_scene(request.path):
+        scene = load(request)
+        return scene.model("", 1, None), scene.cameras[0]
+    shown = resolve(argparse.Namespace(scene=request.path, size=request.size, camera="0", gaze="none", levels=None,
+                                       background="0,0,0", seed=0))
+    return first_level(shown.model), shown.camera
+
+
+def _row(name: str, what: str, seconds: float, image: np.ndarray, ideal: np.ndarray) -> Row:
+    return {"name": name, "what": what, "wall_s": seconds, "psnr_oracle_db": min(psnr_vs(image, ideal), 200.0),
+            "max_abs_error": max_abs_error(image, ideal), "cycles": None, "cycle_error": None}
+
+
+def _worst_known() -> float | None:
+    path = ROOT / "reports" / "model.json"
+    if not path.exists():
+        return None
+    rows = json.loads(path.read_text()).get("rows", [])
+    return max((abs(row["total"]["error"]) for row in rows), default=None)
+
+
+def rtl_frame(request: SceneRequest, config_name: str) -> Row:
+    """frame.json of the first view through the RTL (minutes, and a build at the first time).
+
+    Raises:
+        InputError: the RTL did not give the golden renderer's bits, or did not finish; a run's folder, whose views the RTL's
+            command line cannot name.
+    """
+    if run_scene(request.path):
+        raise InputError(f"{request.path} is not accepted with --rtl: a model is, or embedded")
+    folder = Path(request.work) / "rtl" / config_name
+    command = [sys.executable, "-m", "tb.frame", request.path, "--machine", "full", "--camera", "0", "--size", request.size,
+               "--config", config_name, "--out", str(folder.resolve())]
+    if subprocess.run(command, cwd=ROOT, check=False).returncode:
+        raise InputError(f"{' '.join(command[1:])} is not accepted: the RTL did not match, see above")
+    return json.loads((folder / "frame.json").read_text())

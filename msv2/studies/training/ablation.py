@@ -1,0 +1,54 @@
+"""The paper's ablation: what each technique leaves of points, intersections and quality, from the dense model on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from golden.diff.gaussians import Gaussians
+from golden.training.evaluate import evaluate
+from golden.training.foveated import FLOAT_BYTES, FoveatedModel, floats_per_point
+from msv2.studies.training.frame_cycles import FrameWork, foveated_frame_work, whole_frame_work
+
+if TYPE_CHECKING:
+    from golden.training.scene import TrainingScene
+
+
+@dataclass(frozen=True)
+class Step:
+    """A row.
+
+    Attributes:
+        name: what was added.
+        points: of L1.
+        storage_mb: 10^6 bytes, of all levels.
+        psnr, ssim: of L1 on the test views; foveated frames have the same L1 in the fovea.
+        frame: mean frame of the test views; foveated, with the gaze in the centre, where the model has levels.
+    """
+
+    name: str
+    points: int
+    storage_mb: float
+    psnr: float
+    ssim: float
+    frame: FrameWork
+
+    def record(self) -> dict[str, object]:
+        """Ready for JSON."""
+        frame = asdict(self.frame) | {"cycles": self.frame.cycles, "entries_per_tile": self.frame.entries_per_tile}
+        return asdict(self) | {"frame": frame}
+
+
+def ablate(scene: TrainingScene, models: Sequence[tuple[str, Gaussians | FoveatedModel]]) -> list[Step]:
+    """The rows of models, given by name in the order in which techniques are added; the scene's test views judge."""
+    rows = []
+    for name, model in models:
+        foveated = isinstance(model, FoveatedModel)
+        first = model.level(0) if foveated else model
+        storage = model.storage.total if foveated else FLOAT_BYTES * floats_per_point(model) * len(model)
+        work = foveated_frame_work if foveated else whole_frame_work
+        quality = evaluate(first, scene, scene.test)
+        frames = [work(model, scene.cameras[view]) for view in scene.test]
+        rows.append(Step(name, len(first), storage / 1e6, quality.psnr, quality.ssim, FrameWork.mean(frames)))
+    return rows

@@ -1,0 +1,43 @@
+"""What the display's pixels do to the levels: runs of golden/train.py of one scene with and without --pooling-width.
+
+    python msv2/studies/training/pooling.py build/train/fern build/train/fern-pooled     writes reports/pooling.json
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from spec.paths import ROOT
+
+sys.path.insert(0, str(ROOT))
+
+from golden.scenes.files import read_json
+from golden.scenes.request import write_json
+from spec.errors import InputError, run_command_line
+
+
+def row(folder: Path) -> dict[str, object]:
+    """What is kept of a run's report.
+
+    Raises:
+        InputError: it has none.
+    """
+    report = read_json(folder / "report.json")
+    return {
+        "scene": report["scene"], "size": report["size"], "pooling_width": report["options"]["pooling-width"],
+        "points": report["points"]["levels"], "storage_overhead_percent": report["storage"]["overhead_percent"],
+        "cut_foveated": report["entries_per_frame"]["dense"] / report["entries_per_frame"]["foveated"]}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command line's work."""
+    folders = [Path(text) for text in (sys.argv[1:] if argv is None else argv)]
+    if not folders:
+        raise InputError("no run is not accepted: name folders of finished runs of golden/train.py")
+    write_json(ROOT / "reports" / "pooling.json", {"rows": [row(folder) for folder in folders]})
+
+
+if __name__ == "__main__":
+    run_command_line(main)

@@ -1,0 +1,67 @@
+"""The README's tables of training, made of reports/training*.json; needs no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from msv2.studies.training import tables_text
+
+Reports = Mapping[str, Mapping[str, Any]]
+
+PICTURE = "![latency of pruned versions against points and intersections; HVSQ of levels against points](reports/training.png)"
+
+
+def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
+    """Of all reports of training, in the order of their names; None where there are none."""
+    names = [name for name in sorted(reports) if name.startswith("training")]
+    return [scene for name in names for scene in reports[name]["scenes"]] if names else None
+
+
+def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[[Reports], str | None]:
+    """A table of each scene that has `key`, under its name; None where training was not measured at all."""
+    def text(reports: Reports) -> str | None:
+        every = _scenes(reports)
+        if every is None:
+            return None
+        scenes = [scene for scene in every if key in scene]
+        if not scenes:
+            return "(not measured yet)"
+        return "\n".join(f"**{tables_text.scene_title(scene)}**\n\n{shown(scene)}" for scene in scenes)
+
+    return text
+
+
+def _targets(reports: Reports) -> str | None:
+    scenes = _scenes(reports)
+    return None if scenes is None else tables_text.targets_table(scenes)
+
+
+def _latency(reports: Reports) -> str | None:
+    text = _of_scenes("latency", tables_text.agreement_table)(reports)
+    return text if text is None else f"{PICTURE}\n\n{text}"
+
+
+def _pooling(reports: Reports) -> str | None:
+    """Levels and storage by the display that their pooling is of."""
+    if "pooling" not in reports:
+        return None
+    lines = ["| run | pooling as of a frame | points of L2, L3, L4 in L1's | storage over L1's | intersections, foveated |",
+             "| --- | --- | --- | --- | --- |"]
+    for row in reports["pooling"]["rows"]:
+        size = "{}x{}".format(*row["size"])
+        of_frame = f"{row['pooling_width']} px wide" if row["pooling_width"] else "of its own width"
+        shares = ", ".join(f"{100 * count / row['points'][0]:.0f} %" for count in row["points"][1:])
+        lines.append(f"| {row['scene']}, {size} | {of_frame} | {shares} | +{row['storage_overhead_percent']:.1f} % | "
+                     f"dense's / {row['cut_foveated']:.2f} |")
+    return "\n".join(lines)
+
+
+TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {
+    "training_targets": _targets,
+    "training_representations": _of_scenes("comparison", lambda scene: tables_text.comparison_table(scene["comparison"])),
+    "training_points": _of_scenes("comparison", tables_text.points_table),
+    "training_ablation": _of_scenes("ablation", lambda scene: tables_text.ablation_table(scene["ablation"])),
+    "training_pruning": _of_scenes("pruning", lambda scene: tables_text.pruning_table(scene["pruning"])),
+    "training_latency": _latency, "training_pooling": _pooling,
+}

@@ -1,0 +1,88 @@
+"""The paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from golden.train import import_torch
+from msv2.studies.training.labels import TABLES
+from spec.errors import InputError
+
+EXAMPLES = """examples:
+  python -m msv2.studies training                                     the embedded scene
+  python -m msv2.studies training embedded fern@504x378 --no-rtl      several scenes, sizes of their own, golden cycles alone
+  python -m msv2.studies training fern --tables pruning               one table alone; later ones find what it has trained
+  python -m msv2.studies training --out reports --name training      training.json, training.md and training.png in reports/
+
+A finished run of golden/train.py in build/train that fits what is asked for is not trained again; what the tables need beside
+it (scale decay alone, levels without opacity enhancement, MMFR, pruning by other gates and criteria) is, once. After Ctrl-C the
+same command goes on.
+"""
+
+
+PLOTTED = {"representations", "latency"}
+"""Tables with a plot."""
+
+
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m msv2.studies training", description=__doc__, epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("scenes", nargs="*", metavar="SCENE[@WxH]",
+        help="as golden/train.py takes them, each with a size of its own or --size's (default: embedded)")
+    add("--variant", metavar="H|M|L", help="as golden/train.py (default: a finished run's, else H)")
+    add("--size", metavar="WxH", help="size to train at (default: a finished run's, else that of golden/train.py)")
+    add("--iterations", type=int, metavar="N", help="of the recipe's own chain; all tables take 2.2 times as many more")
+    add("--max-points", type=int, metavar="N", help="cap on the dense model's points")
+    add("--seed", type=int, metavar="N", help="of everything drawn at random")
+    add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
+    add("--tables", default=",".join(TABLES), metavar="NAME,NAME", help=f"some of {', '.join(TABLES)} (default: all)")
+    add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
+    add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
+    add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
+    add("--work", default="build/tables-training/kept", metavar="DIR", help="checkpoints and simulated frames")
+    add("--out", default="build/tables-training", metavar="DIR", help="of NAME.md, NAME.json and NAME.png")
+    add("--name", default="tables", help="of those files (default: tables)")
+    return parser.parse_args(argv)
+
+
+def chosen_tables(text: str) -> tuple[str, ...]:
+    """The tables that a list with commas names, each once, in the order of TABLES.
+
+    Raises:
+        InputError: a name that none has, or no name.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names or [""]:
+        if name not in TABLES:
+            raise InputError(f"tables {name!r} is not accepted: choose of {', '.join(TABLES)}, separated by commas")
+    return tuple(name for name in TABLES if name in names)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's work; its exit status."""
+    args = parse_arguments(argv)
+    if args.edge is not None and args.edge < 16:
+        raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")
+    tables = chosen_tables(args.tables)
+    import_torch()
+    from golden.diff.device import resolve_device
+    from golden.training.chain import Interrupted
+    from golden.training.failure import TrainingError
+    from msv2.studies.training.tables import make_tables
+
+    try:
+        make_tables(args, tables, str(resolve_device(args.device)))
+    except (Interrupted, KeyboardInterrupt) as interrupt:
+        print(f"\n{str(interrupt) or 'interrupted'}; the same command goes on", file=sys.stderr)
+        return 130
+    except TrainingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    plots = " and .png" if PLOTTED & set(tables) else ""
+    print(f"written: {args.out}/{args.name}.md, .json{plots}")
+    return 0

@@ -1,0 +1,258 @@
+"""The paper's tables for scenes: representations compared, techniques ablated, pruning by gate and criterion, latency."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from golden.diff.gaussians import Gaussians, to_model
+from golden.scenes.camera import Camera
+from golden.scenes.files import atomic_output
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size, write_json
+from golden.training.chain import Chain
+from golden.training.finished_runs import FinishedRun, find_run
+from golden.training.plots import read_log
+from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
+from golden.training.run import chosen_recipe, chosen_scene, run_options
+from golden.training.scene import TrainingScene
+from msv2.studies.training import ablation, comparison, labels, latency
+from msv2.studies.training.pruning_table import pruning_rows
+from msv2.studies.training.rtl_cycles import RtlCycles, rtl_cycles
+from msv2.studies.training.table_runs import LEVELS, PLAIN, SCALE_DECAY, SEPARATE, Trained, part_plan, parts_of
+from msv2.studies.training.tables_plot import Shown, save_plots
+from msv2.studies.training.tables_text import markdown
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A scene as the command line names it.
+
+    Attributes:
+        path: 'embedded' or a folder of photographs.
+        options: of `golden/train.py` by the attributes of its parsed arguments; None: a finished run's, else the default.
+    """
+
+    path: str
+    options: dict[str, Any]
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The same by the names that runs record, what was not asked for None."""
+        place = self.path if self.path == EMBEDDED else str(Path(self.path).resolve())
+        names = {"variant": "variant", "size": "size", "iterations": "iterations", "max_points": "max-points", "seed": "seed"}
+        return {"scene": place, **{key: self.options[name] for name, key in names.items()}}
+
+
+def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
+    """The scenes of the command line; `PATH@WxH` has a size of its own.
+
+    Raises:
+        InputError: a size that is none.
+    """
+    result = []
+    for text in args.scenes or [EMBEDDED]:
+        path, _, own = text.rpartition("@") if "@" in text and text.rpartition("@")[2][:1].isdigit() else (text, "", "")
+        size = own or args.size
+        options = {name: getattr(args, name) for name in ("variant", "iterations", "max_points", "seed")}
+        if size:
+            options["size"] = "{}x{}".format(*parse_size(size))
+        result.append(Wanted(path, {"size": None, **options}))
+    return result
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scene ready to train.
+
+    Attributes:
+        scene: photographs and cameras.
+        references: what the photographs are.
+        recipe: of the tables' chain.
+        ready: what the finished run left, by stage.
+        spent: what its stages took.
+        records: its log.
+        options: of the chain.
+    """
+
+    scene: TrainingScene
+    references: str
+    recipe: Recipe
+    ready: dict[str, Any]
+    spent: dict[str, dict[str, float]]
+    records: list[dict[str, Any]]
+    options: dict[str, Any]
+
+
+def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
+    """The scene, and what a finished run in `runs` has of it.
+
+    Raises:
+        InputError: an option or a scene that nothing can be trained from.
+    """
+    run = find_run(runs, wanted.keys)
+    if run is not None:
+        prepared = _from_run(wanted, run, device)
+        if prepared is not None:
+            return prepared
+    defaults = {"variant": "H", "seed": 0}
+    given = {name: defaults.get(name) if value is None else value for name, value in wanted.options.items()}
+    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, pooling_width=None, **given)
+    recipe = chosen_recipe(args)
+    scene, references = chosen_scene(wanted.path, parse_size(args.size) if args.size else None, None)
+    return Prepared(scene, references, recipe, {}, {}, [], run_options(args, recipe, scene, device) | {"reused": None})
+
+
+def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
+    """Of a finished run; None where nothing is left of it, or it went by other stages than today's."""
+    options, last = run.options, run.last()
+    if last is None:
+        return None
+    dense = last.results["dense"] if options["from"] else None
+    points = options["max-points"] or DEFAULTS["max_points"]  # none where the dense model was given: nothing to cap
+    recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"])
+    scene, references = chosen_scene(wanted.path, parse_size(options["size"]), dense)
+    if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
+        return None
+    options = options | {"device": device, "reused": run.fingerprint}
+    return Prepared(scene, references, recipe, last.results, last.spent, run.records, options)
+
+
+def train_scene(
+    prepared: Prepared, device: str, work: Path, tables: Sequence[str], note: Callable[[str], None],
+) -> Trained:
+    """The models of some of a scene's tables; a chain that was interrupted goes on, a finished one is not made again.
+
+    Args:
+        work: folder of the chains, a folder for each scene and set of options with one chain for each part.
+        tables: of labels.TABLES.
+    """
+    key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
+    folder = work / f"{prepared.scene.name}-{key}"
+    results, spent, records = dict(prepared.ready), dict(prepared.spent), list(prepared.records)
+    if prepared.ready:
+        note(f"{prepared.scene.name}: from a finished run")
+    for part in parts_of(tables):
+        stages = part_plan(part, prepared.recipe, prepared.scene, device, dict(results))
+        if not stages:
+            continue
+        begun = any((folder / part / "checkpoints").glob("iteration_*.pt"))
+        note(f"{prepared.scene.name}, {part}: {'going on in' if begun else 'training in'} {folder / part}")
+        options = prepared.options | {"part": part}
+        chain = Chain(stages, make_folder(folder / part), options, resume=begun, classes=RESULTS)
+        results |= chain.run()
+        spent |= chain.spent
+        records += read_log(chain.log_path)
+    results = {name: left.to(device) if hasattr(left, "to") else left for name, left in results.items()}
+    return Trained(prepared.recipe, results, {name: each["seconds"] for name, each in spent.items()}, records)
+
+
+def measure_scene(
+    prepared: Prepared, trained: Trained, tables: Sequence[str], *, edge: int,
+    rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
+) -> tuple[dict[str, Any], Shown]:
+    """Everything that the tables asked for say of a scene, ready for JSON, and what the plots show of it."""
+    scene = prepared.scene
+    record = {
+        "scene": scene.name, "size": list(scene.size), "references": prepared.references,
+        "options": {**prepared.options, "scene": Path(prepared.options["scene"]).name},
+        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
+        "seconds": trained.seconds}
+    shown = Shown(scene.name, (), (), ())
+    if "representations" in tables:
+        record |= _representations(scene, trained)
+        shown = replace(shown, curves=trained.curves, plain_curves=trained.plain_curves)
+    if "ablation" in tables:
+        record["ablation"] = _ablation(scene, trained)
+    if "pruning" in tables:
+        rows = pruning_rows(scene, trained)
+        record["pruning"] = [row.record(rows[0]) for row in rows]
+    if "latency" in tables:
+        record["latency"], versions = _latency(scene, trained, edge, rtl)
+        shown = replace(shown, versions=versions)
+    return record, shown
+
+
+def _representations(scene: TrainingScene, t: Trained) -> dict[str, Any]:
+    methods = {labels.SMFR: t.smfr, labels.MMFR: t.mmfr, labels.OURS: t.ours, labels.PLAIN: t.plain}
+    seconds = {labels.MMFR: t.seconds_of(SEPARATE), labels.OURS: t.seconds_of(LEVELS),
+               labels.PLAIN: t.seconds_of(tuple(name + PLAIN for name in LEVELS))}
+    compared = {row.method: row for row in comparison.compare(scene, methods, seconds)}
+    return {
+        "comparison": [row.record() for row in compared.values()],
+        "fewer_percent": comparison.fewer_percent(compared[labels.OURS], compared[labels.PLAIN]),
+        "level_curves": {labels.OURS: [asdict(curve) for curve in t.curves],
+                         labels.PLAIN: [asdict(curve) for curve in t.plain_curves]}}
+
+
+def _ablation(scene: TrainingScene, t: Trained) -> list[dict[str, Any]]:
+    of = t.results
+    return [row.record() for row in ablation.ablate(scene, (
+        (labels.DENSE, of["dense"]), (labels.DECAYED, of[SCALE_DECAY]), (labels.PRUNED, of["prune"]),
+        (labels.TUNED, of["finetune"]), (labels.FOVEATED, t.plain), (labels.ENHANCED, t.ours)))]
+
+
+def _latency(
+    scene: TrainingScene, t: Trained, edge: int, rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
+) -> tuple[dict[str, Any], list[latency.Version]]:
+    camera = latency.frame_camera(scene.cameras[scene.test[0]], edge)
+    with tqdm(total=len(latency.CRITERIA) * len(latency.REMOVED), desc="latency", unit="frame", disable=None) as progress:
+        versions = latency.measure(t.results["dense"], scene, edge=edge, rtl=rtl, progress=progress.update)
+    return {"size": [camera.width, camera.height], "view": scene.test[0],
+            "versions": [version.record() for version in versions],
+            "proportionality": latency.proportionality(versions)}, versions
+
+
+def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
+    """Cycles of a model's frame by the RTL, kept under `folder` by the model's points."""
+    def cycles(gaussians: Gaussians, camera: Camera) -> RtlCycles:
+        model = to_model(gaussians, up=scene.up, name=scene.name)
+        digest = hashlib.sha256(model.means.tobytes() + repr(camera).encode()).hexdigest()[:12]
+        return rtl_cycles(model, camera, folder / digest)
+
+    return cycles
+
+
+def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) -> dict[str, Any]:
+    """Trains what is missing, measures, writes NAME.json, NAME.md and, where there is anything to plot, NAME.png.
+
+    Args:
+        tables: of labels.TABLES.
+
+    Returns what the JSON holds.
+
+    Raises:
+        InputError: an option or a scene that nothing can be trained from, or an RTL frame that is not bit-exact.
+        Interrupted: after SIGINT; the same command goes on.
+    """
+    out, work = make_folder(args.out), make_folder(args.work)
+    scenes, shown = [], []
+    for wanted in wanted_scenes(args):
+        begin = time.monotonic()
+        prepared = prepare(wanted, Path(args.runs), device)
+        trained = train_scene(prepared, device, work, tables, lambda text: print(text, file=sys.stderr))
+        rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
+        record, plots = measure_scene(prepared, trained, tables, edge=args.edge or latency.EDGE, rtl=rtl)
+        print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
+        scenes.append(record)
+        shown.append(plots)
+        write(out, args.name, scenes, shown)
+    return {"scenes": scenes}
+
+
+def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown]) -> None:
+    """The files, of the scenes so far."""
+    write_json(folder / f"{name}.json", {"scenes": scenes})
+    with atomic_output(folder / f"{name}.md") as file:
+        file.write(markdown(scenes, f"{name}.png").encode())
+    if any(of.versions or of.curves for of in shown):
+        save_plots(shown, folder / f"{name}.png")

@@ -1,0 +1,210 @@
+"""The tables as Markdown: all of it is in the JSON beside but the paper's own numbers. Needs no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from msv2.studies.training import labels
+from msv2.studies.training.labels import reached
+from msv2.studies.training.targets_text import equal_target, own_targets, targets_rows
+
+PAPERS = "The paper's values are means of 13 scenes, on a Jetson Xavier where they are speeds."
+
+LATENCY_HEAD = """## Latency against points and against intersections
+
+The dense model with shares of its points removed, none retrained; one frame of the first test view. *Off* is the mean of
+|ln(cycles / dense's) - ln(quantity / dense's)|: 0 where both fall at the same rate.
+"""
+
+
+def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
+    """The page.
+
+    Args:
+        scenes: records of `msv2.studies.training.tables.measure_scene`.
+        picture: file name of the latency plot.
+    """
+    head = [
+        "# Foveated training: the paper's tables", "", f"Made by `make tables-training`. {PAPERS} Ours are measured on each "
+        "scene's test views, which no stage of training reads, against the photographs unless said otherwise.", "",
+        "Golden cycles are an estimate from the integer renderer's frames: projection and rendering one after the other, each "
+        "as long as its busiest part at one item a cycle or memory's beats at 25.6 bytes a cycle "
+        "(`msv2/studies/training/frame_cycles.py`), of the machine `paper`. Foveated frames have the gaze in the centre. "
+        "MMFR's frames project every model and render each in the tiles of its level.", ""]
+    targets = ["## Targets", "", targets_table(scenes)] if any(True for scene in scenes for _ in targets_rows(scene)) else []
+    parts = [part for scene in scenes for part in _scene(scene)]
+    timed = [scene for scene in scenes if "latency" in scene]
+    shown = ["## Plots", "", f"![latency against points and intersections, and HVSQ of levels against points]({picture})", ""]
+    plotted = shown if any("latency" in scene or "level_curves" in scene for scene in scenes) else []
+    latencies = [LATENCY_HEAD, *map(latency_text, timed)] if timed else []
+    return "\n".join([*head, *targets, *parts, *plotted, *latencies])
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table, with an empty line behind it."""
+    return "\n".join(["| " + " | ".join(head) + " |", "|---" * len(head) + "|",
+                      *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows), ""])
+
+
+def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:
+    """What was asked for and what became of it."""
+    return table(("scene", "target", "measured", ""), (
+        (scene_title(scene), *row) for scene in scenes for row in targets_rows(scene)))
+
+
+def scene_title(scene: Mapping[str, Any]) -> str:
+    """Name and size, and the note that a report may carry, of numbers that another recipe made."""
+    return "{}, {}x{}".format(scene["scene"], *scene["size"]) + (f" ({scene['note']})" if "note" in scene else "")
+
+
+def _scene(scene: Mapping[str, Any]) -> list[str]:
+    options = ", ".join(f"{name} {value}" for name, value in scene["options"].items() if value is not None)
+    views = scene["views"]
+    parts = [
+        f"## {scene_title(scene)}", "", f"{views['train']} views train, {views['validation']} validate, "
+        f"{views['test']} test; references are {scene['references']}. Made with {options}.", ""]
+    if "comparison" in scene:
+        parts += ["### Foveated representations", "", comparison_table(scene["comparison"]),
+                  "### Points per level", "", points_table(scene), curves_table(scene["level_curves"])]
+    if "ablation" in scene:
+        parts += ["### Ablation", "", "PSNR is of level 1, which foveated frames show in the fovea.", "",
+                  ablation_table(scene["ablation"])]
+    if "pruning" in scene:
+        parts += ["### Pruning", "", PRUNING_NOTE, "", pruning_table(scene["pruning"])]
+    return parts
+
+
+def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Methods side by side, with the paper's numbers and the targets."""
+    smfr = next(row for row in rows if row["method"] == labels.SMFR)
+    base = labels.PAPER[labels.SMFR]
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        frame, paper = row["frame"], labels.PAPER.get(row["method"])
+        own = [row["method"], f"{row['storage_mb']:.3f}", f"{row['over_l1_percent']:+.1f} %",
+               *(f"{1e5 * value:.2f}" for value in row["hvsq"]), f"{frame['entries']:,.0f}", f"{frame['cycles']:,.0f}",
+               f"{smfr['frame']['cycles'] / frame['cycles']:.2f}"]
+        if paper is None:
+            return [*own, "", "", ""]
+        return [*own, f"{paper['fps']:g} ({paper['fps'] / base['fps']:.2f})",
+                f"{paper['storage_mb']:g} ({100 * (paper['storage_mb'] / base['storage_mb'] - 1):+.0f} %)",
+                " / ".join(f"{value:g}" for value in paper["hvsq_e5"])]
+
+    return table(
+        ("method", "storage MB", "over L1", "HVSQ 1e-5 L1", "L2", "L3", "L4", "intersections/frame", "golden cycles/frame",
+         "speed, SMFR = 1", "paper: FPS (SMFR = 1)", "paper: MB (over SMFR)", "paper: HVSQ 1e-5"),
+        map(cells, rows))
+
+
+def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What each technique adds."""
+    dense = rows[0]
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        frame, name = row["frame"], row["name"]
+        size, speed = labels.PAPER_SIZE_PERCENT.get(name), labels.PAPER_SPEED.get(name)
+        return [
+            name, f"{row['points']:,}", f"{row['storage_mb']:.3f}", f"{100 * row['storage_mb'] / dense['storage_mb']:.1f} %",
+            f"{frame['entries_per_tile']:.1f}", f"{frame['entries']:,.0f}", f"{frame['cycles']:,.0f}",
+            f"{dense['frame']['entries'] / max(frame['entries'], 1):.2f}", f"{dense['frame']['cycles'] / frame['cycles']:.2f}",
+            f"{row['psnr']:.2f}", f"{row['ssim']:.4f}", "" if speed is None else f"{speed:.1f}",
+            "" if size is None else f"{size:g} %"]
+
+    return table(
+        ("model", "points of L1", "storage MB", "of dense", "intersections/tile", "per frame", "golden cycles/frame",
+         "fewer intersections, times", "speed, dense = 1", "PSNR dB", "SSIM", "paper: speed", "paper: size"), map(cells, rows))
+
+
+def points_table(scene: Mapping[str, Any]) -> str:
+    """Points of each level, and what opacity enhancement saves."""
+    shown = [row for row in scene["comparison"] if row["method"] in (labels.OURS, labels.PLAIN)]
+    return table(
+        ("model", "L1", "L2", "L3", "L4"),
+        [*([row["method"], *(f"{count:,} ({share:.1f} %)" for count, share in zip(
+            row["points"], row["points_percent"], strict=True))] for row in shown),
+         ["the predecessor, bicycle", *(f"{share:g} %" for share in labels.PREDECESSOR_PERCENT)]]) + (
+        "\nOpacity enhancement leaves " + ", ".join(
+            f"{-share + 0.0:+.1f} % points in L{level}" for level, share in enumerate(scene["fewer_percent"], 1) if level > 1)
+        + f" against training without it (the paper: up to {labels.PAPER_FEWER_PERCENT:g} % fewer in R3 and R4), both held "
+        "to L1's HVSQ on the validation views.\n")
+
+
+def curves_table(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """HVSQ against points, as training saw them."""
+    return "Lowest HVSQ that training reached at a number of points, over L1's on the validation views:\n\n" + table(
+        ("level", "model", "points kept", "points: HVSQ / target"),
+        ((f"L{curve['level']}", method, f"{curve['kept']:,}", ", ".join(
+            f"{points:,}: {hvsq:.3f}" for points, hvsq in zip(curve["points"], curve["hvsq"], strict=True)))
+         for method, own in curves.items() for curve in own))
+
+
+PRUNING_NOTE = (
+    "From one dense model, with the same loop, interval and iterations; *ours* prunes by CE under scale decay, the others by "
+    "their criterion and without. Everything is of the test views, but for *at equal PSNR*: the baseline's result against the "
+    "cheapest look that our loop with the same gate had at no less PSNR, both on the gate's validation views.")
+
+
+def pruning_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Gates and criteria, and which targets each row reaches."""
+    ours = {row["variant"]: row for row in rows if row["criterion"] == "ce" and not row["tuned"]}
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        targets = [] if row["criterion"] is None else (
+            _own_targets(row) if row["equal"] is None else _against_ours(row, ours[row["variant"]]))
+        return [
+            _pruned_name(row), row["variant"] or "", f"{row['points']:,}", f"{row['points_percent']:.1f} %",
+            f"{row['frame']['entries']:,.0f}", f"{row['cut']:.2f}", f"{row['frame']['cycles']:,.0f}", f"{row['psnr']:.2f}",
+            f"{row['psnr_percent']:.2f} %", f"{row['ssim']:.4f}", f"{row['ssim_percent']:.2f} %", "; ".join(targets)]
+
+    return table(
+        ("pruned by", "gate", "points", "of dense", "intersections/frame", "fewer than dense, times", "golden cycles/frame",
+         "PSNR dB", "of dense", "SSIM", "of dense", "targets"), map(cells, rows))
+
+
+def _pruned_name(row: Mapping[str, Any]) -> str:
+    if row["criterion"] is None:
+        return labels.DENSE
+    name = labels.OURS if row["criterion"] == "ce" else labels.CRITERION_LABELS[row["criterion"]]
+    return f"{name}, fine-tuned: L1" if row["tuned"] else name
+
+
+def _own_targets(row: Mapping[str, Any]) -> list[str]:
+    """Verdicts on a row of ours."""
+    return [f"{asked} {reached(good)}" for asked, _, good in own_targets(row)]
+
+
+def _against_ours(row: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
+    """What ours needs beside a baseline's row."""
+    times = row["frame"]["entries"] / max(ours["frame"]["entries"], 1.0)
+    asked, measured, good = equal_target(row)
+    return [f"ours {times:.2f} times fewer at the same gate", f"{asked} {reached(good)}: {measured}"]
+
+
+def latency_text(scene: Mapping[str, Any]) -> str:
+    """Pruned versions of the dense model, and how their cycles follow points and intersections."""
+    shown, (width, height) = scene["latency"], scene["latency"]["size"]
+    whole = shown["versions"][0]
+
+    def cells(version: Mapping[str, Any]) -> list[str]:
+        work, rtl = version["work"], version["rtl"]
+        return [
+            labels.CRITERION_LABELS[version["criterion"]], f"{100 * version['removed']:.0f} %", f"{version['points']:,}",
+            f"{work['entries_per_tile']:.1f}", f"{work['cycles']:,.0f}", "" if rtl is None else f"{rtl['cycles']:,}",
+            f"{version['points'] / whole['points']:.3f}", f"{work['entries'] / max(whole['work']['entries'], 1):.3f}",
+            f"{work['cycles'] / whole['work']['cycles']:.3f}",
+            "" if rtl is None else f"{rtl['cycles'] / whole['rtl']['cycles']:.3f}"]
+
+    return "\n".join([
+        f"### {scene['scene']}, {width}x{height}", "",
+        table(("removed by", "removed", "points", "intersections/tile", "golden cycles", "RTL cycles", "points, of dense",
+               "intersections, of dense", "golden cycles, of dense", "RTL cycles, of dense"), map(cells, shown["versions"])),
+        agreement_table(scene)])
+
+
+def agreement_table(scene: Mapping[str, Any]) -> str:
+    """How well cycles follow points and intersections."""
+    return table(("", "Pearson r", "off"), (
+        [f"{labels.CYCLES[name]} cycles against {'intersections' if quantity == 'entries' else quantity}",
+         f"{of['pearson']:.4f}", f"{of['off']:.3f}"]
+        for name, by in scene["latency"]["proportionality"].items() for quantity, of in by.items()))

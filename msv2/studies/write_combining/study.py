@@ -1,0 +1,87 @@
+"""`python -m msv2.studies write_combining`: how many writes beats would save that wait for more entries of their tile, in
+scenes' frames.
+
+Each of so many lines, chosen by the tile's low bits, would hold a beat of one tile until it is full or another tile's entry
+wants the line; what it holds is then one write instead of one an entry, as `rtl.tile_lists.entry_writer` makes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.tile_lists import rank_in_tile
+from golden.scenes.files import atomic_output
+from spec.config import PAPER
+from spec.memory import BEAT_BYTES, BEAT_ENTRIES
+from spec.paths import ROOT
+from tb.common.scenes import scene_path, traced_frame
+
+FRAMES = (
+    ("embedded", "640x360"), ("truck.splat", "640x360"), ("embedded", "1920x1080"), ("truck.splat", "1920x1080"))
+"""Scenes, the trained one where it is, and their sizes."""
+
+LINES = (64, 256, 1024, 4096)
+
+
+def saved_writes(tile: np.ndarray, lines: int) -> int:
+    """Entries that would join a beat that waits for them.
+
+    Args:
+        tile: (entries,) tile of each entry, in the order of arrival.
+        lines: beats that may wait, a power of two.
+    """
+    tile = np.asarray(tile, np.int64)
+    order = np.argsort(tile & lines - 1, kind="stable")  # a line's entries behind each other
+    waits = np.diff(tile[order], prepend=-1) == 0
+    return int((waits & (rank_in_tile(tile)[order] % BEAT_ENTRIES != 0)).sum())
+
+
+def arriving_tiles(frame: Frame) -> np.ndarray:
+    """(entries,) tile of each entry of a frame, in the order in which culling finds them."""
+    entries = frame.entries
+    tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
+    return tile[np.lexsort((tile, entries.splat))]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _rows() -> Iterator[str]:
+    """A frame's row in Markdown each."""
+    for scene, size in FRAMES:
+        path = scene_path(scene)
+        if path is None:
+            continue
+        name, frame = traced_frame(PAPER, path, size)
+        tile = arriving_tiles(frame)
+        shares = " | ".join(_percent(saved_writes(tile, lines) / len(tile)) for lines in LINES)
+        yield f"| {name} | {len(tile):,} | {len(frame.entries.start) - 1:,} | {shares} |"
+
+
+_HEAD = f"""# Beats that wait for more entries of their tile: writes saved
+
+Written by `python -m msv2.studies write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
+which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's low bits. No more than
+{_percent(1 - 1 / BEAT_ENTRIES)} can be saved.
+
+| frame | entries | tiles | {' | '.join(f'{lines:,} lines' for lines in LINES)} |
+{'|---' * (3 + len(LINES))}|
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Writes the table."""
+    parser = argparse.ArgumentParser(prog="python -m msv2.studies write_combining", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "write_combining.md", metavar="FILE")
+    args = parser.parse_args(argv)
+    rows = list(_rows())
+    with atomic_output(args.out) as file:
+        file.write((_HEAD + "\n".join(rows) + "\n").encode())
+    print(f"{args.out}: {len(rows)} frames")
+    return 0

@@ -1,0 +1,78 @@
+"""Which files of the project a module rests on: its own, and those of everything of ours that it imports, transitively.
+
+Caches and reports are keyed by the contents of these files, so that a change of a constant in `spec` makes anew what rests
+on it, and a change anywhere else makes nothing anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+
+from spec.paths import ROOT
+
+ROOMS = ("spec", "golden", "rtl", "perf", "synth", "tb", "msv2")
+"""Folders of the root whose modules are ours."""
+
+_FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
+_IMPORT = re.compile(r"^[ \t]*import[ \t]+([\w., \t]+)", re.MULTILINE)
+
+
+def imported_names(text: str) -> set[str]:
+    """Dotted names that a source text imports, wherever in it: modules, and `module.name` of what is taken from them.
+
+    Statements are found by their form, without parsing; a line of a docstring that reads like one adds a name too many.
+    """
+    names = set()
+    for module, taken in _FROM.findall(text):
+        parts = re.sub(r"#[^\n]*", "", taken).strip("() \n").split(",")
+        names |= {module} | {f"{module}.{words[0]}" for part in parts if (words := part.split())}
+    for modules in _IMPORT.findall(text):
+        names |= {words[0] for part in modules.split(",") if (words := part.split())}
+    return names
+
+
+def module_file(name: str, root: Path = ROOT) -> Path | None:
+    """The file of a module or package of ours; None where there is none."""
+    base = root.joinpath(*name.split("."))
+    return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
+
+
+@lru_cache(maxsize=256)
+def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
+    """Files of the modules and of everything of ours that they import, sorted.
+
+    Args:
+        modules: dotted names, such as "golden.msv2_ref.pipeline".
+        root: the folder of the rooms.
+
+    Raises:
+        ValueError: there is no such module.
+    """
+    found: set[Path] = set()
+    todo = list(modules)
+    while todo:
+        name = todo.pop()
+        path = module_file(name, root)
+        if path is None and name in modules:
+            raise ValueError(f"there is no module {name!r} of this project")
+        if path is None or path in found or name.partition(".")[0] not in ROOMS:
+            continue
+        found.add(path)
+        packages = name.split(".")[:-1]
+        todo += [".".join(packages[: depth + 1]) for depth in range(len(packages))]
+        todo += [other for other in imported_names(path.read_text(encoding="utf-8")) if other.partition(".")[0] in ROOMS]
+    return tuple(sorted(found))
+
+
+def fingerprint(files: Iterable[Path], *parts: object) -> str:
+    """16 hexadecimal digits that change with the contents of the files and with the `repr` of the parts."""
+    state = hashlib.sha256()
+    for path in files:
+        state.update(path.read_bytes())
+    for part in parts:
+        state.update(repr(part).encode())
+    return state.hexdigest()[:16]

@@ -1,0 +1,104 @@
+"""The colour unit's test: every read, every view in its place, in one simulation a configuration, and how fast."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rtl.culling.colour import splat_interval
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from tb.common import exact
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.runner import Waves
+from tb.common.scenes import traced_frames, traced_size
+from tb.culling.colour_device import MOST_DELAY, playback
+from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "default", "paper")
+"""A splat every 32, 16 and 4 cycles."""
+
+PORTS = ("survivors", "data", "reads", "writes")
+
+SETTLING = 250
+"""Cycles of a run beyond its splats' own, at most: memory's latency and the pipelines."""
+
+ONE_LEVEL = tuple(1 << level for level in range(MAX_LEVELS))
+
+
+def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, *, delay: int = 20, **options: object) -> Planned:
+    """The run that plays a case; `options` are those of `planned`."""
+    return planned(
+        name or case.name, case.inputs(config), case.expected(config), observed=case.observed,
+        settings={**case.settings, "delay": delay}, **options)
+
+
+def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[Planned]:
+    """Every degree up to `sh_degree`, extremes, empty frames, errors, pauses, resets, back to back."""
+    plan = []
+    for degree in range(sh_degree + 1):
+        plan.append(plan_of(config, random_case(config, seed + degree, degree, [150])))
+        plan.append(plan_of(config, extreme_case(config, degree)))
+        plan.append(plan_of(config, fine_case(config, seed, degree, 1500)))
+        frames = random_case(config, seed + degree, degree, [0, 1, 0, 0, 7, 30, 0], name=f"frames, {degree}")
+        plan.append(plan_of(config, frames))
+        bad = random_case(config, seed, degree, [20, 20], name=f"errors of memory, {degree}", bad=[5, 6, 17])
+        plan += [plan_of(config, bad), plan_of(config, random_case(config, seed, degree, [9], name=f"no errors, {degree}"))]
+    nothing = random_case(config, seed, sh_degree, [40], levels=(0, 0, 0, 1, 15), name="splats without a level")
+    plan.append(plan_of(config, nothing))
+    case = random_case(config, seed, sh_degree, [25, 15])
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(config, case, name, patterns=patterns, reset=False))
+    for cycles in (3, 40, 77, 150, 301):
+        plan.append(plan_of(config, case, f"cut off after {cycles} cycles", abort=cycles))
+        plan.append(plan_of(config, case, f"frames after a reset at {cycles}"))
+    for k in range(3):
+        again = random_case(config, seed + k, k % (sh_degree + 1), [10 + k])
+        plan.append(plan_of(config, again, f"back to back {k}", reset=False, quiet=0))
+    return plan
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """A splat an interval, whatever its level, at the longest latency of memory that costs nothing."""
+    plan = []
+    for degree in range(4):
+        case = random_case(config, seed, degree, [300], levels=ONE_LEVEL, name=f"rate, degree {degree}")
+        plan.append(plan_of(config, case, delay=MOST_DELAY - 8, most_cycles=300 * splat_interval(config) + SETTLING))
+    return plan
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The survivors of scenes' frames."""
+    plan = []
+    for name, frame in traced_frames(config, size).items():
+        case = frame_case(f"traced {name}", frame)
+        plan.append(plan_of(config, case, delay=90))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "320x180"))]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        splats = int(np.sum(item.run.inputs["survivors"]["end"] == 0))
+        lines.append(
+            f"{item.name}: {splats} splats, {len(item.expected['writes'])} views, {recording.cycles} cycles, "
+            f"{recording.cycles / max(splats, 1):.2f} a splat")
+    return lines
+
+
+def run_plan(
+    config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
+    sh_degree: int = 3,
+) -> Outcome:
+    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    return exact.run_plan(playback(config, sh_degree), plan, folder, waves=waves, progress=progress)

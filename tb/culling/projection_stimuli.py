@@ -1,0 +1,276 @@
+"""Points for the projection unit: by hand where arithmetic is at its limits, at random, and those of rendered frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from golden.host.quantise import GaussianWords
+from golden.host.registers import FrameRegisters, frame_registers
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.projection import FAINT, NEAR, OUTSIDE, project, projected_splats
+from golden.scenes.camera import Camera
+from golden.scenes.gaze import Display, no_foveation
+from spec import tables
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.formats import SmallFloat
+from spec.memory import frame_settings
+from spec.records import Record, gaussian_colour, gaussian_geometry, gaussian_point
+
+SETTINGS = ("position", "rotation", "turn", "centre", "limits", "near", "depth_scale", "width", "height")
+REASONS = {"culled_near": NEAR, "culled_faint": FAINT, "culled_outside": OUTSIDE}
+
+
+@dataclass(frozen=True)
+class Case:
+    """Frames of one view that follow each other.
+
+    Attributes:
+        name: for messages.
+        config: the machine.
+        frames: words of each frame.
+        registers: the view.
+    """
+
+    name: str
+    config: AcceleratorConfig
+    frames: tuple[GaussianWords, ...]
+    registers: FrameRegisters
+
+    @property
+    def points(self) -> int:
+        """Of all frames."""
+        return sum(len(words.geometry) for words in self.frames)
+
+    @property
+    def items(self) -> np.ndarray:
+        """GaussianPoint items of all frames."""
+        rows = np.zeros(self.points + len(self.frames), gaussian_point(self.config).dtype)
+        at = 0
+        for words in self.frames:
+            count = len(words.geometry)
+            for name in words.geometry.dtype.names:
+                rows[name][at : at + count] = words.geometry[name]
+            rows["index"][at : at + count] = np.arange(count)
+            rows["end"][at + count] = 1
+            at += count + 1
+        return rows
+
+    @property
+    def splats(self) -> np.ndarray:
+        """What the golden renderer makes of them."""
+        return np.concatenate([projected_splats(self.config, words, self.registers) for words in self.frames])
+
+    @property
+    def observed(self) -> dict[str, int]:
+        """Counters after the last frame."""
+        reason = project(self.config, self.frames[-1], self.registers).reason
+        return {name: int((reason == code).sum()) for name, code in REASONS.items()}
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """Bit patterns of the unit's settings."""
+        fields = {f.name: f for f in frame_settings(self.config).fields}
+        found = {}
+        for name in SETTINGS:
+            f, value = fields[name], np.ravel(getattr(self.registers, name))
+            raw = f.format.quantise(value).tolist() if isinstance(f.format, SmallFloat) else value.tolist()
+            found[name] = Record(name, "", (f,)).pack({name: raw})
+        return found
+
+
+def words_of(config: AcceleratorConfig, geometry: np.ndarray) -> GaussianWords:
+    """Words of geometry records; colours are black."""
+    colour = np.zeros(len(geometry), gaussian_colour(config, 0).dtype)
+    return GaussianWords(config, geometry, colour, np.zeros(3), MAX_LEVELS, 0, {})
+
+
+def camera(width: int, height: int, turned: bool = True) -> Camera:
+    """A view along z from the origin, or one turned and moved, with unequal focal lengths."""
+    if not turned:
+        return Camera(np.eye(3), np.zeros(3), width, width, width / 2, height / 2, width, height)
+    a, b = np.deg2rad(25), np.deg2rad(-14)
+    about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    return Camera(about_x @ about_y, np.array([0.3, -0.7, 1.5]), 0.8 * width, 0.95 * width, 0.55 * width, 0.4 * height, width,
+                  height)
+
+
+def view(config: AcceleratorConfig, c: Camera, far: float = 20.0) -> FrameRegisters:
+    """Registers of a camera, whose depth saturates at `far`."""
+    along = c.position + c.rotation.T @ np.array([0, 0, far])
+    geometry = np.zeros(1, gaussian_geometry(config).dtype)
+    geometry["mean"] = config.formats.position.quantise(along)
+    flat = no_foveation(Display(c.width, c.height))
+    return frame_registers(config, c, words_of(config, geometry), flat, np.zeros(3))
+
+
+def random_geometry(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Records with ordinary sizes and opacities at the origin; a share of the rotations is not normalised."""
+    n = config.formats
+    rows = np.zeros(count, gaussian_geometry(config).dtype)
+    quat = rng.normal(size=(count, 4))
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True) * rng.choice([1.0, 1.0, 1.0, 0.7], (count, 1))
+    rows["quat"] = n.quaternion.quantise(quat)
+    rows["scale"] = n.scale.quantise(np.exp(rng.normal(-2.5, 1, (count, 3))))
+    rows["log2_opacity"] = n.log2_opacity.quantise(rng.uniform(-5, 4, (count, MAX_LEVELS)))
+    rows["bound"] = rng.integers(0, MAX_LEVELS, count)
+    return rows
+
+
+def place(config: AcceleratorConfig, rows: np.ndarray, c: Camera, pixels: np.ndarray, z: np.ndarray) -> None:
+    """Moves the points to where the camera sees them at `pixels` (N, 2), `z` in front of it."""
+    xy = (pixels - [c.cx, c.cy]) / [c.fx, c.fy]
+    world = (np.column_stack([xy, np.ones(len(z))]) * z[:, None]) @ c.rotation + c.position
+    rows["mean"] = config.formats.position.quantise(world)
+
+
+Edit = Callable[[AcceleratorConfig, np.random.Generator, np.ndarray, Camera], None]
+
+
+def _behind(config, rng, rows, c):
+    place(config, rows, c, rng.uniform(0, 300, (len(rows), 2)), rng.uniform(-10, c.near, len(rows)))
+
+
+def _near_plane(config, rng, rows, c):
+    """z is the near plane exactly, or a few ulps away, with a camera that looks along z."""
+    near = int(config.formats.view.quantise(c.near))
+    rows["mean"][:, 2] = near + rng.integers(-3, 4, len(rows))
+
+
+def _faint(config, rng, rows, c):
+    """About the faintest opacity that shows; levels that may not count are bright."""
+    faintest = tables.log2_alpha_min(config.formats)
+    rows["log2_opacity"] = faintest + rng.integers(-2, 2, (len(rows), MAX_LEVELS))
+    above = np.arange(MAX_LEVELS) > rows["bound"][:, None]
+    rows["log2_opacity"][above] = config.formats.log2_opacity.raw_max
+
+
+def _opacities(config, rng, rows, c):
+    to = config.formats.log2_opacity
+    rows["log2_opacity"] = rng.choice([to.raw_min, -8186, -1, 0, to.raw_max], (len(rows), MAX_LEVELS))
+
+
+def _zero_scales(config, rng, rows, c):
+    rows["scale"] *= rng.integers(0, 2, (len(rows), 3)).astype(rows["scale"].dtype)
+
+
+def _huge_scales(config, rng, rows, c):
+    top = (1 << config.formats.scale.width) - 1
+    rows["scale"] = np.where(rng.random((len(rows), 3)) < 0.7, top - rng.integers(0, 3, (len(rows), 3)), rows["scale"])
+
+
+def _needles(config, rng, rows, c):
+    rows["scale"] = config.formats.scale.quantise(10.0 ** rng.uniform(-6, 2, (len(rows), 3)))
+
+
+def _saturating_means(config, rng, rows, c):
+    """About the largest mean that its format holds, and far beyond; so wide that some reach the frame."""
+    pixels = rng.choice([-1, 1], (len(rows), 2)) * rng.choice([16384, 16383.99, 20000, 40000, 1e6, 100], (len(rows), 2))
+    z = rng.uniform(1, 3, len(rows))
+    place(config, rows, c, pixels, z)
+    rows["scale"] = config.formats.scale.quantise(rng.uniform(0.1, 2000, (len(rows), 3)))
+
+
+def _depths(config, rng, rows, c):
+    """About the depth that saturates, and keys that do."""
+    place(config, rows, c, rng.uniform(0, 64, (len(rows), 2)), rng.choice([19.99, 20, 20.01, 50, 1e5, 1e9, 1e12], len(rows)))
+    rows["scale"] = config.formats.scale.quantise(rng.uniform(1, 1e5, (len(rows), 3)))
+
+
+def _edges(config, rng, rows, c):
+    """Small footprints about the frame's edges and the borders of its tiles."""
+    corner = rng.choice([-2, 0, 16, 32, c.width - 16, c.width, c.height, c.height + 2], (len(rows), 2))
+    place(config, rows, c, corner + rng.uniform(-4, 4, (len(rows), 2)), rng.uniform(1, 5, len(rows)))
+    rows["scale"] = config.formats.scale.quantise(rng.uniform(1e-4, 1e-2, (len(rows), 3)))
+
+
+def _flipped(config, rng, rows, c):
+    """Rotations at the ends of the format, axes exactly swapped, and none at all."""
+    to = config.formats.quaternion
+    rows["quat"] = rng.choice([to.raw_min, to.raw_max, 0, 0, 1, -1], (len(rows), 4))
+
+
+def _giants(config, rng, rows, c):
+    """So near, under a camera that has hardly a near plane, that they are too wide for the conic's smallest factors."""
+    place(config, rows, c, rng.uniform(0, 200, (len(rows), 2)), 10.0 ** rng.uniform(-11.9, -9, len(rows)))
+    rows["scale"] = config.formats.scale.quantise(10.0 ** rng.uniform(-12, 7, (len(rows), 3)))
+
+
+def _any_bits(config, rng, rows, c):
+    """Every field anything."""
+    for f in gaussian_geometry(config).fields:
+        low, high = f.raw_range
+        rows[f.name] = rng.integers(low, high + 1, rows[f.name].shape)
+
+
+def _any_bits_in_view(config, rng, rows, c):
+    """Every field anything but the mean."""
+    means = rows["mean"].copy()
+    _any_bits(config, rng, rows, c)
+    rows["mean"] = means
+
+
+EDITS: dict[str, Edit] = {
+    "ordinary": lambda *_: None, "behind the camera": _behind, "on the near plane": _near_plane, "faintest opacities": _faint,
+    "extreme opacities": _opacities, "zero scales": _zero_scales, "huge scales": _huge_scales, "needles": _needles,
+    "saturating means": _saturating_means, "saturating depths": _depths, "edges of the frame": _edges,
+    "extreme rotations": _flipped, "giants": _giants, "any bits": _any_bits, "any bits in view": _any_bits_in_view}
+"""What is done to ordinary points in view, by name."""
+
+
+def case_of(
+    config: AcceleratorConfig, rng: np.random.Generator, name: str, *, size: tuple[int, int] = (300, 200), count: int = 300,
+    frames: int = 1, turned: bool = True,
+) -> Case:
+    """Frames of points of one of EDITS."""
+    c = camera(*size, turned=turned and EDITS[name] not in (_near_plane, _giants))
+    if EDITS[name] is _giants:
+        c = replace(c, near=1e-12)
+    return Case(f"{name}, {size[0]}x{size[1]}", config, tuple(
+        words_of(config, edited(config, rng, name, c, count)) for _ in range(frames)), view(config, c))
+
+
+def edited(config: AcceleratorConfig, rng: np.random.Generator, name: str, c: Camera, count: int) -> np.ndarray:
+    """Points in view, then edited."""
+    rows = random_geometry(config, rng, count)
+    place(config, rows, c, rng.uniform((0, 0), (c.width, c.height), (count, 2)), np.exp(rng.uniform(-1, 3, count)))
+    EDITS[name](config, rng, rows, c)
+    return rows
+
+
+def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, lengths: list[int]) -> Case:
+    """Frames of points of every kind."""
+    c, frames = camera(240, 180), []
+    for length in lengths:
+        parts = [edited(config, rng, kind, c, 1 + length // len(EDITS)) for kind in EDITS]
+        frames.append(words_of(config, rng.permutation(np.concatenate(parts))[:length]))
+    return Case(name, config, tuple(frames), view(config, c))
+
+
+def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, fate: str, count: int) -> Case:
+    """Points that all end for one reason, one of REASONS, or as splats ("visible")."""
+    c = camera(300, 200)
+    rows = random_geometry(config, rng, count)
+    rows["log2_opacity"] = config.formats.log2_opacity.quantise(-12.0 if fate == "culled_faint" else 0.5)
+    x = -5000.0 if fate == "culled_outside" else 150.0
+    pixels = np.column_stack([np.full(count, x), rng.uniform(0, 200, count)])
+    place(config, rows, c, pixels, np.full(count, -2.0 if fate == "culled_near" else 3.0))
+    return Case(f"rate, {fate}", config, (words_of(config, rows),), view(config, c))
+
+
+def traced_case(frame: Frame, name: str) -> Case:
+    """A rendered frame's points."""
+    return Case(name, frame.config, (frame.words,), frame.registers)
+
+
+def shortened(case: Case, count: int) -> Case:
+    """The case with no more than `count` points a frame, spread over it."""
+    def thinned(words: GaussianWords) -> GaussianWords:
+        step = max(1, -(-len(words.geometry) // count))
+        return words_of(case.config, words.geometry[::step])
+
+    return replace(case, frames=tuple(thinned(words) for words in case.frames))

@@ -1,0 +1,129 @@
+"""The projection unit's test: every splat and count against the golden renderer's, in one simulation a configuration."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from rtl.culling.frame import COUNTER_BITS
+from rtl.culling.projection_unit import emit_projection_unit
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.memory import frame_settings
+from spec.records import gaussian_point, projected_splat
+from tb.common import exact
+from tb.common.emission import emitted
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.playback import Playback, Stream
+from tb.common.scenes import traced_frames, traced_size
+from tb.culling.projection_stimuli import (
+    EDITS,
+    REASONS,
+    SETTINGS,
+    Case,
+    case_of,
+    mixed_case,
+    shortened,
+    traced_case,
+    uniform_case,
+)
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "default", "paper")
+"""A point every 8 and 4 cycles, and every cycle."""
+
+PORTS = ("sink", "source")
+
+_SETTLING = 200
+"""Cycles from a frame's last point to its `end` at the source, at most."""
+
+_RATE_POINTS = 500
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The unit of a configuration, emitted, with files at its streams."""
+    widths = {f.name: f.width for f in frame_settings(config).fields}
+    return Playback(
+        name=f"projection-{config.point_interval}", module="projection_unit",
+        verilog=emitted("projection_unit", config, emit_projection_unit),
+        inputs=(Stream("sink", gaussian_point(config)),), outputs=(Stream("source", projected_splat(config)),),
+        settings=tuple((name, widths[name]) for name in SETTINGS),
+        observed=tuple((name, COUNTER_BITS) for name in REASONS))
+
+
+def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
+    """The run that plays a case; `options` are those of `planned`."""
+    return planned(
+        name or case.name, {"sink": case.items}, {"source": case.splats}, observed=case.observed, settings=case.settings,
+        **options)
+
+
+def most_cycles(case: Case) -> int:
+    """Cycles of a case at full rate: an interval a point, and the way through the unit."""
+    return case.config.point_interval * (case.points + len(case.frames)) + _SETTLING
+
+
+def least_rate(config: AcceleratorConfig) -> dict[str, float]:
+    """Points a cycle in which one is offered, but for rounding."""
+    return {"sink": (1 - 1e-9) / config.point_interval}
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Each kind of point; frames of every size; patterns of pauses; cut off by resets; back to back."""
+    rng = np.random.default_rng(seed)
+    plan = [plan_of(case_of(config, rng, name)) for name in EDITS]
+    for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
+        plan.append(plan_of(case_of(config, rng, "ordinary", size=size, count=120, turned=False)))
+        plan.append(plan_of(case_of(config, rng, "edges of the frame", size=size, count=120)))
+    streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(streams, name, patterns=patterns, reset=False))
+    for cycles in (3, 60, 200, 900):
+        plan.append(plan_of(mixed_case(config, rng, f"cut off after {cycles} cycles", [1000]), abort=cycles))
+        plan.append(plan_of(streams, f"frames after a reset at {cycles}"))
+    for k in range(3):
+        case = mixed_case(config, rng, f"back to back {k}", [70, 3, 150])
+        plan.append(plan_of(case, reset=False, quiet=0, most_cycles=most_cycles(case)))
+    return plan
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Points of one fate, which must enter as often as the configuration says."""
+    rng, plan = np.random.default_rng(seed), []
+    for fate in (*REASONS, "visible"):
+        case = uniform_case(config, rng, fate, _RATE_POINTS)
+        plan.append(plan_of(case, most_cycles=most_cycles(case), least_rate=least_rate(config)))
+    return plan
+
+
+def traced_plan(config: AcceleratorConfig, size: str, most: int | None = None) -> list[Planned]:
+    """Scenes' frames, of no more than `most` points each, at full rate."""
+    plan = []
+    for name, frame in traced_frames(config, size).items():
+        case = traced_case(frame, f"traced {name}")
+        case = case if most is None else shortened(case, most)
+        plan.append(plan_of(case, reset=not plan, most_cycles=most_cycles(case), least_rate=least_rate(config)))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything; of trained scenes as many points as the slowest machine takes in a minute."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"), 100_000)]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        points, splats = len(item.run.inputs["sink"]) - 1, len(item.expected["source"]) - 1
+        lines.append(
+            f"{item.name}: {points} points, {splats} splats, {recording.cycles / points:.4f} cycles a point, "
+            f"{recording.cycles} cycles from the first point in to the end out")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,309 @@
+"""Frames for the tile test: projected splats and the levels of tiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.projection import VISIBLE
+from golden.msv2_ref.tile_test import TileTest, tile_test
+from spec.config import AcceleratorConfig
+from spec.constants import EXPONENT_SCALE, LOW_PASS, MAX_LEVELS, TILE
+from spec.queues import LEVEL_GROUP
+from spec.records import INDEX_BITS, projected_splat, tile_level
+from spec.tables import log2_alpha_min
+
+SHAPES = ("dots", "discs", "needles", "giants", "extremes")
+"""Kinds of footprints."""
+
+LEVELS = ("one", "rings", "alternating", "random", "stretches")
+"""Kinds of level tables."""
+
+
+class Cost(NamedTuple):
+    """What a frame takes.
+
+    Attributes:
+        runs: that the unit tests.
+        emitting: those of them that give entries.
+        entries: without the `end`.
+    """
+
+    runs: int
+    emitting: int
+    entries: int
+
+    @property
+    def steps(self) -> int:
+        """Cycles of the last stage: an entry each, and one for a run that gives none."""
+        return self.entries + self.runs - self.emitting
+
+
+@dataclass(frozen=True)
+class Case:
+    """Frames of one size that follow each other.
+
+    Attributes:
+        name: for messages.
+        config: the machine.
+        width, height: in pixels.
+        frames: of each its ProjectedSplat records without `end`, and (tiles, 2) level and blend of its tiles.
+        obb: boxes instead of the exact test.
+        rendered: (tiles,) bool of each frame, which of them are rendered, on machines with stereo; empty: all are.
+    """
+
+    name: str
+    config: AcceleratorConfig
+    width: int
+    height: int
+    frames: tuple[tuple[np.ndarray, np.ndarray], ...]
+    obb: bool = False
+    rendered: tuple[np.ndarray, ...] = ()
+
+    @property
+    def masks(self) -> list[np.ndarray]:
+        """(tiles,) bool of each frame."""
+        return list(self.rendered) or [np.ones(len(levels), bool) for _, levels in self.frames]
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """Values of the unit's plain inputs."""
+        return {"width": self.width, "height": self.height, "obb": int(self.obb)}
+
+    @cached_property
+    def golden(self) -> list[TileTest]:
+        """What the golden renderer makes of each frame."""
+        return [tile_test(self.config, *frame, self.width, self.height, obb=self.obb, rendered=mask)
+                for frame, mask in zip(self.frames, self.masks, strict=True)]
+
+    @property
+    def inputs(self) -> dict[str, np.ndarray]:
+        """Items of the unit's input streams."""
+        end = np.zeros(1, projected_splat(self.config).dtype)
+        end["end"] = 1
+        tables = np.zeros(sum(len(levels) for _, levels in self.frames), tile_level(self.config).dtype)
+        tables["tile"] = np.concatenate([np.arange(len(levels)) for _, levels in self.frames])
+        tables["level"], tables["blend"] = np.concatenate([levels for _, levels in self.frames]).T
+        if self.config.stereo:
+            tables["rendered"] = np.concatenate(self.masks)
+        return {"splats": np.concatenate([part for splats, _ in self.frames for part in (splats, end)]), "table": tables}
+
+    @property
+    def expected(self) -> dict[str, np.ndarray]:
+        """Items of its output streams."""
+        return {name: np.concatenate([getattr(frame, name) for frame in self.golden]) for name in ("entries", "survivors")}
+
+    @property
+    def observed(self) -> dict[str, int]:
+        """Plain outputs after the last frame."""
+        return {"touched": self.golden[-1].touched, "filtered": self.golden[-1].filtered, "busy": 0}
+
+    def costs(self) -> list[Cost]:
+        """Of each frame."""
+        return [self._cost(*frame, mask, golden)
+                for frame, mask, golden in zip(self.frames, self.masks, self.golden, strict=True)]
+
+    def _cost(self, splats: np.ndarray, levels: np.ndarray, rendered: np.ndarray, golden: TileTest) -> Cost:
+        """Runs stop at a group's last tile and where the next tile is of another kind."""
+        tiles_x = -(-self.width // TILE)
+        grid = np.column_stack([levels, rendered]).reshape(-1, tiles_x, 3)
+        stops = np.ones(grid.shape[:2], np.int64)
+        stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % LEVEL_GROUP == 0)
+        before = np.zeros((len(grid) + 1, tiles_x + 1), np.int64)
+        before[1:, 1:] = stops.cumsum(0).cumsum(1)
+        first_x, last_x, first_y, last_y = (splats[f"{end}_{axis}"] for axis in "xy" for end in ("first", "last"))
+        inside = before[last_y + 1, last_x] - before[first_y, last_x] - before[last_y + 1, first_x] + before[first_y, first_x]
+        runs = int((inside + last_y - first_y + 1).sum())
+        tile, index = golden.entries["tile"][:-1], golden.entries["index"][:-1]
+        goes_on = (index[1:] == index[:-1]) & (tile[1:] == tile[:-1] + 1) & (stops.ravel()[tile[:-1]] == 0)
+        return Cost(runs, len(tile) - int(goes_on.sum()), len(tile))
+
+
+def _factors(rng: np.random.Generator, count: int, shape: str) -> np.ndarray:
+    """(count, 3) Cholesky factors; the narrowest footprint that culling makes has EXPONENT_SCALE / sqrt(LOW_PASS)."""
+    most = EXPONENT_SCALE / np.sqrt(LOW_PASS)
+    size = {"dots": (0, 1), "discs": (2, 6), "needles": (0, 9), "giants": (7, 14), "extremes": (0, 62)}[shape]
+    l1, l3 = most * 2.0 ** -rng.uniform(*size, (2, count))
+    slope = rng.choice([0, 1e-6, 0.3, 1, 3, 30], count) * rng.normal(0, 1, count) * (shape != "dots")
+    l2 = np.clip(slope * l1, -most, most)
+    return np.stack([l1, l2, np.where(shape == "needles", l3 * 2.0 ** -rng.uniform(0, 6, count), l3)], 1)
+
+
+def _means(config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int) -> np.ndarray:
+    """(count, 2) raw means: in and around the frame, on pixel centres and tile edges, as far away as can be."""
+    n, size = config.formats.mean2d, np.array([width, height])
+    pixels = rng.uniform(-0.3, 1.3, (count, 2)) * size
+    kind = rng.integers(0, 6, (count, 1))
+    pixels = np.where(kind == 0, np.floor(pixels) + 0.5, pixels)
+    pixels = np.where(kind == 1, np.round(pixels / TILE) * TILE + rng.choice([-0.5, 0, 0.5], (count, 2)), pixels)
+    far = rng.choice([-1.0, 1.0], (count, 2)) * 2.0**n.int_bits
+    return n.quantise(np.where((kind == 2) & (rng.random((count, 2)) < 0.3), far, pixels))
+
+
+def _opacities(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, 4) raw: one value or amplified level by level, and some at the cut, just above, just below; the extremes."""
+    n, cut = config.formats.log2_opacity, log2_alpha_min(config.formats)
+    gain = np.cumsum(rng.uniform(0, 2.5, (count, MAX_LEVELS)), 1) * rng.integers(0, 2, (count, 1))
+    raw, kind = n.quantise(rng.uniform(-8, 0.5, (count, 1)) + gain), rng.integers(0, 12, (count, MAX_LEVELS))
+    near = cut + rng.integers(-1, 3, (count, MAX_LEVELS))
+    return np.select([kind == 0, kind == 1], [near, rng.choice([n.raw_min, n.raw_max], (count, MAX_LEVELS))], raw)
+
+
+def random_splats(
+    config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int, shape: str,
+) -> np.ndarray:
+    """(count,) ProjectedSplat records of one of SHAPES; boxes of every kind, most of them small ones near the mean."""
+    n = config.formats
+    splats = np.zeros(count, projected_splat(config).dtype)
+    for field in projected_splat(config).fields:  # what the unit only hands on
+        low, high = field.raw_range
+        size = (count, field.count) if field.count > 1 else count
+        splats[field.name] = rng.integers(low, high + 1, size)
+    splats["index"] = np.sort(rng.choice(1 << INDEX_BITS, count, replace=False))
+    splats["bound"], splats["end"] = rng.integers(0, MAX_LEVELS, count), 0
+    splats["mean2d"] = _means(config, rng, count, width, height)
+    splats["conic"] = n.conic.quantise(_factors(rng, count, shape))
+    splats["log2_opacity"] = _opacities(config, rng, count)
+    for axis, size in (("x", width), ("y", height)):
+        tiles, mean = -(-size // TILE), splats["mean2d"][:, "xy".index(axis)] / 2.0**n.mean2d.frac_bits
+        reach = rng.choice([0, 1, 1, 2, 4, tiles], count) * rng.uniform(0, TILE, count)
+        splats[f"first_{axis}"] = np.clip((mean - reach) // TILE, 0, tiles - 1)
+        splats[f"last_{axis}"] = np.clip((mean + reach) // TILE, splats[f"first_{axis}"], tiles - 1)
+    return splats
+
+
+def random_levels(rng: np.random.Generator, tiles_x: int, tiles_y: int, kind: str) -> np.ndarray:
+    """(tiles, 2) level and blend of one of LEVELS."""
+    y, x = np.divmod(np.arange(tiles_x * tiles_y), tiles_x)
+    if kind == "one":
+        return np.zeros((len(x), 2), np.int64)
+    if kind == "rings":
+        distance = np.hypot(x - rng.uniform(0, tiles_x), y - rng.uniform(0, tiles_y)) / max(tiles_x, tiles_y) * 2 * MAX_LEVELS
+        step = np.minimum(distance.astype(np.int64), 2 * MAX_LEVELS - 2)
+        return np.stack([step // 2, step % 2], 1)
+    if kind == "alternating":
+        return np.stack([(x + y) % 2 * rng.integers(1, MAX_LEVELS), x % 3 % 2], 1)
+    drawn = rng.integers(0, 2 * MAX_LEVELS, len(x))
+    if kind == "stretches":
+        drawn = np.repeat(drawn, rng.integers(1, 40, len(x)))[: len(x)]
+    return np.stack(np.divmod(drawn, 2), 1)
+
+
+def random_case(
+    config: AcceleratorConfig, rng: np.random.Generator, name: str, width: int, height: int, count: int, *, frames: int = 2,
+    shape: str | None = None, kind: str | None = None, obb: bool = False,
+) -> Case:
+    """Frames of `count` splats each; shape and kind of the levels drawn for each where they are not given, and which tiles are
+    rendered, on machines with stereo."""
+    tiles = -(-width // TILE), -(-height // TILE)
+    drawn = tuple((random_splats(config, rng, count, width, height, shape or str(rng.choice(SHAPES))),
+                   random_levels(rng, *tiles, kind or str(rng.choice(LEVELS)))) for _ in range(frames))
+    share = rng.choice([0.0, 0.1, 0.5, 0.9, 1.0], frames) if config.stereo else ()
+    return Case(name, config, width, height, drawn, obb, tuple(rng.random(tiles[0] * tiles[1]) < part for part in share))
+
+
+def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str) -> np.ndarray:
+    """(count,) first or last tile column of each splat's entries, -1 without any; all tiles at one level."""
+    tiles_x = -(-width // TILE)
+    entries = tile_test(config, splats, np.zeros((tiles_x * -(-height // TILE), 2), np.int64), width, height).entries[:-1]
+    row, column = np.searchsorted(splats["index"], entries["index"]), entries["tile"] % tiles_x
+    found = np.full(len(splats), tiles_x if side == "first" else -1)
+    (np.minimum if side == "first" else np.maximum).at(found, row, column)
+    return np.where(found == tiles_x, -1, found)
+
+
+def sharp_splats(
+    config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int, shape: str,
+) -> np.ndarray:
+    """ProjectedSplat records, boxes one row high, moved along x until an ulp of `mean2d` more gives them another tile column.
+
+    The first or the last one then depends on the last bit of the ellipse's reach. Two records each, on both sides of the step.
+    """
+    splats = whole_frame(random_splats(config, rng, count, width, height, shape), width, height)
+    splats["log2_opacity"], frac = splats["log2_opacity"][:, :1], config.formats.mean2d.frac_bits
+    splats["mean2d"] = rng.integers(0, np.array([width, height]) << frac, (count, 2))
+    row = np.clip((splats["mean2d"][:, 1] >> frac) // TILE + rng.integers(-1, 2, count), 0, (height - 1) // TILE)
+    splats["first_y"] = splats["last_y"] = row
+    sharp = []
+    for side, part in (("first", splats[::2]), ("last", splats[1::2])):
+        low, high = part.copy(), part.copy()
+        high["mean2d"][:, 0] += TILE << frac
+        start, end = (_ends(config, moved, width, height, side) for moved in (low, high))
+        low, high, start = (moved[(start >= 0) & (end == start + 1)] for moved in (low, high, start))
+        while len(low) and (high["mean2d"][:, 0] - low["mean2d"][:, 0] > 1).any():
+            middle = low.copy()
+            middle["mean2d"][:, 0] = (low["mean2d"][:, 0] + high["mean2d"][:, 0]) // 2
+            below = _ends(config, middle, width, height, side) == start
+            low["mean2d"][below], high["mean2d"][~below] = middle["mean2d"][below], middle["mean2d"][~below]
+        sharp += [low, high]
+    return np.concatenate(sharp)
+
+
+def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
+    """`sharp_splats` of every shape that has steps, a frame each."""
+    width, height = min(config.row_width, 333), min(config.row_width, 121)
+    tiles = -(-width // TILE) * -(-height // TILE)
+    return Case("where an ulp decides", config, width, height, tuple(
+        (sharp_splats(config, rng, count, width, height, shape), np.zeros((tiles, 2), np.int64))
+        for shape in ("dots", "discs", "needles")))
+
+
+def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The splats with the whole frame for a box."""
+    splats = splats.copy()
+    for axis, size in (("x", width), ("y", height)):
+        splats[f"first_{axis}"], splats[f"last_{axis}"] = 0, (size - 1) // TILE
+    return splats
+
+
+def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
+    """Every shape in every table; frames of a pixel, a tile, a row, a column, odd sizes; nothing; boxes; the whole frame."""
+    widest = config.row_width
+    wide, tall = min(widest, 333), min(widest, 121)
+    cases = [random_case(config, rng, f"{shape} in {kind}", wide, tall, 60, frames=1, shape=shape, kind=kind)
+             for shape, kind in product(SHAPES, LEVELS)]
+    for width, height in ((1, 1), (16, 16), (17, 16), (widest, 1), (5, min(widest, 300)), (256, 33), (257, 48),
+                          (widest - 1, 65)):
+        if max(width, height) <= widest:
+            cases.append(random_case(config, rng, f"{width}x{height}", width, height, 60))
+    for shape in SHAPES:
+        case = random_case(config, rng, f"{shape} over the whole frame", wide, tall, 12, frames=1, shape=shape)
+        cases.append(replace(case, frames=tuple((whole_frame(s, wide, tall), levels) for s, levels in case.frames)))
+        cases.append(random_case(config, rng, f"{shape}, boxes", wide, tall, 60, frames=1, shape=shape, obb=True))
+    none = np.zeros(0, projected_splat(config).dtype)
+    some, levels = random_splats(config, rng, 20, 100, 50, "discs"), random_levels(rng, 7, 4, "random")
+    unused, outer = some.copy(), np.stack([np.full(28, 3), np.zeros(28, np.int64)], 1)
+    unused["bound"] = 0
+    return [
+        *cases,
+        Case("no splats", config, 100, 50, ((none, levels), (none, levels))),
+        Case("no splats, then some, then none", config, 100, 50, ((none, levels), (some, levels), (none, levels))),
+        Case("splats that no tile uses", config, 100, 50, ((unused, outer), (some, levels))),
+    ]
+
+
+def splats_of(frame: Frame) -> np.ndarray:
+    """The ProjectedSplat records of a rendered frame, by index."""
+    p, n, geometry = frame.projected, frame.config.formats, frame.words.geometry
+    rows = np.flatnonzero(p.reason == VISIBLE)
+    splats = np.zeros(len(rows), projected_splat(frame.config).dtype)
+    splats["index"], splats["conic"] = rows, n.conic.quantise(p.conic[rows])
+    splats["offset"] = n.view.quantise(frame.words.decoded.mean[rows] - frame.registers.position)
+    for name in ("mean2d", "depth", "depth_key"):
+        splats[name] = getattr(p, name)[rows]
+    for name in ("bound", "log2_opacity"):
+        splats[name] = geometry[name][rows]
+    for k, name in enumerate(("first_x", "last_x", "first_y", "last_y")):
+        splats[name] = p.box[rows, k]
+    return splats
+
+
+def case_of(frame: Frame, name: str, *, obb: bool = False) -> Case:
+    """A rendered frame."""
+    r = frame.registers
+    return Case(name, frame.config, r.width, r.height, ((splats_of(frame), r.header[:, :2]),), obb)

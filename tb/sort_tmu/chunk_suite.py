@@ -1,0 +1,115 @@
+"""The chunk sorter's test: every entry in its place, in one simulation a configuration, and how fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+
+import numpy as np
+
+from golden.msv2_ref.sort import sort_chunks
+from rtl.sort_tmu.chunk_sorter import chunk_capacity, emit_chunk_sorter
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.records import chunk_entry
+from tb.common import exact
+from tb.common.emission import emitted
+from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
+from tb.common.playback import Playback, Stream
+from tb.common.scenes import traced_frames, traced_size
+from tb.sort_tmu.chunk_stimuli import ORDERS, group_chunks, items_of, random_chunk, random_chunks
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "paper")
+"""Chunks of 256 and of 4,096; DEFAULT's entries are a bit shorter than PAPER's."""
+
+PORTS = ("chunks", "sorted")
+
+LONG_CHUNK, LEAST_RATE = 256, 0.95
+"""Chunks of so many entries and more must be sorted at this many entries a cycle, the change of chunks included."""
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The sorter of a configuration, emitted, with files at its streams."""
+    record = chunk_entry(config)
+    return Playback(
+        name=f"sort-{chunk_capacity(config)}", module="chunk_sorter",
+        verilog=emitted("chunk_sorter", config, emit_chunk_sorter),
+        inputs=(Stream("chunks", record),), outputs=(Stream("sorted", record),), observed=(("busy", 1),))
+
+
+def plan_of(config: AcceleratorConfig, name: str, chunks: Iterable[np.ndarray], **options: object) -> Planned:
+    """The run that plays chunks; `options` are those of `planned`."""
+    items = items_of(config, chunks)
+    return planned(name, {"chunks": items}, {"sorted": sort_chunks(items)}, observed={"busy": 0}, **options)
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Lengths at powers of two in every order; patterns of pauses; cut off by resets; back to back."""
+    rng, top = np.random.default_rng(seed), chunk_capacity(config)
+    near = sorted({(1 << k) + d for k in range(top.bit_length()) for d in (-1, 0, 1)} - {top + 1})
+    plan = []
+    for order in ORDERS:
+        chunks = [random_chunk(config, rng, length, order) for length in rng.permutation(near)]
+        plan.append(plan_of(config, f"powers of two and next to them, {order}", chunks))
+    mixed = {"short": rng.integers(0, 9, 600), "empty": [0] * 50, "long and short": [top, 0, 1, top, 2, top - 1, 1, 0, 0, top]}
+    for name, lengths in mixed.items():
+        plan.append(plan_of(config, f"{name} chunks", random_chunks(config, rng, lengths)))
+    streams = random_chunks(config, rng, [*rng.integers(0, min(top, 300), 20), 0, 1, 2, 3])
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(config, name, streams, patterns=patterns, reset=False))
+    for cycles in (3, top // 2, 2 * top, 3 * top):
+        plan.append(plan_of(config, f"cut off after {cycles} cycles", random_chunks(config, rng, [top] * 4), abort=cycles))
+        plan.append(plan_of(config, f"chunks after a reset at {cycles}", streams))
+    for k in range(3):
+        chunks = random_chunks(config, rng, rng.integers(0, top // 4, 8))
+        plan.append(plan_of(config, f"back to back {k}", chunks, reset=False, quiet=0))
+    return plan
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Long chunks at full rate, in every order."""
+    rng, top = np.random.default_rng(seed), chunk_capacity(config)
+    low = min(LONG_CHUNK, top // 2 + 1)
+    plan = []
+    for order in ORDERS:
+        lengths = [*rng.integers(low, top + 1, 6), low, top, low, top]
+        chunks = [random_chunk(config, rng, length, order) for length in lengths]
+        plan.append(plan_of(config, f"rate, {order}", chunks, least_rate={"chunks": LEAST_RATE}))
+    return plan
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The groups of scenes' frames; once more those of LONG_CHUNK and more alone, whose rate is held."""
+    plan, top = [], chunk_capacity(config)
+    for name, frame in traced_frames(config, size).items():
+        chunks = group_chunks(frame, top)
+        plan.append(plan_of(config, f"traced {name}", chunks))
+        long = [chunk for chunk in chunks if len(chunk) >= LONG_CHUNK]
+        if long:
+            plan.append(plan_of(
+                config, f"traced {name}, groups of {LONG_CHUNK} and more", long, least_rate={"chunks": LEAST_RATE}))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        items = item.run.inputs["chunks"]
+        entries, chunks = int((items["empty"] == 0).sum()), int(items["last"].sum())
+        lines.append(
+            f"{item.name}: {entries} entries in {chunks} chunks, {rate(recording, 'chunks'):.4f} entries a cycle, "
+            f"{recording.cycles} cycles from the first entry in to the last out")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,237 @@
+"""The hierarchical sorter's test: groups of any length through the unit and a memory, every entry in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from golden.msv2_ref.sort import sort_chunks
+from rtl.sort_tmu.chunk_sorter import chunk_capacity
+from rtl.sort_tmu.hierarchical_sorter import emit_hierarchical_sorter
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.memory import BEAT_BITS, BEAT_ENTRIES
+from spec.records import chunk_entry
+from tb.common import exact
+from tb.common.emission import emitted
+from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
+from tb.common.memory import NO_BAD_BEAT, with_memory
+from tb.common.playback import Playback, Stream
+from tb.common.scenes import traced_frames, traced_size
+from tb.sort_tmu.chunk_stimuli import ORDERS, items_of, random_chunk, random_chunks, whole_groups
+
+SMALL = TINY.with_(name="small", row_width=64, sort_buffer_bytes=256, merge_ways=2)
+"""Chunks of 16 and two ways: many rounds of merging in few cycles."""
+
+WIDE = TINY.with_(name="wide", sort_buffer_bytes=512, merge_ways=8)
+"""Chunks of 32 and as many ways as DEFAULT and PAPER have."""
+
+VARIANTS: dict[str, AcceleratorConfig] = {"small": SMALL, "wide": WIDE, "tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("small", "wide", "tiny", "default")
+"""PAPER's entries are a bit longer than DEFAULT's."""
+
+PORTS = ("groups", "sorted")
+
+LATENCY, LEAST_RATE = 100, 0.95
+"""Of the memory where rates are held: spilled groups that one merge suffices for must be sorted at so many entries a cycle."""
+
+_MEMORY_BITS = 17
+
+_WATCHDOG = 200_000
+"""Cycles in which neither port may move: merges that go back to memory, of a slow one."""
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The sorter of a configuration, emitted, with files at its streams and a memory at the others."""
+    record = chunk_entry(config)
+    return with_memory(Playback(
+        name=f"hierarchical-{chunk_capacity(config)}-{config.merge_ways}", module="hierarchical_sorter",
+        verilog=emitted("hierarchical_sorter", config, emit_hierarchical_sorter),
+        inputs=(Stream("groups", record),), outputs=(Stream("sorted", record),),
+        settings=(("spill_base", BEAT_BITS), ("spill_beats", BEAT_BITS), ("clear", 1)),
+        observed=(("busy", 1), ("spilled", 32), ("overflow", 1), ("error", 1))), _MEMORY_BITS)
+
+
+def ring_runs(config: AcceleratorConfig, beats: int) -> int:
+    """Runs that fit half of a spill region."""
+    return beats // 2 // (chunk_capacity(config) // BEAT_ENTRIES)
+
+
+def written(config: AcceleratorConfig, count: int) -> int:
+    """Entries that a spilled part of `count` entries writes: its own, and those of the merges that do not go out."""
+    ways, top = config.merge_ways, chunk_capacity(config)
+    runs = [min(top, count - start) for start in range(0, count, top)]
+    longer, total = [], count
+    while len(runs) + len(longer) > ways:
+        size = min(ways, len(runs) + len(longer) - ways + 1, len(runs))
+        longer.append(sum(runs[:size]))
+        total += longer[-1]
+        runs = runs[size:]
+        if not runs:
+            runs, longer = longer, []
+    return total
+
+
+def expected_of(config: AcceleratorConfig, items: np.ndarray, beats: int) -> tuple[np.ndarray, int, int]:
+    """Items as they leave, entries written, whether a group did not fit: its parts, of as many runs as fit, leave in order."""
+    room, top = ring_runs(config, beats), chunk_capacity(config)
+    pieces, spilled, overflow = items.copy(), 0, 0
+    bounds = np.concatenate(([0], np.flatnonzero(items["last"]) + 1))
+    for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+        if end - begin <= top:
+            continue
+        size = max(room, 1) * top
+        for start in range(begin, end, size):
+            pieces["last"][min(start + size, end) - 1] = 1
+            spilled += written(config, min(size, end - start)) if room else 0
+        overflow |= end - begin > room * top
+    ordered = sort_chunks(pieces)
+    ordered["last"] = items["last"]
+    return ordered, spilled, overflow
+
+
+def plan_of(
+    config: AcceleratorConfig, name: str, groups: Iterable[np.ndarray], *, base: int = 4096, beats: int = 1 << 16,
+    fresh: bool = True, expect: Mapping[str, int] | None = None, **options: object,
+) -> Planned:
+    """The run that plays groups. `fresh`: behind a reset; `expect`: other plain outputs; further options are of the memory
+    (`latency` of 20, ...), or of `planned`."""
+    items = items_of(config, groups)
+    ordered, spilled, overflow = expected_of(config, items, beats)
+    settings = {
+        "spill_base": base, "spill_beats": beats, "clear": 0, "latency": 20, "read_pauses": 0, "write_pauses": 0, "early": 0,
+        "bad_beat": NO_BAD_BEAT}
+    settings = {key: options.pop(key, value) for key, value in settings.items()}
+    observed = {"busy": 0, "error": 0} | ({"spilled": spilled, "overflow": overflow} if fresh else {}) | (expect or {})
+    return planned(name, {"groups": items}, {"sorted": ordered}, observed=observed, settings=settings, reset=fresh, **options)
+
+
+def lengths_around(config: AcceleratorConfig) -> list[int]:
+    """Lengths about the capacity, its multiples, the tree's ways and beyond them, and every rest of a beat."""
+    top, ways = chunk_capacity(config), config.merge_ways
+    counts = [1, 2, 3, ways - 1, ways, ways + 1, 2 * ways - 1, 2 * ways]
+    counts += [c for c in (2 * ways + 1, ways * ways, ways * ways + 1, ways**3 + 1) if c * top <= 6_000]
+    rests = (-1, 0, 1, 2, 3)
+    picked = {c * top + d for c in counts for d in (rests if c * top <= 2000 or c < 3 else rests[c % 5 :][:1])}
+    return sorted(picked - {0})
+
+
+def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Lengths, orders and mixes of groups, in a kind memory."""
+    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    around = lengths_around(config)
+    plan = [plan_of(config, "lengths about the capacity and its multiples", [
+        random_chunk(config, rng, length, "random", 1) for length in rng.permutation(around)])]
+    for order in ORDERS:
+        lengths = [2 * top + 5, ways * top, (ways + 1) * top + 1, top + 1]
+        plan.append(plan_of(config, f"several merges, {order}", [random_chunk(config, rng, n, order, 1) for n in lengths]))
+    mixes = {
+        "small between large": [top + 1, 3, top * 2, 0, 1, top, top + 1, top + 1, 0, 0, 2, 2 * top + 1],
+        "small only": [0, 1, 2, top, top, 3, 0], "large only": [top + 1, 2 * top, top + 2, 3 * top - 1, top + 3, top + 1],
+        "many groups of one entry behind a large one": [2 * top, *[1] * 60, 2 * top, top, *[1] * 300, 0, top + 1],
+        "mixed": rng.choice([0, 1, 2, top // 2, top, top + 1, top + 7, 2 * top, 3 * top - 2], 24),
+    }
+    for name, lengths in mixes.items():
+        groups = [random_chunk(config, rng, int(n), "random", 1) for n in lengths]
+        plan.append(plan_of(config, name, groups, early=len(plan) % 2))
+    return plan
+
+
+def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Slow and jittery memory, pauses of every kind, small regions, resets in the middle of everything."""
+    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    unit = top // BEAT_ENTRIES
+    sizes = [top + 1, 5, (ways + 2) * top + 3, 2 * top, top, 0, 3 * top - 1, 1, top + 3]
+    groups = random_chunks(config, rng, sizes)
+    plan = []
+    for k, (latency, reads, writes) in enumerate(((0, 0, 0), (1, 128, 128), (300, 0, 200), (40, 250, 0), (500, 200, 200))):
+        plan.append(plan_of(
+            config, f"latency {latency}, pauses {reads} and {writes}", groups, latency=latency, read_pauses=reads,
+            write_pauses=writes, early=k % 2))
+    for k, (name, patterns) in enumerate(every_pattern(PORTS, seed).items()):
+        plan.append(plan_of(
+            config, name, groups, patterns=patterns, latency=60, read_pauses=64 * (k % 3), early=k % 2, fresh=False))
+    far = ways * ways + 4  # its merged runs of the second round cross the ring's end where they begin behind the first group
+    lengths = [6 * top, far * top, 2 * top + 1, far * top - 5, top + 1, (far - 3) * top]
+    plan.append(plan_of(
+        config, "merged runs across the ring's end", [random_chunk(config, rng, n, "random") for n in lengths],
+        beats=2 * unit * (far + 1), early=1))
+    full = ways + 3  # runs of the largest group
+    for runs in (0, 1, 2, 3, full - 1, full, full + 1, 2 * full):
+        for rest in (0, 2 * unit - 1):
+            plan.append(plan_of(
+                config, f"a region of {runs} runs and {rest} beats", groups, beats=2 * unit * runs + rest,
+                base=(1 << _MEMORY_BITS) - 2 * unit * runs if runs else 0))
+    for cycles in (5, top + 40, 2 * top, 3 * top + 50, (ways + 6) * top, (2 * ways + 9) * top):
+        plan.append(plan_of(config, f"cut off after {cycles} cycles", groups, abort=cycles))
+        plan.append(plan_of(config, f"groups after a reset at {cycles}", groups, early=1))
+    for k in range(3):
+        lengths = rng.choice([0, 1, top - 1, top, top + 1, 2 * top + 2], 8)
+        plan.append(plan_of(
+            config, f"back to back {k}", random_chunks(config, rng, lengths.tolist()), fresh=False, quiet=0, early=k % 2,
+            beats=2 * unit * (3 + 4 * k), base=77 * k))
+    plan.append(plan_of(config, "a read answered with an error", groups, bad_beat=4096 + unit // 2, expect={"error": 1}))
+    plan.append(plan_of(
+        config, "counters and flags kept clear", groups, bad_beat=4096, base=4096, beats=4 * unit, clear=1,
+        expect={"error": 0, "spilled": 0, "overflow": 0}))
+    return plan
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Groups that fit, and groups that one merge suffices for, at full rate."""
+    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    plan, low = [], min(256, top // 2 + 1)
+    fit = [low, top, top - 1, *rng.integers(low, top + 1, 6).tolist()]
+    plan.append(plan_of(config, "rate, groups that fit", random_chunks(config, rng, fit), least_rate={"groups": 1.0}))
+    for order in ORDERS if top >= 256 else ():  # shorter merges than the latency of a write and a read
+        counts = [2 * top, ways * top, *rng.integers(2 * top, ways * top + 1, 4).tolist(), *[2 * top + top // 2] * 6]
+        groups = [random_chunk(config, rng, n, order) for n in counts]
+        plan.append(plan_of(
+            config, f"rate, spilled, {order}", groups, latency=LATENCY, beats=6 * max(counts) // BEAT_ENTRIES,
+            least_rate={"groups": LEAST_RATE}, most_cycles=_most_cycles(counts, top)))
+    return plan
+
+
+def _most_cycles(counts: Iterable[int], top: int) -> int:
+    """Cycles of spilled groups: each is merged when it has been written and the one before is out."""
+    written, out = float(top), 0.0
+    for count in counts:
+        written += count / LEAST_RATE
+        out = max(out, written + 4 * LATENCY) + count / LEAST_RATE
+    return int(out)
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The groups of scenes' frames."""
+    plan = []
+    for name, frame in traced_frames(config, size).items():
+        plan.append(plan_of(config, f"traced {name}", whole_groups(frame), latency=LATENCY, beats=1 << 17, base=0))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    traced = traced_plan(config, traced_size(config, "256x144")) if chunk_capacity(config) >= 256 else []
+    memory = memory_plan(config, seed) if chunk_capacity(config) <= 256 else []  # millions of cycles that find no more
+    return [*directed_plan(config, seed), *memory, *rate_plan(config, seed), *traced]
+
+
+def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        items = item.run.inputs["groups"]
+        entries, groups = int((items["empty"] == 0).sum()), int(items["last"].sum())
+        lines.append(
+            f"{item.name}: {entries} entries in {groups} groups, {recording.observed['spilled']} written to memory, "
+            f"{rate(recording, 'groups'):.4f} entries a cycle taken, {entries / recording.cycles:.4f} from the first entry "
+            f"in to the last out, {recording.cycles} cycles")
+    return lines
+
+
+run_plan = exact.runner(playback, _WATCHDOG)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,103 @@
+"""Frames for the tile merge unit: the tile of every entry, in the order of arrival."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.tile_merge import auto_beta, count_tiles, tile_groups
+from spec.config import AcceleratorConfig
+from spec.records import tile_hit
+
+
+@dataclass(frozen=True)
+class Case:
+    """Frames of one shape that follow each other.
+
+    Attributes:
+        name: for messages.
+        tiles_x, tiles_y: tiles of a frame.
+        frames: (entries,) tile of each entry of each frame.
+        beta: merge threshold; None for the automatic one.
+    """
+
+    name: str
+    tiles_x: int
+    tiles_y: int
+    frames: tuple[np.ndarray, ...]
+    beta: int | None = None
+
+    @property
+    def tiles(self) -> int:
+        """Tiles of a frame."""
+        return self.tiles_x * self.tiles_y
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """Values of the unit's plain inputs."""
+        return {"tiles_x": self.tiles_x, "tile_count": self.tiles, "auto": self.beta is None, "beta": self.beta or 0}
+
+    def items(self, config: AcceleratorConfig) -> np.ndarray:
+        """TileHit items of all frames."""
+        rows = np.zeros(sum(len(hits) + 1 for hits in self.frames), tile_hit(config).dtype)
+        ends = np.cumsum([len(hits) + 1 for hits in self.frames]) - 1
+        rows["end"][ends] = 1
+        rows["tile"][rows["end"] == 0] = np.concatenate(self.frames)
+        return rows
+
+    def groups(self, config: AcceleratorConfig) -> np.ndarray:
+        """What the golden renderer makes of them."""
+        counts = [count_tiles(hits, self.tiles)[0] for hits in self.frames]
+        return np.concatenate([tile_groups(config, count, self.tiles_x, self.beta) for count in counts])
+
+    def observed(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Plain outputs after the last frame."""
+        counts, saturated, outside = count_tiles(self.frames[-1], self.tiles)
+        beta = auto_beta(counts, config) if self.beta is None else max(self.beta, 1)
+        return {"saturated": saturated, "outside": outside, "beta_used": beta, "busy": 0}
+
+
+def random_hits(rng: np.random.Generator, tiles: int, entries: int) -> np.ndarray:
+    """Tiles of about `entries` entries: counts over several orders of magnitude, empty tiles, bursts of one tile."""
+    weight = np.exp(rng.normal(0, 2, tiles)) * (rng.random(tiles) < 0.7)
+    weight[rng.integers(tiles)] += 1
+    drawn = rng.choice(tiles, size=max(entries // 2, 1), p=weight / weight.sum())
+    return np.repeat(drawn, rng.choice([1, 1, 1, 2, 3, 4], len(drawn)))
+
+
+def random_case(rng: np.random.Generator, name: str, widest: int, entries: int, frames: int = 3) -> Case:
+    """Frames of one random shape and threshold."""
+    tiles_x, tiles_y = (int(n) for n in rng.integers(1, widest + 1, 2))
+    beta = [None, int(rng.integers(0, 2 + 4 * entries // (tiles_x * tiles_y)))][int(rng.integers(2))]
+    return Case(name, tiles_x, tiles_y, tuple(random_hits(rng, tiles_x * tiles_y, entries) for _ in range(frames)), beta)
+
+
+def corner_cases(widest: int) -> list[Case]:
+    """Hand-made: no entries, one tile hit over and over, tiles in turn, thresholds at their ends, outside the frame."""
+    rng, none = np.random.default_rng(0), np.empty(0, np.int64)
+    turns = np.tile(np.arange(3), 400)
+    mixed = random_hits(rng, 7 * 5, 800)
+    return [
+        Case("no entries", 4, 3, (none, none), None),
+        Case("no entries, then some, then none", 4, 3, (none, turns, none), None),
+        Case("one tile", 1, 1, (np.zeros(700, np.int64),) * 2, None),
+        Case("one tile of many", widest, 2, (np.full(5000, widest + 1),), 300),
+        Case("tiles in turn", 3, 1, (turns, turns[:-1], np.sort(turns)), 500),
+        Case("two tiles in turn", 2, 1, (turns % 2, np.repeat(turns % 2, 2)), 1),
+        *(Case(f"beta {beta}", 7, 5, (mixed,), beta) for beta in (0, 1, 2, 1000, (1 << 24) - 1)),
+        Case("one row", widest, 1, (random_hits(rng, widest, 900),), None),
+        Case("one column", 1, widest, (random_hits(rng, widest, 900),), None),
+        Case("tiles outside the frame", 4, 3, (np.concatenate([turns, [12, 15, 12]]), turns), 50),
+        Case("tiles outside the last frame", 4, 3, (turns, np.concatenate([[12, 15, 12], turns])), 50),
+        Case("largest frame", widest, widest, (random_hits(rng, widest * widest, 3 * widest * widest),), None),
+    ]
+
+
+def case_of(frame: Frame, name: str, beta: int | None = None) -> Case:
+    """A traced frame: Gaussians in the order of their indices, each with its tiles."""
+    registers, entries = frame.registers, frame.entries
+    tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
+    arrival = np.lexsort((tile, entries.splat))
+    return Case(name, registers.tiles_x, registers.tiles_y, (tile[arrival],), beta)

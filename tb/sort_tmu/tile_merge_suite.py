@@ -1,0 +1,103 @@
+"""The tile merge unit's test: every frame's groups against the golden renderer's, in one simulation a configuration."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from rtl.sort_tmu.tile_merge import emit_tile_merge_unit
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.constants import TILE
+from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
+from tb.common import exact
+from tb.common.emission import emitted
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.playback import Playback, Stream
+from tb.common.scenes import traced_frames, traced_size
+from tb.sort_tmu.tile_merge_stimuli import Case, case_of, corner_cases, random_case
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "paper")
+"""Smallest and largest frames; DEFAULT's lie between."""
+
+PORTS = ("hits", "groups")
+
+_SETTLING = 80
+"""Cycles of a frame beyond one a hit and one a tile, at most: the threshold's division and both stages' registers."""
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The unit of a configuration, emitted, with files at its streams."""
+    bits = frame_tiles(config).bit_length()
+    return Playback(
+        name=f"tmu-{config.row_width}", module="tile_merge_unit",
+        verilog=emitted("tile_merge_unit", config, emit_tile_merge_unit),
+        inputs=(Stream("hits", tile_hit(config)),), outputs=(Stream("groups", tile_group(config)),),
+        settings=(("tiles_x", bits), ("tile_count", bits), ("beta", COUNT_BITS), ("auto", 1)),
+        observed=(("saturated", 1), ("outside", 1), ("beta_used", COUNT_BITS), ("busy", 1)))
+
+
+def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, **options: object) -> Planned:
+    """The run that plays a case; `options` are those of `planned`."""
+    return planned(
+        name or case.name, {"hits": case.items(config)}, {"groups": case.groups(config)}, observed=case.observed(config),
+        settings=case.settings, **options)
+
+
+def _cycles(case: Case) -> int:
+    """Most cycles of a case, each frame counted and swept behind the other, memory clear from the start."""
+    return sum(len(hits) + 1 + case.tiles + _SETTLING for hits in case.frames)
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """By hand and at random; every pattern on every port; cut off by resets; back to back without one, at full rate."""
+    rng, widest = np.random.default_rng(seed), -(-config.row_width // TILE)
+    plan = [plan_of(config, case) for case in corner_cases(widest)]
+    for k in range(6):
+        plan.append(plan_of(config, random_case(rng, f"random {k}", 20, 1500)))
+    case = random_case(rng, "streams", 8, 300)
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(config, case, name, patterns=patterns, reset=False))
+    clear = frame_tiles(config)
+    for cycles in (3, clear - 1, clear + 40, clear + 700, clear + 1000):
+        plan.append(plan_of(config, case, f"cut off after {cycles} cycles", abort=cycles))
+        plan.append(plan_of(config, case, f"frames after a reset at {cycles}"))
+    for k in range(8):
+        case = random_case(rng, f"back to back {k}", 24, 2000)
+        plan.append(plan_of(config, case, reset=False, quiet=20, most_cycles=_cycles(case)))
+    return plan
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """Scenes' frames at full rate."""
+    plan = []
+    for name, frame in traced_frames(config, size).items():
+        for beta in (None, 200):
+            case = case_of(frame, f"traced {name}, {'fixed' if beta else 'auto'} beta", beta)
+            plan.append(plan_of(config, case, reset=not plan, most_cycles=_cycles(case) + (0 if plan else frame_tiles(config))))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    return [*unit_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the traced frames, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome, "traced"):
+        groups, hits = item.expected["groups"], len(item.run.inputs["hits"]) - 1
+        cycles = recording.cycles - item.run.reset * frame_tiles(config)  # clearing after a reset
+        lines.append(
+            f"{item.name} {recording.observed['beta_used']}: {hits} hits and {len(groups)} tiles, in "
+            f"{groups['group'][-1] + 1} groups, {(hits + len(groups)) / cycles:.4f} a cycle in {cycles} cycles")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,68 @@
+"""Golden against RTL, bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.msv2_ref.array import Pixels, render_tiles
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from tb.common.player import Recording, Run
+from tb.vrc_array.array_device import background_bits, rows_per_tile, tiles_from_rows
+from tb.vrc_array.array_stimuli import Case
+
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """A pixel value in which RTL and golden differ; `tile` counts headers, x and y are inside the tile."""
+
+    field: str
+    tile: int
+    x: int
+    y: int
+    rtl: tuple[int, ...]
+    golden: tuple[int, ...]
+
+    def __str__(self) -> str:
+        return f"tile {self.tile} pixel ({self.x}, {self.y}): {self.field} is {self.rtl}, golden {self.golden}"
+
+
+def run_of(config: AcceleratorConfig, case: Case, **options: object) -> Run:
+    """The run that plays a case; `options` are those of `Run`."""
+    return Run(
+        case.name, {"tiles": case.headers, "entries": case.entries}, {"pixels": len(case.headers) * rows_per_tile(config)},
+        {"background": background_bits(config, case.background)}, **options)
+
+
+def golden_pixels(config: AcceleratorConfig, case: Case) -> Pixels:
+    """What the golden renderer makes of a case."""
+    return render_tiles(config, case.headers, case.entries, case.background)
+
+
+def mismatches(rtl: Pixels, golden: Pixels) -> list[Mismatch]:
+    """Every differing value, in tile order."""
+    found = []
+    for name, got, expected in zip(Pixels._fields, rtl, golden, strict=True):
+        got, expected = (np.asarray(a).reshape(len(a), TILE, TILE, -1) for a in (got, expected))
+        for tile, y, x in np.argwhere((got != expected).any(axis=-1)).tolist():
+            values = (tuple(int(v) for v in a[tile, y, x]) for a in (got, expected))
+            found.append(Mismatch(name, tile, x, y, *values))
+    return sorted(found, key=lambda m: (m.tile, m.y, m.x))
+
+
+def problems(config: AcceleratorConfig, case: Case, recording: Recording, golden: Pixels) -> list[str]:
+    """What is wrong with a recording of a case, in words; empty when every bit and every rule is kept."""
+    found = list(recording.errors)
+    try:
+        pixels = tiles_from_rows(config, case.headers, recording.outputs["pixels"])
+    except ValueError as error:
+        return [*found, str(error)]
+    wrong = mismatches(pixels, golden)
+    found += [str(m) for m in wrong[:_SHOWN]]
+    if len(wrong) > _SHOWN:
+        found.append(f"and {len(wrong) - _SHOWN} more values")
+    return found

@@ -1,0 +1,63 @@
+"""The rendering array between files, and its pixel rows as tiles."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from golden.msv2_ref.array import Pixels
+from rtl.vrc_array.array import emit_vrc_array
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.queues import COUNTER_BITS
+from spec.records import array_entry, pixel_row, tile_header
+from tb.common.emission import emitted
+from tb.common.playback import Playback, Stream
+
+
+@cache
+def vrc_playback(config: AcceleratorConfig) -> Playback:
+    """The array of a configuration, emitted, with files at its streams."""
+    return Playback(
+        name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config, emit_vrc_array),
+        inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
+        outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
+        observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1)), apart=("pixel_core",))
+
+
+def background_bits(config: AcceleratorConfig, background: np.ndarray) -> int:
+    """The array's `background` port: r in the lowest bits."""
+    width = config.formats.colour.width
+    return sum(int(value) << (width * channel) for channel, value in enumerate(background))
+
+
+def rows_per_tile(config: AcceleratorConfig) -> int:
+    """PixelRow items of one tile."""
+    return TILE * TILE // config.cores_x
+
+
+def tiles_from_rows(config: AcceleratorConfig, headers: np.ndarray, rows: np.ndarray) -> Pixels:
+    """Pixels by tile, from the array's rows in the order they came; inside a tile the order is free.
+
+    Raises:
+        ValueError: the rows are not those of the headers' tiles, in the headers' order, each once.
+    """
+    each, lanes = rows_per_tile(config), config.cores_x
+    if len(rows) != each * len(headers):
+        raise ValueError(f"{len(headers)} tiles must give {each * len(headers)} rows, not {len(rows)!r}")
+    tile = np.repeat(np.arange(len(headers)), each)
+    for name in ("tile_x", "tile_y"):
+        wrong = np.flatnonzero(rows[name] != headers[name][tile])
+        if len(wrong):
+            raise ValueError(f"row {wrong[0]} must have {name} {headers[name][tile[wrong[0]]]}, not {rows[name][wrong[0]]!r}")
+    place = (tile * TILE + rows["row"]) * (TILE // lanes) + rows["column"] // lanes
+    if (rows["column"] % lanes).any() or len(np.unique(place)) != len(place):
+        raise ValueError("every row of a tile must come once")
+    order = np.argsort(place)
+
+    def by_tile(values: np.ndarray, channels: int) -> np.ndarray:
+        return values[order].astype(np.int64).reshape(len(headers), TILE, TILE, channels)
+
+    return Pixels(
+        by_tile(rows["colour"], 3), by_tile(rows["depth"], 1)[..., 0], by_tile(rows["transmittance"], 1)[..., 0])

@@ -1,0 +1,163 @@
+"""Splat fetch's test: every entry with its view, every request in its place, in one simulation a configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref.fetch import find_misses
+from rtl.vrc_array.splat_fetch import LATENCY
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
+from spec.queues import CACHE_WAYS
+from tb.common import codec, exact
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.scenes import traced_frames, traced_size
+from tb.vrc_array.fetch_device import MOST_DELAY, playback
+from tb.vrc_array.fetch_stimuli import DIRECTED, INDICES, Case, Tile, case_of, random_case, traced_case
+
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "tiny-4-lines": TINY.with_(splat_cache_lines=4), "default": DEFAULT, "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "tiny-4-lines", "paper")
+"""64, 4 and 2,048 lines; DEFAULT's entries are a bit shorter than PAPER's."""
+
+PORTS = ("sorted", "tiles", "data", "entries", "reads")
+
+DELAY = 100
+"""Cycles of the memory's latency at which the rate is held."""
+
+
+class Plan:
+    """Runs, and what the cache holds between them.
+
+    Attributes:
+        runs: what was added.
+    """
+
+    def __init__(self, config: AcceleratorConfig, seed: int):
+        self.runs: list[Planned] = []
+        self._config, self._rng = config, np.random.default_rng(seed)
+        self._frame, self._accesses, self._counted, self._wrong = 0, np.empty((2, 0), np.int64), [0, 0], 0
+
+    def add(
+        self, case: Case, name: str | None = None, *, clear: bool = True, reset: bool = True, delay: int = 7,
+        wrong: tuple[int, ...] = (), **options: object,
+    ) -> Planned:
+        """Adds the run that plays a case.
+
+        Args:
+            case: what is played.
+            name: the run's; None is the case's.
+            clear: strobe `clear` before, so that nothing of the run before is found.
+            reset: reset before.
+            delay: the memory's latency in cycles, less one.
+            wrong: numbers of the beats that the memory answers with an error.
+            options: those of `planned`.
+        """
+        if clear:
+            self._frame = (self._frame + 1) % 256
+        if clear or reset:
+            self._accesses, self._counted, self._wrong = self._accesses[:, :0], [0, 0], 0
+        before = self._accesses.shape[1]
+        self._accesses = np.concatenate([self._accesses, [case.index, case.level]], axis=1)
+        missed = find_misses(*self._accesses, self._config.splat_cache_lines, CACHE_WAYS, False, False)[before:]
+        self._counted[0] += int((~missed).sum())
+        self._counted[1] += int(missed.sum())
+        self._wrong |= bool(wrong)
+        base, shift = int(self._rng.integers(1 << BEAT_BITS)), max(int(case.level.max(initial=0)).bit_length(), 0)
+        reads = np.zeros(int(missed.sum()), read_request(self._config).dtype)
+        reads["beat"] = (base + (case.index[missed] << shift) + case.level[missed]) % (1 << BEAT_BITS)
+        data = beats_of(self._config, case.views[missed], self._rng)
+        data["error"][list(wrong)] = 1
+        item = planned(
+            name or case.name, {"sorted": case.sorted, "tiles": case.tiles, "data": data},
+            {"entries": case.entries, "reads": reads}, reset=reset,
+            settings={"views_base": base, "view_shift": shift, "frame": self._frame, "delay": delay},
+            observed={"busy": 0, "hits": self._counted[0], "misses": self._counted[1], "error": self._wrong}
+            if options.get("quiet", 1) else None, **options)
+        self.runs.append(item)
+        return item
+
+
+def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(N,) ReadData with the views in their lowest bits and anything above."""
+    patterns = codec.encode(splat_view(config), views)
+    spare = np.zeros((len(views), BEAT_BYTES - patterns.shape[1]), np.uint8)
+    words = np.concatenate([patterns, spare], 1).view("<u4").astype(np.int64).reshape(len(views), WORDS)
+    words[:, -1] |= rng.integers(0, 1 << BEAT_BYTES * 8 - splat_view(config).width, len(views)) << (
+        32 - (BEAT_BYTES * 8 - splat_view(config).width))
+    data = np.zeros(len(views), read_data(config).dtype)
+    data["word"] = words
+    return data
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Cases by hand, at random, under every pattern of pauses and latency; cut off; back to back, memory changing or not."""
+    plan = Plan(config, seed)
+    for delay in (0, 1, 30, MOST_DELAY):
+        for make in DIRECTED:
+            case = make(config)
+            plan.add(case, f"{case.name}, {delay} cycles", delay=delay)
+        plan.add(random_case(config, f"random, {delay} cycles", seed * 100 + delay), delay=delay)
+    case = random_case(config, "streams", seed, tiles=30, mean_count=12)
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.add(case, name, patterns=patterns, reset=False, clear=True, delay=len(plan.runs) % 20)
+    lines = config.splat_cache_lines
+    for cycles in (3, lines // 8, lines // 4 + 40, lines // 4 + 150, lines // 4 + 151):
+        plan.add(random_case(config, "", seed), f"cut off after {cycles} cycles", abort=cycles)
+        plan.add(random_case(config, "", seed + 1), f"whole frame after a reset at {cycles}")
+    for k in range(4):
+        plan.add(random_case(config, "", seed + 2 + k % 2), f"back to back, cleared {k}", reset=False, quiet=0)
+    few = case_of(config, "", [Tile(np.arange(lines // 2).repeat(k)) for k in (1, 2, 3)], seed)
+    for k in range(4):
+        plan.add(few, f"back to back, kept {k}", reset=False, clear=k == 0, quiet=0)
+    case = random_case(config, "", seed + 5)
+    plan.add(case, "no error", reset=False)
+    plan.add(case_of(config, "", [Tile(INDICES // 2 + np.arange(20))], seed), "error", wrong=(3, 17), clear=False, reset=False)
+    plan.add(case, "error stays", clear=False, reset=False)
+    plan.add(case, "error cleared", reset=False)
+    return plan.runs
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """An entry a cycle with memory DELAY cycles away: misses only, hits only, both; tiles of 16 entries."""
+    plan, rng, lines = Plan(config, seed), np.random.default_rng(seed), config.splat_cache_lines
+    fresh = INDICES // 4 + np.arange(3000)
+    pool = lines * 4 + np.arange(lines)
+    both = np.where(rng.random(3000) < 0.5, INDICES // 2 + np.arange(3000), INDICES // 2)
+    plan.add(case_of(config, "", [Tile(pool)], seed), "before the rates", delay=DELAY)
+    for name, index in (("hits", np.resize(pool, 3000)), ("misses", fresh), ("hits and misses", both)):
+        tiles = [Tile(index[i : i + 16]) for i in range(0, len(index), 16)]
+        plan.add(
+            case_of(config, "", tiles, seed), f"rate, {name}", clear=False, reset=False, delay=DELAY,
+            most_cycles=len(index) + DELAY + LATENCY + 10)
+    return plan.runs
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The frames of scenes."""
+    plan = Plan(config, 0)
+    for name, frame in traced_frames(config, size).items():
+        plan.add(traced_case(f"traced {name}", frame), delay=DELAY)
+    return plan.runs
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "128x128"))]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds and misses of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        entries, misses = len(item.expected["entries"]), len(item.expected["reads"])
+        lines.append(
+            f"{item.name}: {entries} entries, {misses / entries:.3f} of them missed, {recording.cycles} cycles, "
+            f"{entries / recording.cycles:.4f} entries a cycle")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,125 @@
+"""The pixel writer's test: every beat of a frame, in one simulation a configuration, and how fast."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref.frame_memory import frame_pixels
+from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import BEAT_BITS
+from tb.common import exact
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.scenes import traced_frames
+from tb.vrc_array.pixel_writer_device import playback
+from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_of, writes_of
+
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "tiny-2-wide": TINY.with_(cores_x=2), "tiny-8-wide": TINY.with_(cores_x=8, depth=False), "default": DEFAULT,
+    "paper": PAPER}
+"""Machines that can be tested."""
+
+DISTINCT = ("tiny", "tiny-2-wide", "tiny-8-wide", "paper")
+"""Every width of a row; DEFAULT's is PAPER's."""
+
+PORTS = ("rows", "writes")
+
+SIZES = ((1, 1), (2, 1), (1, 3), (15, 17), (16, 16), (17, 16), (31, 33), (32, 5), (33, 20), (50, 35), (97, 18))
+"""Frames of odd and even widths, narrower than a row of cores, than a tile, one pixel more and less than tiles."""
+
+FORMATS = ("", ", display")
+"""What the names of runs in each format end with: whole pixels, pixels for displays."""
+
+
+class Plan:
+    """Runs, and the number of the frame.
+
+    Attributes:
+        runs: what was added.
+    """
+
+    def __init__(self, config: AcceleratorConfig, seed: int):
+        self.runs: list[Planned] = []
+        self._config, self._rng, self._frame = config, np.random.default_rng(seed), 0
+
+    def add(
+        self, name: str, frame: np.ndarray, *, display: bool = False, missing: int = 0, **options: object,
+    ) -> Planned:
+        """Adds the run that plays a frame's (height, width) FramePixel records; `options` are those of `planned`.
+
+        `display`: they shall be written as displays take them. `missing` tiles more are announced than come: the frame does
+        not finish.
+        """
+        self._frame = (self._frame + 1) % 256
+        height, width = frame.shape
+        base, rows = int(self._rng.integers(1 << BEAT_BITS)), rows_of(self._config, frame, self._rng)
+        tiles = -(-width // TILE) * -(-height // TILE) + missing
+        item = planned(
+            name + FORMATS[display], {"rows": rows}, {"writes": writes_of(self._config, frame, rows, base, display)},
+            settings={"width": width, "height": height, "display": int(display), "frame_base": base, "tile_count": tiles,
+                      "frame": self._frame},
+            observed={"busy": 0, "finished": not missing, "pixels": width * height, "early": 0}
+            if options.get("quiet", 1) else None, **options)
+        self.runs.append(item)
+        return item
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Sizes, patterns of pauses, cut off by resets, back to back."""
+    plan, rng = Plan(config, seed), np.random.default_rng(seed)
+    for display in (False, True):
+        for width, height in SIZES:
+            plan.add(f"{width} x {height}", random_pixels(config, rng, width, height), display=display)
+        for name, patterns in every_pattern(PORTS, seed).items():
+            plan.add(name, random_pixels(config, rng, 37, 21), display=display, patterns=patterns, reset=False)
+        plan.add("a tile is missing", random_pixels(config, rng, 37, 21), display=display, missing=1, reset=False)
+    for n, cycles in enumerate((1, 2, 3, 30, 77)):
+        plan.add(f"cut off after {cycles} cycles", random_pixels(config, rng, 64, 32), display=n % 2 == 1, abort=cycles)
+        plan.add(f"whole frame after a reset at {cycles}", random_pixels(config, rng, 35, 17), display=n % 3 == 1)
+    for k in range(8):
+        plan.add(f"back to back {k}", random_pixels(config, rng, 33 + k, 17), display=k % 2 == 1, reset=False)
+    plan.add("every value", every_value(config, rng), display=True)
+    return plan.runs
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """A beat a cycle, wherever rows begin."""
+    plan, rng = Plan(config, seed), np.random.default_rng(seed)
+    for display, width, height in ((d, *size) for d in (False, True) for size in ((128, 64), (127, 64), (128, 49))):
+        item = plan.add(f"rate, {width} x {height}", random_pixels(config, rng, width, height), display=display)
+        rows = item.run.inputs["rows"]
+        outside = int((rows["tile_y"].astype(np.int64) * TILE + rows["row"] >= height).sum())  # a cycle each
+        plan.runs[-1] = planned(
+            item.name, item.run.inputs, item.expected, settings=item.run.settings, observed=item.observed,
+            most_cycles=len(item.expected["writes"]) + outside + 4)
+    return plan.runs
+
+
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The frames of scenes."""
+    plan = Plan(config, 0)
+    for name, frame in traced_frames(config, size).items():
+        pixels = frame_pixels(frame)
+        if not config.depth:
+            pixels["depth"] = 0
+        for display in (False, True):
+            plan.add(f"traced {name}", pixels, display=display)
+    return plan.runs
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Everything."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, "131x75")]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """Speeds of the runs at full rate, a line each."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        beats = len(item.expected["writes"])
+        lines.append(f"{item.name}: {beats} beats in {recording.cycles} cycles, {beats / recording.cycles:.4f} a cycle")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares everything."""

@@ -1,0 +1,58 @@
+"""Tiles traced from scenes: what the array meets in earnest."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.request import resolve
+from spec.config import AcceleratorConfig
+from spec.paths import ROOT
+from tb.vrc_array.array_stimuli import Case
+
+_TILES, _ENTRIES = 12, 6000
+
+
+def case_of(frame: Frame, name: str) -> Case:
+    """A whole frame as a case."""
+    return Case(name, frame.headers, frame.array_entries, frame.registers.background)
+
+
+def pick_tiles(case: Case, seed: int, tiles: int = _TILES, entries: int = _ENTRIES) -> Case:
+    """Some tiles of a case, in order: at most so many tiles and entries, chosen by `seed`."""
+    start = np.concatenate(([0], np.cumsum(case.headers["count"])))
+    chosen: list[int] = []
+    total = 0
+    for tile in np.random.default_rng(seed).permutation(len(case.headers)).tolist():
+        count = int(case.headers["count"][tile])
+        if len(chosen) < tiles and total + count <= entries:
+            chosen.append(tile)
+            total += count
+    chosen.sort()
+    which = np.concatenate([np.arange(start[t], start[t + 1]) for t in chosen])
+    return Case(case.name, case.headers[chosen], case.entries[which], case.background)
+
+
+def traced_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
+    """Tiles of the embedded scene, and of the trained scenes where they are, with a gaze and without."""
+    return [pick_tiles(case, seed) for case in _whole_frames(config)]
+
+
+@cache
+def _whole_frames(config: AcceleratorConfig) -> list[Case]:
+    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
+    scenes = ["embedded", *(str(trained / name) for name in ("truck.splat", "rock_sh3") if (trained / name).exists())]
+    cases = []
+    for scene in scenes:
+        for gaze, levels in (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]:
+            request = resolve(argparse.Namespace(
+                scene=scene, size="160x96", camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
+            frame = render(
+                request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+            cases.append(case_of(frame, f"traced {Path(scene).stem}{', foveated' * (gaze != 'none')}"))
+    return cases

@@ -1,0 +1,69 @@
+"""Middlebury cones (Scharstein and Szeliski 2003): a photograph as the source eye's frame, with its true disparities; the
+photograph that was taken from the other eye says how right the warped one is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from golden.metrics.image import psnr_vs
+from spec.config import AcceleratorConfig
+from spec.memory import display_pixel, frame_pixel
+from spec.paths import ROOT
+from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
+from tb.common import codec
+from tb.vrc_array.pixel_writer_stimuli import memory_of
+from tb.warp_unit.stimuli import Source
+
+_QUARTERS = 4
+"""The maps are in quarters of a pixel; 0 where the disparity is not known."""
+
+_SCALE = 80_000
+"""Setting `disparity_scale`: depths of all known disparities keep theirs to 1/128 pixel."""
+
+
+def cones_folder() -> Path | None:
+    """Where the pair lies; None where it is not there."""
+    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "stereo" / "cones"
+    return folder if folder.is_dir() else None
+
+
+def photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(375, 450, 3) uint8 of the left and of the right eye."""
+    left, right = (np.asarray(Image.open(folder / name))[..., :3] for name in ("im2.png", "im6.png"))
+    return left, right
+
+
+def cones(config: AcceleratorConfig, folder: Path) -> Source:
+    """The left photograph, opaque; where no disparity is known of so little coverage that it is not warped."""
+    n, (left, _) = config.formats, photographs(folder)
+    known = np.asarray(Image.open(folder / "disp2.pgm")).astype(np.int64)
+    pixels = np.zeros(known.shape, frame_pixel(config).dtype)
+    pixels["colour"] = np.round(left / 255.0 * (1 << n.accumulator.frac_bits))
+    pixels["transmittance"] = np.where(known > 0, 0, background_transmittance(n) - 1)
+    disparity = np.maximum(known, 1) * ((1 << DISPARITY_FRAC) // _QUARTERS)
+    pixels["depth"] = np.where(known > 0, np.round((_SCALE * n.transmittance.raw_max >> disparity_drop(n)) / disparity), 0)
+    return Source(pixels, _SCALE)
+
+
+def psnr_of_cones(config: AcceleratorConfig, folder: Path, writes: np.ndarray, base: int) -> dict[str, float]:
+    """How close what the unit wrote comes to the right photograph, and how close the left one is as it is.
+
+    Args:
+        config, folder: of `cones`.
+        writes: WriteRequest items of the whole frame.
+        base: the setting `target_frame_base`.
+
+    Returns:
+        "warped_db" and "unwarped_db" over the pixels that were warped or filled, and "share", of these.
+    """
+    left, right = photographs(folder)
+    words, _ = memory_of(writes, base, left.shape[0] * left.shape[1])
+    shown = codec.decode(display_pixel(config), words.astype("<u4").view(np.uint8).reshape(len(words), -1))
+    shown = shown.reshape(left.shape[:2])
+    seen = shown["coverage"] > 0
+    return {"warped_db": psnr_vs(shown["colour"][seen] / 255.0, right[seen] / 255.0),
+            "unwarped_db": psnr_vs(left[seen] / 255.0, right[seen] / 255.0), "share": float(seen.mean())}

@@ -1,0 +1,143 @@
+"""Effects in the golden renderer: what a frame calls for, and that what is forced beside it changes no bit."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from golden.host.quantise import quantise_model
+from golden.msv2_ref import array_kernel
+from golden.msv2_ref.plan import with_sh_degree, work_for
+from golden.render import main
+from golden.scenes.gaze import Display, foveation_map, no_foveation
+from golden.scenes.levels import enhanced_levels
+from golden.scenes.orbit import orbit_camera
+from golden.scenes.probe import probe, used_sh_degree
+from golden.scenes.request import Request
+from spec.config import DEFAULT
+from spec.errors import InputError
+from tests.helpers.golden_samples import random_model
+
+SIZE, DISPLAY = (96, 64), Display(96, 64)
+BUT_STEREO = "sh,levels,blend,enhancement,depth,cleaning,contention"
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """A model of degree 0 without levels."""
+    return random_model(np.random.default_rng(5), 400).with_sh_degree(0)
+
+
+def work(model, foveation, effects="auto", *, config=DEFAULT, **asked):
+    args = SimpleNamespace(**{"effects": effects, "stereo": False, "depth": False} | asked)
+    return work_for(args, Request(model, orbit_camera(model, 0, 4, *SIZE), foveation, (0.1, 0.2, 0.3), {}), config)
+
+
+def same_image(a, b):
+    assert a.transmittance.min() < 0.2  # there is something to see
+    assert np.array_equal(a.image, b.image) and np.array_equal(a.transmittance, b.transmittance)
+
+
+def test_a_plain_scene_calls_for_nothing(flat):
+    plan = probe(flat, no_foveation(DISPLAY))
+    assert plan.called == plan.active == frozenset() and plan.sh_degree == 0
+    assert plan.reasons["levels"] == "no gaze" and plan.reasons["stereo"] == "one eye"
+
+
+def test_what_calls_for_an_effect(flat):
+    rest = np.zeros((len(flat), 15, 3))
+    rest[7, 4, 1] = 1e-3
+    second = replace(flat, sh_rest=rest, dropped={"not_finite": 3})
+    plan = probe(second, no_foveation(DISPLAY), depth=True)
+    assert plan.called == {"sh", "depth", "cleaning"} and plan.sh_degree == used_sh_degree(second) == 2
+    assert plan.reasons["sh"] == "harmonics of degree 2 of 3" and plan.reasons["cleaning"] == "3 points dropped"
+    foveated = probe(enhanced_levels(flat), foveation_map(DISPLAY, (0, 0)), stereo=True)
+    assert {"levels", "blend", "enhancement", "depth", "stereo", "fill", "rerender"} == foveated.called
+    assert probe(flat, no_foveation(DISPLAY), contention=True).called == {"contention"}
+
+
+def test_a_gaze_in_whose_fovea_the_frame_lies_calls_for_no_levels(flat):
+    narrow = Display(96, 64, 10)
+    assert not probe(enhanced_levels(flat), foveation_map(narrow, (48, 32))).called & {"levels", "blend"}
+
+
+@pytest.mark.parametrize("effects", ["all", BUT_STEREO, "sh", "levels", "levels,blend", "depth"])
+def test_forced_effects_change_no_bit(flat, effects):
+    auto, forced = work(flat, no_foveation(DISPLAY)), work(flat, no_foveation(DISPLAY), effects)
+    a, b = auto.render(), forced.render()
+    same_image(a, b)
+    assert forced.second_eye_forced == (effects == "all")
+    if forced.second_eye_forced:
+        eyes = forced.add_eye(b)
+        assert eyes.source is b and eyes.target_pixels["coverage"].any()
+    assert (b.config.level_banks == 2) == ("blend" in effects or effects == "all")
+    assert bool(b.pixels.depth.any()) == b.config.depth and not a.pixels.depth.any()
+
+
+@pytest.mark.parametrize("effects", ["auto", "sh"])
+def test_harmonics_beyond_the_machines_degree_are_left_out(effects, capsys):
+    model = random_model(np.random.default_rng(5), 400, sh=3)
+    low = work(model, no_foveation(DISPLAY), effects, config=DEFAULT.with_(sh_degree=1))
+    assert "harmonics up to degree 1" in capsys.readouterr().out
+    assert low.config.sh_degree == low.words.sh_degree == 1
+    whole, cut = work(model, no_foveation(DISPLAY)), work(model.with_sh_degree(1), no_foveation(DISPLAY))
+    assert "harmonics up to" not in capsys.readouterr().out
+    same_image(low.render(), cut.render())
+    assert not np.array_equal(low.render().image, whole.render().image)
+
+
+@pytest.mark.parametrize("gaze", [(5, 60), (96, 0)])
+@pytest.mark.parametrize("enhanced", [False, True])
+def test_foveated_frames_of_harmonics(gaze, enhanced):
+    model = random_model(np.random.default_rng(6), 300, sh=3)
+    model = enhanced_levels(model) if enhanced else model
+    foveation = foveation_map(DISPLAY, gaze, model.levels)
+    same_image(work(model, foveation).render(), work(model, foveation, "all").render())
+
+
+def test_blending_is_forced_where_levels_are_called_for_alone(flat):
+    foveation = foveation_map(DISPLAY, (0, 0))
+    sharp = replace(foveation, blend=np.zeros_like(foveation.blend), plane=np.zeros_like(foveation.plane))
+    auto, forced = work(enhanced_levels(flat), sharp), work(enhanced_levels(flat), sharp, "all")
+    assert auto.config.level_banks == 1 and auto.config.levels == 4 and forced.foveation.blend.any()
+    same_image(auto.render(), forced.render())
+
+
+def test_a_depth_that_is_asked_for_is_the_same_under_all(flat):
+    a = work(flat, no_foveation(DISPLAY), depth=True).render()
+    b = work(flat, no_foveation(DISPLAY), "all", depth=True).render()
+    assert np.isfinite(a.depth).any() and np.array_equal(a.depth, b.depth, equal_nan=True)
+
+
+def test_neutral_records(flat):
+    words = quantise_model(DEFAULT, random_model(np.random.default_rng(1), 50, sh=3))
+    lower, back = with_sh_degree(words, 1), with_sh_degree(with_sh_degree(words, 1), 3)
+    assert lower.sh_degree == 1 and np.array_equal(lower.colour["rest"], words.colour["rest"][:, :9])
+    assert np.array_equal(back.colour["rest"][:, :9], lower.colour["rest"]) and not back.colour["rest"][:, 9:].any()
+    assert np.array_equal(lower.colour["dc"], words.colour["dc"]) and with_sh_degree(words, words.sh_degree) is words
+
+
+def test_what_a_scene_does_not_call_for_does_not_run(flat, monkeypatch):
+    def forbidden(*_args):
+        raise AssertionError("depth sums of a frame that nobody asked a depth of")
+
+    plain, deep = work(flat, no_foveation(DISPLAY)), work(flat, no_foveation(DISPLAY), "depth")
+    monkeypatch.setattr(array_kernel, "render_tiles", forbidden)
+    plain.render()
+    with pytest.raises(AssertionError, match="nobody"):
+        deep.render()
+
+
+def test_the_command_line_records_the_plan_and_refuses(tmp_path, capsys):
+    main(["--size", "48x32", "--out", str(tmp_path / "auto")])
+    main(["--size", "48x32", "--effects", "all", "--depth", "--out", str(tmp_path / "all")])
+    assert (tmp_path / "auto" / "frame.png").read_bytes() == (tmp_path / "all" / "frame.png").read_bytes()
+    assert (tmp_path / "all" / "depth.png").exists() and not (tmp_path / "auto" / "depth.png").exists()
+    record = json.loads((tmp_path / "auto" / "stats.json").read_text())["effects"]
+    assert record["wanted"] == "auto" and record["effects"]["sh"]["state"] == "called for"
+    assert "sh          called for  harmonics of degree 3" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"'none' are not accepted: this frame calls for more \(sh: harmonics of degree 3"):
+        main(["--size", "48x32", "--effects", "none", "--out", str(tmp_path / "none")])
+    assert not (tmp_path / "none").exists()

@@ -1,0 +1,183 @@
+"""The reports: machines beside each other, the models of others, means, the pages."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from golden.msv2_ref.eyes import render_stereo
+from golden.scenes.stereo import stereo_pair
+from msv2.studies.performance import area, frames, gpu, machines, page, pictures, study, summary, sweeps, tiles
+from msv2.studies.report import html_page
+from msv2.studies.report.study import main as whole_report
+from msv2.studies.report.study import markdown
+from msv2.studies.report.study import summary as together
+from perf.gscore import gscore_trace
+from perf.trace import trace_of
+from spec.config import PAPER
+from spec.errors import InputError
+from tests.helpers.golden_samples import map_for, random_model, view
+
+
+@pytest.fixture(scope="module")
+def frame():
+    """Four levels of random splats, 96x64."""
+    camera = view(96, 64)
+    pair, model = stereo_pair(camera, units_per_metre=1.0), random_model(np.random.default_rng(3), 250, levels=4)
+    both = {"config": frames.TWO_EYES, "foveation": map_for(camera, (0.5, 0.5), 4)}
+    whole = render_stereo(model, pair, threshold_deg=180.0, **both)
+    warped = render_stereo(model, pair, source=whole.source, threshold_deg=0.0, **both)
+    traces = (trace_of(eye) for eye in (whole.source, whole.target, warped))
+    return frames.Compared("random", "random", False, *traces, gscore_trace(whole.source), {"size": [96, 64]})
+
+
+@pytest.fixture(scope="module")
+def areas():
+    names = ("array", "culling and conversion", "lists", "warp")
+    groups = {name: {"logic_um2_16nm": 1e5, "memory_um2_16nm": 1e4} for name in names}
+    return {"builds": {"1ghz": {"groups": groups, "commit": "abc", "mm2_16nm": 0.44, "mm2_16nm_without_warp_memories": 0.43}},
+            "delay_to_16nm": 2.0, "commit": "abc"}
+
+
+@pytest.fixture(scope="module")
+def content(frame, areas):
+    """A report's numbers, of one frame."""
+    runs, kept = machines.run_all(frame)
+    found = [study.frame_rows(frame, runs)]
+    means = summary.means(found)
+    equal = sweeps.at_equal_area(frame, [r for r in runs if r.machine == machines.BOTH.name], areas)
+    return {
+        "commit": "abc", "command": "x", "size": "96x64", "levels": 4, "config": "paper", "clock_hz": 1e9, "missing": ["none"],
+        "trained": [], "model_error": {"total": 0.01, "mean": 0.01, "frames": 3}, "frames": found, "means": means,
+        "beside_paper": summary.beside_paper(found, means, equal), "goals": summary.goals(found, means, equal),
+        "equal_area": equal, "iso_area": sweeps.iso_area(frame, areas), "area_source": "abc",
+        "bandwidth": sweeps.bandwidth_rows(frame), "sweeps": sweeps.sweeps(frame), "full_hd": [],
+        "scaled_clock": 0.5, "reached_ghz": 0.7,
+        "chip_129": summary.CHIP_129, "gpu_published": gpu.PUBLISHED, "gpu_model": "stated",
+        "timeline": {"frame": "random", "bytes_per_cycle": 25.6, "folder": "build", "machines": [
+            {"machine": "base", "groups": kept.groups, "render": kept.phases["render"]}]}}
+
+
+def runs_of(content, machine, bandwidth):
+    return next(r for r in content["frames"][0]["runs"] if r["machine"] == machine and r["bytes_per_cycle"] == bandwidth)
+
+
+def test_every_machine_at_every_bandwidth_over_its_own_base(content):
+    names = [(r["machine"], r["bytes_per_cycle"]) for r in content["frames"][0]["runs"]]
+    assert len(names) == len(set(names)) == 2 * 8 + 1
+    for bandwidth in machines.BANDWIDTHS:
+        base, two = (runs_of(content, name, bandwidth) for name in (machines.BASE.name, machines.TWO_BASE))
+        assert base["speedup"] == two["speedup"] == base["energy_ratio"] == 1 and (base["eyes"], two["eyes"]) == (1, 2)
+        warping = runs_of(content, machines.WARPING, bandwidth)
+        assert warping["speedup"] == pytest.approx(two["cycles"] / warping["cycles"]) and warping["eyes"] == 2
+        for r in content["frames"][0]["runs"]:
+            assert r["floor"] is None or 0 < r["floor"] <= r["cycles"]
+
+
+def test_memory_without_a_limit_is_never_slower(content):
+    for machine in (machines.BASE.name, machines.BOTH.name, machines.WARPING, machines.GSCORE):
+        limited, free = (runs_of(content, machine, bandwidth) for bandwidth in machines.BANDWIDTHS)
+        assert free["cycles"] <= limited["cycles"] and free["dram_bytes"] == limited["dram_bytes"]
+
+
+def test_resources_that_are_less_are_slower_and_smaller(content):
+    found = [r for r in content["iso_area"] if r["bytes_per_cycle"] is None]
+    for machine in (machines.BOTH.name, machines.GSCORE):
+        mine = [(r["mm2_16nm"], r["frames_per_s"]) for r in found if r["machine"] == machine]
+        assert mine == sorted(mine) and mine[0][0] < mine[-1][0] and mine[0][1] < mine[-1][1]
+
+
+def test_area_is_that_of_the_groups_without_the_warp_unit(areas):
+    assert area.machine_mm2(areas, PAPER) == pytest.approx(3 * 0.11)
+    half = area.machine_mm2(areas, PAPER.with_(cores_x=8, culling_units=4))
+    assert half == pytest.approx(0.11 + 2 * 0.06)
+    assert area.load_area(area.ROOT / "nowhere.json") is None and sweeps.iso_area(None, None) == []
+
+
+def test_equal_area_scales_the_other_machine_to_ours(content):
+    for e in content["equal_area"]:
+        assert e["factor"] * area.GSCORE_MM2_16NM == pytest.approx(e["mm2_16nm"])
+        assert e["speedup"] == pytest.approx(e["gscore_cycles"] / e["ours_cycles"])
+
+
+def test_the_gpu_is_a_roofline(frame):
+    few, many = (gpu.gpu_frame(frame.frame, ops) for ops in (0, 10**6))
+    assert few.preprocess == many.preprocess and few.sort == many.sort and few.dram_bytes == many.dram_bytes
+    assert many.blend == pytest.approx(10**6 * 256 * gpu.PAIR_FLOPS / gpu.FLOPS_PER_S)
+    assert few.seconds >= few.dram_bytes / gpu.BYTES_PER_S * (1 - 1e-12)
+
+
+def test_one_tile_a_buffer_waits_where_tiles_differ(frame):
+    eye = frame.frame.eyes[0]
+
+    def cycles(counts):
+        n = len(counts)
+        flat = replace(eye, counts=np.array(counts), use=np.ones(sum(counts), np.uint8), rendered=np.ones(n, bool),
+                       blend=np.zeros(n, bool))
+        return tiles.tile_granular(flat)
+
+    even, uneven = cycles([100] * 8), cycles([20, 180] * 4)
+    assert even == {"waiting": 100 + 8 * 101, "never_waiting": 808}
+    assert uneven == {"waiting": 20 + 4 * (180 + 181), "never_waiting": 808}
+
+
+def test_means_are_geometric():
+    assert summary.geomean([1, 4]) == pytest.approx(2) and summary.geomean([]) is None
+    assert summary.PAPER["speedup"] == pytest.approx(1.13, abs=5e-3)
+
+
+def test_goals_say_what_is_missed(content):
+    assert len(content["goals"]) == 6
+    for goal in content["goals"]:
+        assert goal["reached"] == (goal["found"] >= goal["wanted"]) and math.isfinite(goal["found"])
+    missed = "| **no** |" in page.page(content, [])
+    assert missed == any(not goal["reached"] for goal in content["goals"])
+
+
+def test_pages_and_pictures(content, frame, tmp_path):
+    made = pictures.draw(content, study.timelines(frame), tmp_path)
+    text = page.page(json.loads(json.dumps(content)), made)
+    assert all((tmp_path / f"performance_{name}.png").stat().st_size > 1000 for name in made)
+    assert text.count("![") == len(made)
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    for block in text.split("\n\n"):
+        widths = {line.count(" | ") for line in block.splitlines() if line.startswith("|")}
+        assert len(widths) <= 1 and " nan " not in block, block
+    shown = html_page.page("Report", text)
+    assert shown.count("<table>") == shown.count("</table>") == sum(line.startswith("| ---") for line in rows)
+    assert "**" not in shown and shown.count("<img") == len(made)
+
+
+def test_words_of_the_page_in_html():
+    assert html_page.inline("a `x*y <b>` **c** [d](e)") == 'a <code>x*y &lt;b&gt;</code> <b>c</b> <a href="e">d</a>'
+    body = html_page.body("# A b\ntext\n\n- one\n- two\n\n```\n# no\n\nheading\n```\n| x | y |\n| --- | ---: |\n| 1 | 2 |\n")
+    assert '<h1 id="a-b">A b</h1>' in body and body.count("<li>") == 2 and "<pre># no\n\nheading</pre>" in body
+    assert '<tr><td>1</td><td class="number">2</td></tr>' in body
+
+
+def test_the_whole_report(content, areas):
+    energy = {"frames": [{"scene": "s", "size": [1, 1], "work": "w", "chip_mj": 0.1, "dram_mj": 0.2}]}
+    found = together(content, energy, areas, {"summary": {"model_error_total": 0.01}})
+    assert found["area_mm2_16nm"] == 0.44 and found["model_error_total"] == 0.01
+    assert found["speedup"][machines.BASE.name] == {"25.6": {"frame": pytest.approx(1), "render": pytest.approx(1)},
+                                                    "unlimited": {"frame": pytest.approx(1), "render": pytest.approx(1)}}
+    assert found["energy_mj_per_frame"]["random"][machines.BOTH.name] > 0
+    assert "0.440 mm²" in markdown(found, []) and "no reports/area.json" in markdown(together(content, energy, None, None), [])
+
+
+@pytest.mark.long
+def test_the_command_writes_all_of_it(tmp_path):
+    assert whole_report(["embedded", "--size", "64x48", "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "report.json").read_text())
+    assert {"area_mm2_16nm", "energy_mj_per_frame", "model_error_total", "speedup", "commit", "config"} <= set(found)
+    for name in ("area", "energy", "performance"):
+        assert (tmp_path / f"{name}.json").is_file() and f'href="{name}.json"' in (tmp_path / "report.html").read_text()
+
+
+def test_scenes_that_are_not_there_are_named():
+    with pytest.raises(InputError, match="SCENE 'no_such_scene' is not accepted"):
+        frames.request("no_such_scene", "64x64")
+    here, missing = frames.scenes_here()
+    assert here[0] == "embedded" and set(here[1:]) | set(missing) == {*frames.CAPTURED, *frames.TRAINED}

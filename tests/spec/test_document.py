@@ -1,0 +1,75 @@
+"""docs/formats.md is what spec/ says now."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import subprocess
+import sys
+from dataclasses import fields
+
+import pytest
+
+from spec import constants, document
+from spec.config import CONFIGS, PAPER, NumberFormats
+from spec.errors import InputError
+from spec.memory import MEMORY_RECORDS
+from spec.paths import ROOT
+from spec.records import RECORDS
+from spec.stereo import STEREO_RECORDS
+
+
+def test_the_page_is_not_stale():
+    assert (ROOT / "docs" / "formats.md").read_text(encoding="utf-8") == document.page(), "run `python -m spec.document`"
+
+
+def test_check_writes_nothing_and_names_a_stale_page(tmp_path, capsys):
+    path = tmp_path / "formats.md"
+    with pytest.raises(InputError, match=r"formats\.md is stale"):
+        document.check(path)
+    assert not path.exists()
+    document.write(path)
+    document.check(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["formats.md"]
+    path.write_text(path.read_text(encoding="utf-8") + "x", encoding="utf-8")
+    with pytest.raises(InputError, match="stale"):
+        document.check(path)
+
+
+def test_command_line():
+    done = subprocess.run([sys.executable, "-m", "spec.document", "--check"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_everything_is_on_the_page():
+    page = document.page()
+    for f in fields(NumberFormats):
+        assert f"| `{f.name}` | {getattr(NumberFormats(), f.name)} |" in page
+    for make in (*RECORDS, *MEMORY_RECORDS, *STEREO_RECORDS):
+        record = make(PAPER)
+        assert f"### {record.name}: {record.width} bits" in page
+        assert all(f"| `{f.name}` |" in page for f in record.fields)
+    assert all(f"| `{name}` |" in page for name in vars(constants) if name.isupper())
+    assert f"| parameter | {' | '.join(CONFIGS)} |" in page
+
+
+def test_bit_ranges_of_each_record_are_contiguous():
+    sections = re.split(r"^### ", document.page(), flags=re.MULTILINE)
+    checked = 0
+    for section in sections:
+        ranges = [(int(high), int(low)) for high, low in re.findall(r"^\| (\d+):(\d+) \|", section, re.MULTILINE)]
+        if ranges:
+            checked += 1
+            assert (ranges[0][1] == 0) == (", besides: " not in section)
+            assert all(low == before + 1 for (before, _), (_, low) in itertools.pairwise(ranges))
+            assert section.split("\n")[0].removesuffix(" in all").endswith(f": {ranges[-1][0] + 1} bits")
+    makes, both = (*RECORDS, *MEMORY_RECORDS), PAPER.with_(stereo=True)
+    grown = [make for make in makes if make(both) != make(PAPER)]
+    assert checked == len(makes) + len(STEREO_RECORDS) + len(grown)
+
+
+def test_docstrings_are_found_where_they_stand():
+    source = 'A = 1\n"""One."""\nclass C:\n    b: int = 2\n    """Two,\n    lines | bar."""\n    c = 3\n'
+    assert document.attribute_docs(source) == {"A": "One.", "b": "Two, lines \\| bar."}
+    assert document.listed_docs("X.\n\nAttributes:\n    a, b: one\n        more.\n    c: two.") == {
+        "a": "one more.", "b": "one more.", "c": "two."}

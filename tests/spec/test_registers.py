@@ -1,0 +1,144 @@
+"""The register map: addresses, bits, limits; its page and its C header are what spec/ says now."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from spec import document, document_registers, host_settings, registers
+from spec.config import CONFIGS, DEFAULT, PAPER, TINY
+from spec.errors import InputError
+from spec.formats import SQ
+from spec.memory import frame_settings
+from spec.paths import ROOT
+from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access, ErrorCode, Phase
+from spec.saturations import SATURATIONS
+
+STEREO = PAPER.with_(name="stereo", stereo=True)
+MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.values(), STEREO)}
+
+
+@pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
+def test_pages_are_not_stale(path, tmp_path):
+    make = document_registers.PAGES[path]
+    assert path.read_text(encoding="utf-8") == make(), "run `python -m spec.document`"
+    with pytest.raises(InputError, match="stale"):
+        document.check(tmp_path / path.name, make)
+
+
+@pytest.mark.parametrize("config", MAPS)
+def test_addresses_and_bits_do_not_overlap(config):
+    everything = MAPS[config]
+    offsets = [r.offset for r in everything]
+    assert offsets == sorted(set(offsets)) and all(offset % 4 == 0 for offset in offsets)
+    assert offsets[-1] + 4 <= 1 << registers.REGISTER_ADDRESS_BITS
+    assert len({r.name for r in everything}) == len(everything)
+    assert max(r.offset for r in everything if r.format) < COUNTERS_BASE
+    for r in everything:
+        taken = 0
+        for bits in r.bits:
+            assert bits.width > 0 and bits.mask < 1 << 32 and not taken & bits.mask, (r.name, bits.name)
+            assert bits.values is None or max(bits.values) < 1 << bits.width
+            taken |= bits.mask
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda c: c.name)
+def test_every_number_of_the_settings_has_a_register_in_order(config):
+    found = [r for r in MAPS[config.name] if r.format]
+    wanted = [f for f in frame_settings(config).fields for _ in range(f.count)]
+    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 51
+    assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in range(len(found))]
+    assert found[3].name == "rotation_0" and found[-1].name == "frame_base"
+    assert all(r.access is Access.READ_WRITE for r in found)
+
+
+def test_a_setting_that_does_not_fit_is_refused():
+    wide = PAPER.with_(formats=replace(PAPER.formats, mean2d=SQ(22, 10)))
+    with pytest.raises(ValueError, match="centre_0 must fit a register of 32 bits, not 33"):
+        host_settings.settings(wide)
+
+
+def test_counters():
+    names = [c.name for c in registers.counters(PAPER)]
+    assert len(set(names)) == len(names) and set(EVENTS) < set(names)
+    assert all(f"{stage}_{what}" in names for stage in STAGES for what in ("busy", "starved", "blocked"))
+    mapped = {r.name: r.offset for r in MAPS["paper"]}
+    assert mapped["cycles_total_high"] == mapped["cycles_total_low"] + 4 == COUNTERS_BASE + 4
+    saturations = [mapped[saturation.name] for saturation in SATURATIONS]
+    assert saturations == [registers.SATURATIONS_BASE + 4 * n for n in range(4)] == list(mapped.values())[-4:]
+    assert sum(c.width // 32 for c in registers.counters(PAPER)) == sum(r.offset >= COUNTERS_BASE for r in MAPS["paper"])
+
+
+def legal(config) -> dict[str, int]:
+    """Patterns that are all allowed."""
+    patterns = {s.name: 0 for s in host_settings.settings(config)}
+    return patterns | {limit.setting: limit.low for limit in host_settings.limits(config)}
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda c: c.name)
+def test_the_first_illegal_setting_is_named(config):
+    numbers = {s.name: s.number for s in host_settings.settings(config)}
+    assert host_settings.first_illegal(config, legal(config)) is None
+    limits = host_settings.limits(config)
+    assert [numbers[limit.setting] for limit in limits] == sorted(numbers[limit.setting] for limit in limits)
+    for limit in limits:
+        for pattern, allowed in ((limit.low, True), (limit.high, True), (limit.low - 1, False), (limit.high + 1, False)):
+            if pattern >= 0:
+                found = host_settings.first_illegal(config, legal(config) | {limit.setting: pattern})
+                assert found == (None if allowed else numbers[limit.setting]), limit
+    worst = legal(config) | {limit.setting: limit.high + 1 for limit in limits}
+    assert host_settings.first_illegal(config, worst) == numbers["near"]
+
+
+def test_limits_of_floats_are_those_of_their_numbers():
+    limits, view = {limit.setting: limit for limit in host_settings.limits(PAPER)}, PAPER.formats.view
+    for x in (-1e9, -1e-30, 0.0, 1e-30, 0.01, 1.0, 1e9):
+        pattern = int(view.quantise(x))
+        assert limits["near"].allows(pattern) == (x > 0)
+        assert limits["depth_scale"].allows(pattern) == (x >= 0)
+
+
+def test_identity_tells_machines_apart():
+    for config in CONFIGS.values():
+        values = registers.identity(config)
+        assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
+        assert all(0 <= value < 1 << 32 for value in values.values())
+    assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
+    prints = {registers.fingerprint(c) for c in (TINY, DEFAULT, PAPER, PAPER.with_(depth=False))}
+    assert len(prints) == 4 and registers.fingerprint(PAPER.with_(name="same")) == registers.fingerprint(PAPER)
+
+
+def test_the_page_shows_everything():
+    page = document_registers.page()
+    for r in MAPS["stereo"]:
+        assert re.search(rf"^\| 0x{r.offset:03X} \|.* `{r.name}` \|", page, re.MULTILINE), r.name
+        assert all(f"`.{bits.name}`" in page for bits in r.bits if not r.format)
+    for value in (*Phase, *ErrorCode):
+        assert f"| {int(value)} | `{value.name}` |" in page
+
+
+def test_the_header_shows_everything():
+    header = document_registers.header()
+    macros = re.findall(r"^#define (\w+) (\S+)$", header, re.MULTILINE)
+    assert len(dict(macros)) == len(macros)
+    for r in MAPS["stereo"]:
+        assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
+    assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
+    assert (Phase.width(), ErrorCode.width()) == (3, 4)
+    assert "MSV2_ERROR_BAD_SETTING = 1," in header and "MSV2_PHASE_RENDER = 4," in header
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_the_header_compiles(tmp_path):
+    probe = tmp_path / "probe.c"
+    probe.write_text('#include "msv2_registers.h"\n#include "msv2_registers.h"\n'
+                     "int main(void) { return MSV2_FRAME_BASE != MSV2_SETTINGS_BASE + 4 * (MSV2_SETTINGS_COUNT - 1)\n"
+                     "    || MSV2_ERROR_ABORTED != 7 || MSV2_READ_CLIENT_VIEWS != MSV2_READ_CLIENTS - 1; }\n")
+    program = tmp_path / "probe"
+    subprocess.run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{ROOT / 'docs'}", probe, "-o", program],
+                   check=True)
+    assert subprocess.run([program], check=False).returncode == 0

@@ -1,0 +1,104 @@
+"""The whole machine, frame after frame, against the golden renderer: every pixel and counter."""
+
+import numpy as np
+import pytest
+
+from msv2.studies.tradeoff.knobs import WORDS, Setting
+from spec.config import TINY
+from spec.registers import ErrorCode
+from tb.top.device import machine
+from tb.top.stimuli import case, cloud, crowd
+from tb.top.suite import (
+    DISTINCT,
+    VARIANTS,
+    broken_plan,
+    full_plan,
+    good_plan,
+    planned,
+    problems,
+    run_plan,
+)
+
+IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
+"""Of the plan's broken frames, one of each kind."""
+
+
+def test_frames_failures_and_resets_in_short(tmp_path):
+    plan = good_plan(TINY, 0)[::8]
+    plan += [item for item in broken_plan(TINY, 0) if any(words in item.name for words in IN_SHORT)]
+    assert {item.error for item in plan} >= {
+        ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR, ErrorCode.WRITE_ERROR, ErrorCode.BAD_SETTING,
+        ErrorCode.ENTRIES_FULL, ErrorCode.SPILL_FULL}
+    outcome = run_plan(TINY, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan)
+
+
+STEREO_IN_SHORT = (
+    "two gazes, usual memory", "one eye, after: gaze in the middle, usual memory",
+    "no Gaussians, nothing rendered, usual memory", "no depth, instant memory, back to back")
+"""Of the plan's frames of two eyes, a few."""
+
+STEREO_BROKEN = ("reset after 250", "abort after 250", "target_frame fails", "second pages")
+"""Of those that end early, some of each kind."""
+
+
+def test_frames_of_two_eyes_in_short(tmp_path):
+    config = VARIANTS["tiny_stereo"]
+    plan = [item for item in good_plan(config, 0) if item.name in STEREO_IN_SHORT]
+    plan += [item for item in broken_plan(config, 0)
+             if any(words in item.name for words in STEREO_BROKEN)]
+    assert any(item.run.late for item in plan) and sum(item.stereo is None for item in plan) > 2
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 10
+    late = [outcome.recordings[item.name].registers for item in plan if item.run.late and item.run.abort]
+    assert late and all(registers["cycles_target"] > 0 for registers in late)
+
+
+@pytest.mark.long
+def test_frames_of_a_presets_numbers_in_short(tmp_path):
+    config = VARIANTS["tiny_short"]
+    plan = good_plan(config, 0)[3::8]
+    frames = [item.frame for item in plan]
+    assert 2 in {frame.words.sh_degree for frame in frames} and any(frame.registers.header[:, 0].any() for frame in frames)
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 4
+
+
+SWEPT = [(knob, value) for knob, values in WORDS.items() for value in (next(iter(values)), next(reversed(values)))]
+"""The shortest and the longest of every word length that `make tradeoff` tries."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("knob", "value"), SWEPT, ids=map(" ".join, SWEPT))
+def test_word_lengths_of_the_tradeoff_are_exact(knob, value, tmp_path):
+    config = WORDS[knob][value](Setting(config=TINY)).config.with_(name="swept")
+    outcome = run_plan(config, good_plan(config, 0)[3::8], tmp_path)
+    assert outcome.failures == {} and outcome.runs > 4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("variant", DISTINCT)
+def test_every_frame_of_the_plan_is_right(variant, tmp_path):
+    config = VARIANTS[variant]
+    plan = full_plan(config, 0)
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 90
+
+
+@pytest.mark.long
+def test_small_frames_with_independent_models_of_axi(tmp_path):
+    pytest.importorskip("cocotbext.axi")
+    from tb.top.axi_small import play_small
+
+    rng = np.random.default_rng(4)
+    foveated = case(TINY, "foveated", cloud(rng, 100, levels=4, sh=1), (40, 20), gaze=(3, 3))
+    crowded = case(TINY, "crowded", crowd(rng, 300), (20, 20))
+    plan = [
+        planned(foveated), planned(crowded, "back to back", display=True, reset=False, poison=False),
+        planned(foveated, "pauses", "pauses", reset=False),
+        planned(foveated, "cut", cut=700), planned(crowded, "after the cut"),
+        planned(foveated, "abort", error=ErrorCode.ABORTED, abort=500), planned(crowded, "after the abort", reset=False)]
+    played = play_small(machine(TINY), [item.run for item in plan], tmp_path)
+    for item, result in zip(plan, played, strict=True):
+        wrong = [text for text in problems(item, result) if not text.startswith(("counter read_beats", "counter write_beats"))]
+        assert wrong == [], item.name  # the RAM counts no beats
