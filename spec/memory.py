@@ -19,7 +19,7 @@ number n of a tile lies in page k, where k is the position of the top bit of (n 
 position n + FIRST_PAGE_ENTRIES - (size of page k) of the page. Page 0 of tile t has a fixed place, 8 t beats from the base. The
 other pages are allocated behind all first pages, in order of need; the first beat of page k, relative to the base, is written
 into the tile's directory, 4 bytes at 4 (k - 1). So an intersection is written once and read once, a tile's list is read without
-following links, and at most half of the allocated space is waste.
+following links, and a long list wastes at most about half of its allocated space.
 """
 
 from __future__ import annotations
