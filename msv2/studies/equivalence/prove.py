@@ -17,7 +17,7 @@ DEPTH = 4
 
 
 def _flat(source: Path, top: str, name: str, folder: Path, log: Path) -> tuple[Path, list[dict[str, str]]]:
-    """The unit as one module `name` without memories, as Yosys' JSON, and the parameters of the memories: shapes, first values."""
+    """The unit as module `name` without memories, as Yosys' JSON, and what the memories are: shapes and first values."""
     path = folder / f"{name}.json"
     run(f"read_rtlil {source}", f"hierarchy -top {top}", "proc", "flatten", "opt_clean", "memory_collect",
         f"rename {top} {name}", f"write_json {path}", log=log)

@@ -1,7 +1,5 @@
 """Equivalence of two emissions: what is the same is proven, what is not is told."""
 
-from __future__ import annotations
-
 import pytest
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
