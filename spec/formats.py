@@ -71,7 +71,7 @@ class Fixed:
     signed: bool
 
     def __post_init__(self) -> None:
-        # No wider than float64's significand: every value is exact as a real number.
+        # No format is wider than float64's significand, so float64 holds every value exactly.
         _check_count("int_bits", self.int_bits, 0, 53)
         _check_count("frac_bits", self.frac_bits, 0, 53)
         _check_count("int_bits + frac_bits", self.int_bits + self.frac_bits, 1, 53)
@@ -95,7 +95,7 @@ class Fixed:
         return (1 << (self.int_bits + self.frac_bits)) - 1
 
     def quantise(self, x: np.ndarray | float, rounding: Rounding = Rounding.HALF_UP) -> np.ndarray:
-        """Raw int64 of real `x` (any shape), saturating; NaN raises ValueError."""
+        """Raw int64 of real `x` (any shape), saturated to the format's range. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be quantised to {self}, not {x!r}")
@@ -134,9 +134,9 @@ class SmallFloat:
     number zero. Value: (1 + fraction / 2**(sig_bits - 1)) * 2**(exponent - bias).
 
     Attributes:
-        sig_bits: significand bits, the hidden one counted; at most 25, so that one operation in float64 followed by
-            one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand of
-            a sum is longer than its result.
+        sig_bits: significand bits, including the hidden one. There are at most 25, so that one operation in float64 followed
+            by one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand
+            of a sum is longer than its result.
         exp_bits: exponent bits.
         bias: exponent bias.
         signed: whether negative numbers exist; unsigned formats clamp them to zero.
@@ -181,7 +181,7 @@ class SmallFloat:
         return float(np.ldexp(1.0, self.exp_min))
 
     def round(self, x: np.ndarray | float) -> np.ndarray:
-        """float64 of `x` (any shape) rounded into the format, HALF_EVEN; NaN raises ValueError."""
+        """float64 of `x` (any shape), rounded into the format by HALF_EVEN. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be rounded to {self}, not {x!r}")
@@ -192,7 +192,7 @@ class SmallFloat:
         return np.clip(rounded, -self.max, self.max) + 0.0
 
     def quantise(self, x: np.ndarray | float) -> np.ndarray:
-        """Bit patterns, uint64, of real `x` (any shape), HALF_EVEN."""
+        """Bit patterns, uint64, of real `x` (any shape), rounded by HALF_EVEN. Raises ValueError for NaN."""
         value = self.round(x)
         mantissa, exponent = np.frexp(np.abs(value))
         zero = value == 0
@@ -213,7 +213,7 @@ class SmallFloat:
     def fields(self, bits: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
         """(significand, exponent), int64, of bit patterns: value = significand * 2**(exponent - sig_bits + 1).
 
-        The significand is signed and carries the hidden one; zero gives (0, exp_min).
+        The significand is signed and includes the hidden one; zero gives (0, exp_min).
         """
         value = self.to_float(bits)
         exponent = np.where(value == 0, self.exp_min, np.frexp(value)[1] - 1)

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 
-from rtl.sort_tmu.handover import emit_handover
 from spec.config import DEFAULT, TINY, AcceleratorConfig
 from spec.records import chunk_entry
 from tb.common import exact
@@ -33,7 +32,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     record = chunk_entry(config)
     return Playback(
         name=f"handover-{'line' if config.incremental else config.sort_chunk}", module="handover",
-        verilog=emitted("handover", config, emit_handover), inputs=(Stream("sink", record),),
+        verilog=emitted("handover", config), inputs=(Stream("sink", record),),
         outputs=(Stream("source", record),), observed=(("busy", 1),))
 
 
