@@ -11,10 +11,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from golden.diff import import_torch
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, write_json
-from golden.train import import_torch
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 

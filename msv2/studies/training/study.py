@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from golden.train import import_torch
+from golden.diff import import_torch
 from msv2.studies.training.labels import TABLES
 from spec.errors import InputError
 
