@@ -1,4 +1,4 @@
-"""Synthesise a unit, or all units of a machine: area, and timing in OpenSTA.
+"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds.
 
     python -m synth --unit pixel_core --tech asap7 --clock-ps 1000
     python -m synth --config paper --stereo --tech asap7
@@ -20,11 +20,11 @@ from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
 from synth.units import UNITS
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
-"""Modules synthesised at a time: each takes a core and up to 1 GB."""
+"""Number of modules synthesised at a time; each takes a core and up to 1 GB of memory."""
 
 
 def as_line(label: str, result: dict) -> str:
-    """One line of the printed table."""
+    """The line of the printed table for one unit or variant."""
     if "nand2_equivalents" in result:
         return f"{label:24} {result['nand2_equivalents']:>9,} NAND2 equivalents"
     line = f"{label:24} {result['area_um2']:9.1f} um2 {result['cells']:6,} cells"
@@ -37,7 +37,7 @@ def as_line(label: str, result: dict) -> str:
 
 
 def machine_lines(report: AreaReport) -> list[str]:
-    """The printed table of a machine."""
+    """The lines of the printed table for a whole machine."""
     unit = "NAND2" if report.technology == "generic" else "um2"
     rows = [("unit", "group", f"logic, {unit}", "cells", "memory bits", "memory, um2", "slack, ps")]
     for row in report.rows:
@@ -57,18 +57,20 @@ def _number(value: float | None) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Parses the command line, runs the synthesis and prints the results; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
-    parser.add_argument("--unit", help=f"one of {', '.join(UNITS)} (default: pixel_core)")
-    parser.add_argument("--config", help=f"all units of a machine: one of {', '.join(CONFIGS)}")
-    parser.add_argument("--stereo", action="store_true", help="of a machine: with the warp unit")
+    parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(UNITS)} (default: pixel_core)")
+    parser.add_argument("--config", help=f"synthesise all units of this machine: one of {', '.join(CONFIGS)}")
+    parser.add_argument("--stereo", action="store_true", help="with --config: include the warp unit")
     parser.add_argument("--tech", default="generic",
                         help=f"one of {', '.join(TECHNOLOGIES)}, or the path of a liberty file (default: generic)")
     parser.add_argument("--clock-ps", type=float, default=1000.0, help="clock period in ps (default: 1000)")
-    parser.add_argument("--jobs", type=int, default=JOBS, help=f"modules of a machine at a time (default: {JOBS})")
+    parser.add_argument("--jobs", type=int, default=JOBS,
+                        help=f"with --config: modules synthesised at a time (default: {JOBS})")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
-                        help=f"of a module, with faster sums each time; 1: all fast at once (default: {MOST_RUNS})")
-    parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR", help="default: build/synth")
+                        help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
+    parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR",
+                        help="folder for results (default: build/synth)")
     args = parser.parse_args(argv)
     if args.unit and args.config:
         raise InputError(f"one of unit and config is accepted, not {args.unit!r} and {args.config!r}")

@@ -1,4 +1,4 @@
-"""Sums and products of a Yosys netlist (JSON) rebuilt from full adders: `$macc_v2` and adding `$alu` cells."""
+"""Rebuilds the sums and products of a Yosys netlist (JSON), its `$macc_v2` and adding `$alu` cells, from full adders."""
 
 from __future__ import annotations
 
@@ -32,10 +32,12 @@ class Builder:
         self.next_net = 1 + max((bit for bit in nets if isinstance(bit, int)), default=1)
 
     def net(self) -> int:
+        """A new net."""
         self.next_net += 1
         return self.next_net - 1
 
     def cell(self, kind: str, inputs: dict[str, Net], outputs: dict[str, int]) -> None:
+        """Add a cell; `inputs` and `outputs` give the net of each pin."""
         self.cells += 1
         self.module["cells"][f"{self.sum_name}_fa{self.cells}"] = {
             "hide_name": 0, "type": kind, "parameters": {}, "attributes": {},
@@ -44,11 +46,13 @@ class Builder:
         }
 
     def gate(self, kind: str, a: Net, b: Net) -> int:
+        """Add a gate of two inputs; returns its output."""
         y = self.net()
         self.cell(f"$_{kind}_", {"A": a, "B": b}, {"Y": y})
         return y
 
     def complement(self, net: Net) -> Net:
+        """The complement of a net, from an inverter that is added once."""
         if isinstance(net, str):
             return {"0": "1", "1": "0", "x": "x"}[net]
         if net not in self.complements:
@@ -60,10 +64,12 @@ class Builder:
 def map_adders(
     module: dict, technology: Technology, blocks: Mapping[str, Sequence[int]], budgets: Mapping[str, float] | None = None,
 ) -> dict[str, Cut]:
-    """Replace, in place, the sums of one module by the library's full adders.
+    """Replace the sums of one module, in place, by the library's full adders.
 
-    `blocks`: by name of a sum's result, the incremented blocks of its carry chain. Other sums get blocks where they would take
-    longer than the ps that `budgets` has for their name, or for "" if not for that; returns those, by name.
+    `blocks`: for a sum, by the name of its result, the incremented blocks of its carry chain. Any other sum gets blocks if it
+    would otherwise take longer than its budget. `budgets` has that budget in ps under the sum's name, or else under "".
+
+    Returns how each of those other sums is built, by name.
     """
     chosen: dict[str, Cut] = {}
     budgets = budgets or {}
@@ -94,7 +100,7 @@ def map_adders(
 
 
 def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
-    """The bit heap of a cell; None for what is left to Yosys."""
+    """The bit heap of a cell; None for a cell that is left to Yosys."""
     if cell["type"] not in ("$alu", "$macc_v2"):
         return None
     parameter = {key: int(value, 2) for key, value in cell["parameters"].items() if value and set(value) <= set("01")}
@@ -125,7 +131,10 @@ def _columns(cell: dict, used: Counter) -> list[list[Bit]] | None:
 
 
 def _multiply(columns: list[list[Bit]], x: list[Net], y: list[Net], negated: bool, x_signed: bool, y_signed: bool) -> int:
-    """Add a product; bits of negative weight are complemented, which is that weight too much: returns the sum of those."""
+    """Add a product to the heap.
+
+    A bit with negative weight is complemented, which adds its weight to the result; returns the sum of these excess weights.
+    """
     excess = 0
     for i, x_bit in enumerate(x):
         for j, y_bit in enumerate(y):
@@ -137,7 +146,7 @@ def _multiply(columns: list[list[Bit]], x: list[Net], y: list[Net], negated: boo
 
 
 def _result_name(module: dict, result: list[Net]) -> str:
-    """Name of a wire that the sum's top bit belongs to."""
+    """The name of a wire that the sum's top bit belongs to."""
     names = [name for name, wire in module["netnames"].items() if result[-1] in wire["bits"] and not wire["hide_name"]]
     return min(names, key=lambda name: (len(name), name), default="sum").replace("$", "_")
 
@@ -149,7 +158,7 @@ def _widths(cell: dict, operand: str, count: str) -> list[int]:
 
 
 def _add(columns: list[list[Bit]], bits: list[Net], signed: bool, inverted: bool) -> None:
-    """Add an operand, extended to the heap's width."""
+    """Add an operand, extended to the width of the heap."""
     top = bits[-1] if signed else "0"
     for column, bit in zip(columns, [*bits, *[top] * len(columns)], strict=False):
         if isinstance(bit, str):
@@ -167,7 +176,7 @@ def _build(builder: Builder, added: tuple[list[Bit | None], list[Node]], result:
     full = [node for node in nodes if isinstance(node, Adder) and id(node.sum) in wanted]
     if builder.technology.adder_inverts:
         choose_flips(full, [node for node in nodes if isinstance(node, Gate)])
-    native: dict[int, tuple[Net, bool]] = {}  # a node's output -> (net, the net holds the complement)
+    native: dict[int, tuple[Net, bool]] = {}  # the output of a node -> (net, whether the net holds the complement)
     for node in nodes:
         if not any(id(bit) in wanted for bit in _outputs(node)):
             continue
@@ -197,7 +206,7 @@ def _add_full_adder(builder: Builder, adder: Adder, native: dict[int, tuple[Net,
 
 
 def _add_majority(builder: Builder, adder: Adder, native: dict[int, tuple[Net, bool]]) -> Net:
-    """The carry alone, where nothing needs the sum."""
+    """Add the carry alone, for an adder whose sum is not used."""
     pins = [_in_polarity(builder, bit, False, native) for bit in adder.inputs]
     both = builder.gate("AND", *pins[:2])
     if len(pins) == 2:
@@ -216,7 +225,7 @@ def _add_gate(builder: Builder, gate: Gate, native: dict[int, tuple[Net, bool]])
 
 
 def _plain_gate(builder: Builder, kind: str, inputs: list[Net]) -> Net:
-    """The same of Yosys' own gates."""
+    """Add the same gate from Yosys' own cells."""
     if kind == "XOR2":
         return builder.gate("XOR", *inputs)
     if kind == "AO21":
@@ -225,7 +234,7 @@ def _plain_gate(builder: Builder, kind: str, inputs: list[Net]) -> Net:
 
 
 def _in_polarity(builder: Builder, bit: Bit, complemented: bool, native: dict[int, tuple[int, bool]]) -> Net:
-    """A net that holds the bit, or its complement."""
+    """A net that holds the bit, or its complement if `complemented` is set."""
     if bit.product is not None:
         return builder.gate("NAND" if complemented != bit.inverted else "AND", *bit.product)
     net, inverted = native[id(bit)] if bit.source is not None else (bit.net, bit.inverted)

@@ -1,4 +1,4 @@
-"""Area of a whole machine: every unit's logic, every memory, by group; in the library's node and at 16 nm.
+"""Area of a whole machine: the logic of every unit and every memory, by group, in the library's node and at 16 nm.
 
     report = machine_area(PAPER, "asap7", 1000.0, folder=Path("build/synth"))
     report.total_mm2_16nm()
@@ -25,7 +25,7 @@ from synth.scaling import SOURCE, TO_16NM
 from synth.settings import MOST_RUNS, Settings
 
 MEMORY_NODE = "asap7"
-"""Technology of the macros' table; in others a memory's area is what gives the same at 16 nm."""
+"""Technology of the macros' areas. With another one, a memory is given the area that scales to the same area at 16 nm."""
 
 _UM2_PER_MM2 = 1e6
 
@@ -36,12 +36,13 @@ class MemoryRow:
 
     Attributes:
         name: path below the machine.
-        unit, group: whose it is.
-        count: how many of it.
-        words, width, reads, writes, bits: its shape; bits of one.
-        kind: "macros", "flip-flops" (an array that is smaller than macros), or what it is in the unit's logic (no area here).
-        macros: how many of which macro, of all `count`.
-        area_um2, area_um2_16nm: of all `count`; null without a library.
+        unit, group: the unit that it belongs to, and that unit's group.
+        count: number of instances.
+        words, width, reads, writes, bits: words, bits of a word, read ports, write ports, and bits of one instance.
+        kind: "macros", "flip-flops" (if an array of them is smaller than macros), or what it became in the unit's logic, whose
+            area is then not counted here.
+        macros: number of macros by name, for all instances together.
+        area_um2, area_um2_16nm: area of all instances together; null without a library.
         source: how the area was found.
     """
 
@@ -62,7 +63,7 @@ class MemoryRow:
 
     @property
     def warp(self) -> bool:
-        """Whether a machine for one eye does not have it."""
+        """Whether only machines with stereo have this memory."""
         return self.group == WARP
 
 
@@ -71,16 +72,18 @@ class UnitRow:
     """A unit of the machine.
 
     Attributes:
-        unit: path below the machine, "msv2_top" of what is left between all others.
+        unit: path below the machine; "msv2_top" stands for the logic that is in no other unit.
         group: one of GROUPS.
-        logic_um2: its cells and those of the shared modules in it; NAND2 equivalents of the generic technology.
-        own_um2: without shared modules. parts: how many of which of them, with one's area.
-        cells, flip_flops: of all its logic.
-        slack_ps: with the shared modules in it; null where it is wires around larger units, or without OpenSTA.
-        worst_path: file with that path.
-        memory_bits, memory_um2: its memories.
-        factor, factor_source: area to 16 nm.
-        note: what to know of the number.
+        logic_um2: area of its cells, including those of its shared modules; NAND2 equivalents for the generic technology.
+        own_um2: the same without shared modules.
+        parts: the shared modules, with their count and the area of one.
+        cells, flip_flops: number of cells and of flip-flops in all its logic.
+        slack_ps: slack including its shared modules; null for a unit that is mere wiring, or without OpenSTA.
+        worst_path: file that holds the path with this slack.
+        memory_bits, memory_um2: size and area of its memories.
+        factor, factor_source: factor from its area to the area at 16 nm, and where it is from.
+        logic_um2_16nm, memory_um2_16nm: the areas at 16 nm.
+        note: a remark on these numbers.
     """
 
     unit: str
@@ -103,11 +106,12 @@ class UnitRow:
 
 @dataclass(frozen=True)
 class AreaReport:
-    """Area of a machine.
+    """The area of a machine.
 
     Attributes:
-        config, stereo, row_width: the machine. technology, node, cell_list, clock_ps: the build.
-        rows, memories: of every unit, of every memory.
+        config, stereo, row_width: the machine.
+        technology, node, cell_list, clock_ps: how it was synthesised.
+        rows, memories: every unit and every memory.
         modules: area, slack and count of every module that was synthesised.
     """
 
@@ -124,32 +128,32 @@ class AreaReport:
 
     @property
     def scales(self) -> bool:
-        """Whether factors to 16 nm are known of the technology."""
+        """Whether the factors of this technology to 16 nm are known."""
         return self.technology in TO_16NM
 
     def groups(self) -> dict[str, dict[str, float]]:
-        """Sums of `logic_um2`, `memory_um2`, both at 16 nm, and bits, by group."""
+        """For each group the sums of areas, areas at 16 nm, memory bits, cells and flip-flops."""
         keys = ("logic_um2", "memory_um2", "logic_um2_16nm", "memory_um2_16nm", "memory_bits", "cells", "flip_flops")
         return {group: {key: sum(getattr(row, key) or 0 for row in self.rows if row.group == group) for key in keys}
                 for group in GROUPS if any(row.group == group for row in self.rows)}
 
     def total_mm2_16nm(self, *, memories: bool = True, warp_memories: bool = True) -> float:
-        """Whole area, mm^2 at 16 nm, without the memories or without those of the warp unit."""
+        """Total area in mm^2 at 16 nm; on request without any memories, or without those of the warp unit."""
         logic = sum(row.logic_um2_16nm for row in self.rows)
         held = sum(row.area_um2_16nm for row in self.memories if memories and (warp_memories or not row.warp))
         return (logic + held) / _UM2_PER_MM2
 
     def core_um2_16nm(self) -> float:
-        """The array and its setup (no blending, no memories) by its pixel cores, um^2 at 16 nm."""
+        """Area of the array and its setup unit per pixel core, in um^2 at 16 nm; without blending and memories."""
         array = sum(row.logic_um2_16nm for row in self.rows if row.group == GROUPS[0])
         return array / self.modules["pixel_core"]["count"]
 
     def worst_slack_ps(self) -> float | None:
-        """Of all units that are timed."""
+        """The smallest slack of all units that are timed."""
         return min((row.slack_ps for row in self.rows if row.slack_ps is not None), default=None)
 
     def as_json(self) -> dict[str, object]:
-        """All of it."""
+        """The whole report as a dictionary."""
         return asdict(self)
 
 
@@ -157,12 +161,12 @@ def machine_area(
     config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = Path("build/synth"),
     jobs: int = 2, progress: Callable[[str], None] = print, runs: int = MOST_RUNS, exact: bool = False,
 ) -> AreaReport:
-    """Synthesise every unit of a machine, `jobs` at a time, each at most `runs` times; what is in `folder` is not made again.
+    """Synthesise every unit of a machine, `jobs` at a time, each at most `runs` times. Results found in `folder` are reused.
 
-    `exact`: unless it took more runs.
+    `exact`: do not reuse a result that was made with more runs.
 
     Raises:
-        InputError: unknown technology, a clock that is not accepted, Yosys or liberty files absent.
+        InputError: the technology is unknown, the clock is not accepted, or Yosys or liberty files are missing.
     """
     settings = Settings(technology, clock_ps, folder, runs=runs, exact=exact)
     settings.check()
@@ -181,7 +185,7 @@ def machine_area(
 
 
 def below(design: Design, name: str) -> list[str]:
-    """All modules in one, lower ones first."""
+    """All modules contained in a module, at any depth, lower ones first."""
     wanted = {name}
     for module in reversed(design.texts):
         if module in wanted:
@@ -190,7 +194,7 @@ def below(design: Design, name: str) -> list[str]:
 
 
 def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Callable[[str], None]) -> dict[str, dict]:
-    """What `module_result` gives of every module, and the unit's timing under "timed"."""
+    """The `module_result` of every module, with the timing of the whole unit added under "timed"."""
     names, done, lock, began = list(design.texts), [0], threading.Lock(), time.monotonic()
     results: dict[str, Future] = {}
     units = {label(path): path for path in UNIT_GROUPS}
@@ -202,7 +206,8 @@ def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Cal
         part = module_result(design, name, netlists, settings, is_timed=is_timed)
         part["timed"] = {"slack_ps": part["slack_ps"]}
         if name in units and is_timed and part["slack_ps"] is not None and (parts or part["slack_ps"] < 0):
-            part["timed"] = timed(name, {**parts, name: part}, settings)  # with what is below it; and to see the path
+            # Times the unit with everything below it; a module with negative slack is timed again to store its worst path.
+            part["timed"] = timed(name, {**parts, name: part}, settings)
         with lock:
             done[0] += 1
             slack = part["timed"]["slack_ps"]
@@ -211,7 +216,7 @@ def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Cal
         return part
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        for name in names:  # lower ones first: what a job waits for has begun before it
+        for name in names:  # lower ones first, so that what a job waits for was submitted before it
             results[name] = pool.submit(work, name)
         try:
             return {name: result.result() for name, result in results.items()}
@@ -221,7 +226,7 @@ def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Cal
 
 
 def shared_in(design: Design, name: str) -> Counter[str]:
-    """How many of which shared modules a unit has, those in other shared ones too, but not those in other units."""
+    """How many instances of which shared modules a unit contains at any depth, not counting those inside other units."""
     units, found = {label(path) for path in UNIT_GROUPS}, Counter({name: 1})
     for module in reversed(design.texts):
         for box, count in design.below[module].items():
@@ -273,7 +278,7 @@ def _unit_row(
     area = [row.area_um2 for row in held]
     note = f"{shared['pixel_core']} equal cores, one synthesised; slack of the slowest module" if "pixel_core" in shared else ""
     slack = parts[name]["timed"]["slack_ps"]
-    if slack is None:  # too large to be timed whole, or wires alone
+    if slack is None:  # the unit is too large to be timed as a whole, or mere wiring
         slack = min((parts[module]["slack_ps"] for module in shared if parts[module]["slack_ps"] is not None), default=None)
     return UnitRow(
         path or TOP, group, logic, parts[name]["area"],

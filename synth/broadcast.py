@@ -1,4 +1,4 @@
-"""Buffers between a row's registers and its cores: a net that feeds many black boxes gets one buffer for each few."""
+"""Inserts buffers between the registers of a row and its cores: a net that feeds many black boxes gets a buffer per few."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ BOXES_PER_BUFFER = 4
 
 
 def buffer_broadcasts(module: dict, boxes: Sequence[str], buffer: tuple[str, str, str]) -> int:
-    """Insert buffers (cell, input, output) in place; returns how many. Clocks stay as they are: no clock tree is made."""
+    """Insert buffers (cell, input pin, output pin) in place; returns their number. Clock and reset are left as they are."""
     sinks: dict[int, list[tuple[str, str, int]]] = defaultdict(list)
     for name, cell in module["cells"].items():
         if cell["type"] in boxes:

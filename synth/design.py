@@ -1,4 +1,4 @@
-"""A component as modules that are synthesised apart: itself, and every shared module below it once."""
+"""A component as modules that are synthesised separately: its own module, and every shared module below it once."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rtl.emit import Emission
 
 @dataclass(frozen=True)
 class Design:
-    """RTLIL of a component.
+    """The RTLIL of a component.
 
     Attributes:
-        top: name of the component's module.
-        texts: by module, lower ones first.
-        below: how many of which shared modules each module instantiates itself.
+        top: name of the component's own module.
+        texts: RTLIL text of each module, lower modules first.
+        below: for each module, how many instances of which shared modules it contains directly.
     """
 
     top: str
@@ -27,11 +27,11 @@ class Design:
     below: dict[str, Counter[str]]
 
     def source(self, name: str) -> str:
-        """RTLIL of a module, and the ports of those that it instantiates."""
+        """RTLIL of a module, preceded by the ports of the modules that it instantiates."""
         return "\n".join([*(_ports(self.texts[box], box) for box in sorted(self.below[name])), self.texts[name]])
 
     def counts(self) -> Counter[str]:
-        """How many of each module the whole component has."""
+        """How many instances of each module the whole component contains."""
         found = Counter({self.top: 1})
         for module in reversed(self.texts):
             for box, count in self.below[module].items():
@@ -40,14 +40,14 @@ class Design:
 
 
 def _ports(text: str, name: str) -> str:
-    """A module's ports alone, of the text of it and of what is below it."""
+    """The ports of a module, without its contents; `text` may hold other modules below it, too."""
     start = text.index(f"module \\{name}\n")
     body = text[start:text.index("\nend\n", start)]
     return "\n".join([f"module \\{name}", *re.findall(r"(?m)^\s*wire .*(?:input|output|inout) \d+.*$", body), "end\n"])
 
 
 def elaborate(component: wiring.Component, name: str) -> Design:
-    """The modules of a component, its own being `name`; deterministic."""
+    """The modules of a component, whose own module is called `name`; the result is deterministic."""
     emission = Emission()
     top = rtlil.convert(component, name=name, platform=emission, emit_src=False)
     texts = {**emission.modules, name: top}

@@ -1,4 +1,4 @@
-"""What the flow must know of a cell library, found in its liberty file: by what cells do, not by their names."""
+"""Finds what the flow must know of a cell library in its liberty file, from the functions of cells instead of their names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec.errors import InputError
 from synth.liberty import LIBRARIES, Technology, find_files, kept_lines, write_lines
 
 _OUTPUT_LOAD = 4
-"""Load of a unit's outputs, in pins of the smallest inverter."""
+"""Load of a unit's outputs, as a number of input pins of the smallest inverter."""
 
 _UNIT_PS = {"ns": 1000.0, "ps": 1.0, "us": 1e6}
 _UNIT_FF = {"ff": 1.0, "pf": 1000.0}
@@ -21,7 +21,7 @@ _UNIT_FF = {"ff": 1.0, "pf": 1000.0}
 
 @dataclass
 class Pin:
-    """A pin: direction, function, capacitance and all other simple attributes."""
+    """A pin; `attributes` holds its direction, function, capacitance and all other simple attributes as text."""
 
     attributes: dict[str, str] = field(default_factory=dict)
 
@@ -36,7 +36,7 @@ class Pin:
 
 @dataclass
 class Cell:
-    """A cell: its attributes, pins, and the kinds of groups in it (ff, latch, ...)."""
+    """A cell: its attributes, its pins, and the kinds of groups in it (ff, latch, ...)."""
 
     name: str
     attributes: dict[str, str] = field(default_factory=dict)
@@ -49,20 +49,22 @@ class Cell:
 
     @property
     def usable(self) -> bool:
-        """May be chosen; the flow names cells of constants and clock gates itself, whatever a library says of other tools."""
+        """Whether the flow may choose the cell. Cells for constants and clock gates are found without this test."""
         return self.attributes.get("dont_use") != "true"
 
     def split(self) -> tuple[list[str], list[str]]:
-        """Names of the inputs and of the outputs."""
+        """Names of the input pins, and names of the output pins."""
         inputs = [name for name, pin in self.pins.items() if pin.is_input]
         return inputs, [name for name, pin in self.pins.items() if pin.attributes.get("direction") == "output"]
 
 
 def discover(name: str, folder: Path) -> tuple[Technology, Path]:
-    """A technology of `synth.liberty.LIBRARIES`, or of the liberty file of this path, and its merged liberty file in `folder`.
+    """The technology of this name, and its merged liberty file in `folder`.
+
+    The name is one of `synth.liberty.LIBRARIES`, or the path of a liberty file.
 
     Raises:
-        InputError: there is no such file, or it has no flip-flop, inverter, buffer or two-input NAND.
+        InputError: there is no such file, or it lacks a flip-flop, an inverter, a buffer or a two-input NAND.
     """
     known = LIBRARIES.get(name)
     path = find_files(known)[0] if known else Path(name)
@@ -81,7 +83,7 @@ def discover(name: str, folder: Path) -> tuple[Technology, Path]:
 
 
 def read_cells(path: Path) -> tuple[dict[str, str], list[Cell]]:
-    """The library's own attributes and its cells."""
+    """The attributes of a library itself, and its cells."""
     header: dict[str, str] = {}
     cells: list[Cell] = []
     stack: list[tuple[str, str]] = []
@@ -106,7 +108,7 @@ def read_cells(path: Path) -> tuple[dict[str, str], list[Cell]]:
 
 
 def _statements(text: str) -> Iterator[tuple[str, str, str]]:
-    """Groups opened and closed, and simple attributes, in order."""
+    """The statements of a liberty text in order: opened and closed groups, and simple attributes."""
     text = re.sub(r"/\*.*?\*/", " ", text, flags=re.DOTALL).replace("\\\n", " ")
     for found in re.finditer(
         r"(\w+)\s*\(([^(){}]*)\)\s*\{|(\})|(\w+)\s*:\s*(\"[^\"]*\"|[^;\n}]+)|(\w+)\s*\(([^(){};]*)\)\s*;", text,
@@ -123,7 +125,10 @@ def _statements(text: str) -> Iterator[tuple[str, str, str]]:
 
 
 def truth(function: str, inputs: list[str]) -> tuple[int, ...] | None:
-    """The values of a liberty expression for all inputs, the first one the lowest bit; None where it reads anything else."""
+    """The truth table of a liberty expression; the first input is the lowest bit of a row's number.
+
+    None if the expression refers to anything but the inputs.
+    """
     code = _with_prefix_not(function)
     code = re.sub(r"(?<=[\w)])\s+(?=[\w(!~])", "&", code.strip()).replace("!", "~").replace("*", "&").replace("+", "|")
     code = code.replace(" ", "")
@@ -141,14 +146,14 @@ def truth(function: str, inputs: list[str]) -> tuple[int, ...] | None:
 
 
 def _with_prefix_not(function: str) -> str:
-    """The expression with `A'` and `(...)'` as `~A` and `~(...)`."""
+    """The expression with the postfix complements `A'` and `(...)'` written as `~A` and `~(...)`."""
     code = re.sub(r"(\w+)\s*'", r"~\1", function)
     while found := re.search(r"\)\s*'", code):
         start = found.start()
         while code[start:found.start() + 1].count("(") < code[start:found.start() + 1].count(")"):
             start -= 1
             if start < 0:
-                return code  # no matching parenthesis: no expression
+                return code  # no matching parenthesis, so this is not an expression
         code = f"{code[:start]}~{code[start:found.start() + 1]}{code[found.end():]}"
     return code
 
@@ -178,7 +183,7 @@ def _unit(text: str, factors: dict[str, float]) -> float:
 
 
 def _matches(cell: Cell, count: int, wanted: dict[str, tuple[int, ...]]) -> dict[str, str] | None:
-    """Output pins of a plain gate whose outputs are those wanted."""
+    """The output pin for each wanted truth table if the cell is a plain gate with just these outputs, otherwise None."""
     inputs, outputs = cell.split()
     if cell.groups & {"ff", "latch", "statetable"} or len(inputs) != count or len(outputs) != len(wanted):
         return None
@@ -189,7 +194,7 @@ def _matches(cell: Cell, count: int, wanted: dict[str, tuple[int, ...]]) -> dict
 def _find(
     cells: list[Cell], inputs: list[str], wanted: dict[str, tuple[int, ...]], name: str, what: str,
 ) -> tuple[str, dict[str, str]]:
-    """The smallest cell that does this, and its pins by our names."""
+    """The smallest cell with the wanted outputs, and its pin for each of the names used here; InputError if there is none."""
     for cell in sorted(cells, key=lambda cell: (cell.area, cell.name)):
         outputs = _matches(cell, len(inputs), wanted) if cell.usable else None
         if outputs:

@@ -1,7 +1,7 @@
-"""The flow: one module to a netlist of library cells, and its area. Modules below it are black boxes.
+"""The flow: synthesises one module to a netlist of library cells and reports its area. Modules below it are black boxes.
 
-Module by module, because flat ABC would chain the sums' carries through its own gates; sums are built of the library's full
-adders first (`synth.adders`), so that ABC only sees the logic between them.
+Modules are synthesised one by one, because in a flat netlist ABC would chain the carries of different sums through its own
+gates. Sums are built from the library's full adders first (`synth.adders`), so that ABC sees only the logic between them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import TypeVar
 
 try:
     from pyosys import libyosys
-except ImportError:  # an extra; reported when something is to be synthesised
+except ImportError:  # an optional dependency; its absence is reported when something is to be synthesised
     libyosys = None
 
 from synth.adders import map_adders
@@ -31,30 +31,31 @@ from synth.memories import LIMIT, Macro, take_out
 Result = TypeVar("Result")
 
 ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D {0:.0f}; dnsize -D {0:.0f}"
-"""Area first; then buffers, and gates between two adders sized for a share of the clock, so that no single one is slow."""
+"""ABC first minimises area. Then it inserts buffers and sizes gates between two adders for a share of the clock, so that no
+single gate is slow."""
 
 ABC_SHARE = 0.15
-"""That share."""
+"""The share of the clock for logic between two adders."""
 
 SOURCES = ("adders", "broadcast", "flow", "heap", "mapping", "memories", "timing")
-"""Modules of this package that a netlist depends on, besides the library's description."""
+"""Modules of this package that a netlist depends on; the description of the library is hashed separately."""
 
 NAND2_SCRIPT = "strash; dch; map -a"
 NAND2_FLOP = 6.0
-"""A flip-flop in NAND2 gates."""
+"""Area of a flip-flop in two-input NAND gates."""
 
 
 @dataclass(frozen=True)
 class Netlist:
-    """What synthesis made of a module.
+    """The result of the synthesis of a module.
 
     Attributes:
         verilog: the netlist.
-        area: in the library's unit; NAND2 equivalents for the generic technology. Without the modules below.
-        cells: how many library cells of each type.
-        memories: how many of which memories are left out.
-        stores: all memories by name, those that are left out and those that are not.
-        sums: what was chosen for those without a hint, by name.
+        area: area without the modules below, in the library's unit; NAND2 equivalents for the generic technology.
+        cells: number of library cells of each type.
+        memories: number of memories of each shape that were taken out of the logic.
+        stores: all memories with their names, those taken out and those left.
+        sums: by name, how each sum without a hint was built.
     """
 
     verilog: Path
@@ -66,12 +67,12 @@ class Netlist:
 
 
 def version() -> str:
-    """Yosys' version."""
+    """The version of Yosys."""
     return "pyosys " + importlib.metadata.version("pyosys")
 
 
 def run(*commands: str, log: Path, design: object = None) -> object:
-    """Run Yosys commands on a design. What Yosys says goes to the file `log`: it knows no quiet mode for a caller."""
+    """Run Yosys commands on a design. Yosys has no quiet mode for a caller, so its output is redirected to the file `log`."""
     design = design or libyosys.Design()
     sys.stdout.flush()
     console = os.dup(1)
@@ -95,7 +96,7 @@ def _elaborate(rtlil: str, top: str, boxes: Sequence[str], folder: Path) -> obje
 
 
 def _if_memories(rtlil: str, *commands: str) -> tuple[str, ...]:
-    """Commands for designs with memories: others go without, since each pass numbers objects."""
+    """The commands if the design has memories, otherwise none: each pass numbers objects, which would change other results."""
     return commands if "$memrd" in rtlil else ()
 
 
@@ -106,9 +107,9 @@ def synthesise(
 ) -> Netlist:
     """Write the netlist of module `top` to `folder/top.v`.
 
-    `blocks`: incremented blocks of carry chains by the sum's name; others have `budgets`, ps by the sum's name
-    (`map_adders`). `boxes`: modules to leave as black boxes. Memories of more than `memory_limit` bits are left
-    out.
+    `blocks`: incremented blocks of carry chains by the name of the sum. `budgets`: ps for the other sums by name
+    (`map_adders`).
+    `boxes`: modules that stay black boxes. Memories of more than `memory_limit` bits are taken out of the logic.
     """
     t, description, constraints, log = technology, folder / f"{top}.json", folder / "abc.constr", folder / "yosys.log"
     run("alumacc", "opt_clean", f"write_json {description}", log=log, design=_elaborate(rtlil, top, boxes, folder))
@@ -131,7 +132,7 @@ def synthesise(
         f"tee -q -o {statistics} stat -top {top} -liberty {liberty} -json",
         f"write_verilog -noattr -noexpr -simple-lhs {verilog}", log=log,
     )
-    # OpenSTA does not read `signed`.
+    # OpenSTA does not read `signed`, so it is removed.
     verilog.write_text(re.sub(r"(?m)^(\s*(?:wire|input|output) )signed ", r"\1", verilog.read_text()))
     found = json.loads(statistics.read_text())["modules"][f"\\{top}"]
     cells = {kind: n for kind, n in found["num_cells_by_type"].items() if kind not in boxes}
@@ -139,7 +140,7 @@ def synthesise(
 
 
 def _clock_gating(technology: Technology) -> list[str]:
-    """Enables become clock gates, where the library has one."""
+    """The command that turns enables into clock gates, if the library has one."""
     if technology.clock_gate is None:
         return []
     cell, enable, clock, output, test = technology.clock_gate
@@ -147,7 +148,7 @@ def _clock_gating(technology: Technology) -> list[str]:
 
 
 def _constants(technology: Technology) -> list[str]:
-    """Constants become cells, where the library has them."""
+    """The command that turns constants into cells, if the library has such cells."""
     if technology.tie_high is None or technology.tie_low is None:
         return []
     high, low = " ".join(technology.tie_high), " ".join(technology.tie_low)
@@ -157,7 +158,7 @@ def _constants(technology: Technology) -> list[str]:
 def count_nand2(
     rtlil: str, top: str, folder: Path, boxes: Sequence[str] = (), memory_limit: int = LIMIT,
 ) -> Netlist:
-    """NAND2 equivalents of module `top`: two-input NANDs and inverters (half a NAND2), flip-flops as NAND2_FLOP."""
+    """Module `top` in NAND2 equivalents: one for a two-input NAND, half of one for an inverter, NAND2_FLOP for a flip-flop."""
     statistics, verilog, description = (folder / f"{top}-generic.{suffix}" for suffix in ("stat", "v", "json"))
     design, macros, stores = _elaborate(rtlil, top, boxes, folder), [], []
     if "$memrd" in rtlil:
@@ -178,7 +179,7 @@ def count_nand2(
 
 
 def _edit(path: Path, change: Callable[[dict], Result]) -> Result:
-    """Apply `change` to the modules of a netlist in JSON; returns what it returns."""
+    """Apply `change` to the modules of a netlist in JSON, write them back, and return the result of `change`."""
     netlist = json.loads(path.read_text())
     result = change(netlist["modules"])
     path.write_text(json.dumps(netlist))

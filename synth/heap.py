@@ -1,13 +1,13 @@
-"""Bit heaps: sums of products as trees of the library's full adder, which Yosys and ABC do not infer.
+"""Bit heaps: builds sums of products as trees of the library's full adder, which Yosys and ABC do not infer.
 
-A full adder removes one bit, so a heap of n bits and m results needs n - m of them in whatever order; an order decides
-depth, half adders and polarity. Columns are reduced from the lowest up to two bits, the three earliest first
-(Oklobdzija's three-greedy approach); a ripple chain adds the two rows. Where that is too slow, its top is cut into
-blocks that are added without a carry and incremented by the one that arrives.
+A full adder removes one bit from the heap, so a heap of n bits and m results needs n - m of them in any order. The order
+decides depth, half adders and polarity. The columns are reduced to two bits each, from the lowest column up, always adding the
+three bits that arrive first (Oklobdzija's three-greedy approach). A ripple chain adds the two remaining rows. If that is too
+slow, the top of the chain is cut into blocks that are added without a carry in and then incremented by the carry that arrives.
 
-The library's adder has inverted outputs, and complementing all five pins of a full adder leaves it a full adder. So
-an adder is used *straight* (true in, inverted out) or *flipped* (inverted in, true out), and an inverter is needed only
-where two straight or two flipped adders meet. Flips are chosen to leave few.
+The library's adder has inverted outputs, and complementing all five pins of a full adder leaves it a full adder. So an adder is
+used either *straight* (true inputs, inverted outputs) or *flipped* (inverted inputs, true outputs), and an inverter is needed
+only where two straight or two flipped adders meet. Flips are chosen to need few inverters.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
-SUM_DELAY, CARRY_DELAY, GATE_DELAY = 60.0, 36.0, 25.0  # ps under a typical load; they decide orders only
-BLOCK_GATE_DELAY = 28.0  # of the wide gates behind a block; it decides where blocks are cut
+SUM_DELAY, CARRY_DELAY, GATE_DELAY = 60.0, 36.0, 25.0  # ps under a typical load; they only decide orders
+BLOCK_GATE_DELAY = 28.0  # ps of the wide gates behind a block; it decides where blocks are cut
 SMALLEST_BLOCK, LARGEST_BLOCK = 3, 16
-CHAIN_WEIGHT = 3  # an inverter in the carry chain costs time as well
+CHAIN_WEIGHT = 3  # an inverter in the carry chain costs time as well as area
 
 
 @dataclass(eq=False)
@@ -29,11 +29,11 @@ class Bit:
     """A bit of the heap: an external net, a product, or an output of a node.
 
     Attributes:
-        net: external net (an integer of the netlist or a constant "0", "1").
-        product: two nets whose AND this bit is; either polarity of it costs the same.
-        inverted: the external net, or the product, is the bit's complement.
-        source: the node that drives it.
-        time: estimated arrival.
+        net: the external net (an integer of the netlist, or a constant "0" or "1").
+        product: two nets whose AND is this bit; both polarities of it cost the same.
+        inverted: the external net, or the product, is the complement of the bit.
+        source: the node that drives the bit.
+        time: estimated arrival time in ps.
     """
 
     net: int | str | None = None
@@ -45,7 +45,7 @@ class Bit:
 
 @dataclass(eq=False)
 class Adder:
-    """A full adder of three bits, or of two bits and 0."""
+    """A full adder of three bits, or of two bits and a constant 0."""
 
     inputs: list[Bit]
     flipped: bool = False
@@ -60,7 +60,7 @@ class Adder:
 
 @dataclass(eq=False)
 class Gate:
-    """A simple gate: ANDn, XOR2, or AO21 (first two inputs and-ed). Its output is true."""
+    """A simple gate: ANDn, XOR2, or AO21 (the AND of the first two inputs, ORed with the third). Its output is not inverted."""
 
     kind: str
     inputs: list[Bit]
@@ -77,10 +77,16 @@ Node = Adder | Gate
 def add_up(
     columns: list[list[Bit]], blocks: Sequence[int] = (), in_levels: bool = False,
 ) -> tuple[list[Bit | None], list[Node]]:
-    """Sum the columns, lowest first, modulo their number; one bit (None: zero) a column, and the nodes in order.
+    """Add the columns, lowest first, modulo 2 to the power of their number.
 
-    `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first; ValueError where they do not fit.
-    `in_levels`: columns are reduced all at a time, as Dadda did, with some half adders: no carry runs through the tree.
+    Returns one bit per column, None for zero, and the nodes in an order in which inputs come first.
+
+    `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first.
+    `in_levels`: all columns are reduced at the same time, as Dadda did, with some half adders; no carry ripples through the
+    tree.
+
+    Raises:
+        ValueError: the blocks have more bits than there are columns.
     """
     if sum(blocks) > len(columns):
         raise ValueError(f"blocks must have at most {len(columns)} bits, not {tuple(blocks)!r}")
@@ -99,7 +105,7 @@ def add_up(
 
 
 class Cut(NamedTuple):
-    """How a sum is added, `blocks` and `in_levels` of `add_up`, and when it is there by estimated delays, ps."""
+    """How a sum is added (`blocks` and `in_levels` of `add_up`), and its estimated arrival time in ps."""
 
     time: float
     blocks: tuple[int, ...]
@@ -107,7 +113,7 @@ class Cut(NamedTuple):
 
 
 def choose_blocks(columns: list[list[Bit]], budget: float) -> Cut:
-    """What makes a sum in `budget` ps with few incremented bits; where nothing does, the fastest that is found."""
+    """A way to finish a sum within `budget` ps with few incremented bits; the fastest way found if none is fast enough."""
     found = []
     for in_levels in (False, True):
         rows, carry, _ = _reduced(columns, in_levels)
@@ -118,10 +124,10 @@ def choose_blocks(columns: list[list[Bit]], budget: float) -> Cut:
 
 
 def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float) -> tuple[float, tuple[int, ...]]:
-    """Blocks of a carry chain, and when it is done.
+    """The blocks of a carry chain, and the time when the sum is finished.
 
-    For every column in which blocks could begin, from the top down, the blocks above it by dynamic programming: the earliest
-    carry into each column, from that into any column below and the block between.
+    The search tries every column in which the blocks could begin, from the top down. The blocks above it follow by dynamic
+    programming: the earliest carry into a column follows from the earliest carry into a lower column and the block between.
     """
     ripple = _ripple_times(rows, carry)
     best = (max((total for total, _ in ripple), default=0.0), ())
@@ -136,7 +142,7 @@ def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float) -> tuple[float
 
 
 def _ripple_times(rows: list[list[Bit]], carry: Bit | None) -> list[tuple[float, float]]:
-    """For every column of a ripple from the lowest on: when its sum, and when the carry out of it is there."""
+    """For every column of a ripple chain, from the lowest, the times when its sum and its carry out are ready."""
     nodes: list[Node] = []
     results, _ = _ripple(rows, carry, nodes)
     carries = {id(node.sum): node.carry.time for node in nodes}
@@ -144,8 +150,10 @@ def _ripple_times(rows: list[list[Bit]], carry: Bit | None) -> list[tuple[float,
 
 
 def _fastest(spans: list[list[tuple[float, float]]], start: int, arrives: float) -> tuple[float, tuple[int, ...]]:
-    """When the columns from `start` are there at best, where the carry into them arrives at that time, and by which
-    blocks."""
+    """The earliest time at which the columns from `start` can be finished, and the blocks for it.
+
+    `arrives` is the time of the carry into column `start`.
+    """
     width = len(spans)
     carry: dict[int, tuple[float, tuple[int, ...]]] = {start: (arrives, ())}
     for end in range(start + 1, width + 1):
@@ -163,7 +171,7 @@ def _fastest(spans: list[list[tuple[float, float]]], start: int, arrives: float)
 
 
 def _reduced(columns: list[list[Bit]], in_levels: bool) -> tuple[list[list[Bit]], Bit | None, list[Node]]:
-    """At most two bits a column, a carry into the lowest, and the adders that made them."""
+    """Columns of at most two bits, a carry into the lowest column, and the adders that made them."""
     nodes: list[Node] = []
     rows = [list(column) for column in columns]
     carry = next((bit for bit in rows[0] if bit.net == "1"), None)
@@ -183,7 +191,7 @@ def _reduced(columns: list[list[Bit]], in_levels: bool) -> tuple[list[list[Bit]]
 
 
 def _reduce_in_levels(rows: list[list[Bit]], nodes: list[Node]) -> None:
-    """Columns of at most two bits, in place; a carry is not added in the level that it comes from."""
+    """Reduce columns to at most two bits, in place; a carry is first used in the level after the one that makes it."""
     heights = [2]
     while heights[-1] * 3 // 2 < max(map(len, rows)):
         heights.append(heights[-1] * 3 // 2)
@@ -203,7 +211,7 @@ def _reduce_in_levels(rows: list[list[Bit]], nodes: list[Node]) -> None:
 
 
 def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tuple[list[Bit | None], Bit | None]:
-    """Add two rows (at most two bits a column) and a carry; the sum and the last carry."""
+    """Add two rows (at most two bits per column) and a carry; returns the sum and the last carry."""
     results: list[Bit | None] = []
     for row in rows:
         bits = row + ([carry] if carry is not None else [])
@@ -217,12 +225,12 @@ def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tupl
 
 
 def _increment(partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node]) -> tuple[list[Bit], Bit]:
-    """Add a carry to a block's sum, at most five bits behind one gate; the sum and the block's carry."""
+    """Add a carry to the sum of a block, with at most five bits behind one gate; returns the sum and the carry out."""
     results: list[Bit | None] = []
-    ripple, ones = carry, []  # the carry into the next bit: ripple and all of `ones`
+    ripple, ones = carry, []  # the carry into the next bit is the AND of `ripple` and all of `ones`
     for bit in partial:
         into = _gate(f"AND{len(ones) + 1}", [ripple, *ones], nodes) if ones else ripple
-        if bit is None:  # the carry ends here
+        if bit is None:  # the bit is 0, so the carry ends here
             return [*results, into, *partial[len(results) + 1:]], partial_carry
         if len(ones) == 4:
             ripple, ones = into, []
@@ -242,13 +250,14 @@ def _gate(kind: str, inputs: list[Bit], nodes: list[Node]) -> Bit:
 
 
 def choose_flips(adders: list[Adder], gates: list[Gate], seed: int = 1) -> None:
-    """Set `flipped` of every adder so that few inverters are needed. Deterministic.
+    """Set `flipped` of every adder so that few inverters are needed; the result is deterministic.
 
-    Minimising them is a maximum cut of the adders' graph, with a pull on adders that feed gates: annealing.
+    The fewest inverters correspond to a maximum cut of the adders' graph, with a preference for flipped adders where they feed
+    gates. The search is simulated annealing.
     """
     index = {id(adder): i for i, adder in enumerate(adders)}
     neighbours: list[list[tuple[int, int]]] = [[] for _ in adders]
-    pull = [0] * len(adders)  # towards flipped, whose outputs are true
+    pull = [0] * len(adders)  # preference for flipped, whose outputs are not inverted
     for i, adder in enumerate(adders):
         for bit in adder.inputs:
             if id(bit.source) in index:

@@ -1,4 +1,4 @@
-"""Cell libraries: the liberty files of a technology merged into one, cut down to the cells and groups the flow uses."""
+"""Cell libraries: merges the liberty files of a technology into one and keeps only the cells and groups that the flow uses."""
 
 from __future__ import annotations
 
@@ -21,26 +21,28 @@ class Technology:
     """A standard-cell library and what the flow must know of it.
 
     Attributes:
-        name: as a user gives it; a path for a library that is not one of TECHNOLOGIES.
-        node: process node as reported.
+        name: the name that a user gives; a path for a library that is not in TECHNOLOGIES.
+        node: the process node as it appears in reports.
         files: liberty files below the folder MSV2_PDK, plain or gzipped.
-        cell_list: name of the cell list, for areas compare under one list only.
-        excluded: cells never used (regular expression on the whole name).
-        flop: the flip-flop, or the smallest of several.
-        clock_gate: cell and its pins for enable, clock, gated clock and test (None: has none); None: enables stay multiplexers.
-        full_adder: cell and its pins A, B, CI, carry, sum; None: Yosys makes the sums.
-        adder_inverts: carry and sum are complemented.
-        tie_high, tie_low: cells of constants and their pin; None: constants stay.
-        inverter: cell assumed to drive the inputs of logic between adders.
-        gates: cell and input pins of the gates of incremented blocks; all drive Y. Those that are absent are left to ABC.
-        broadcast_buffer: buffer and its pins of nets that feed many cores.
-        driver: cell and output that are assumed to drive the unit's inputs.
-        load: load of the unit's outputs, in the liberty's capacitive unit.
-        gate_load_ff: load that ABC assumes at its outputs: a full adder's pin.
-        time_unit_ps: the liberty's time unit.
-        delay: how much slower than ASAP7 its gates are, for estimates of when a sum is there (`synth.heap`).
-        elsewhere: folders of the same files where MSV2_PDK has none.
-        package: how the Python package lambdapdk names the library: module and class.
+        cell_list: name of the list of permitted cells; areas can be compared only under the same list.
+        excluded: cells that are never used (a regular expression that matches the whole name).
+        flop: the flip-flop; the smallest if there are several.
+        clock_gate: cell, and its pins for enable, clock, gated clock and test (None if it has no test pin). If the whole is
+            None, enables become multiplexers.
+        full_adder: cell, and its pins for A, B, carry in, carry out and sum. None leaves the sums to Yosys.
+        adder_inverts: the adder's carry and sum are complemented.
+        tie_high, tie_low: cells that drive constants, and their pin; None leaves constants in the netlist.
+        inverter: cell that is assumed to drive the inputs of the logic between adders.
+        gates: cell and input pins for the gates of incremented blocks; every cell drives Y. ABC builds the gates that are
+            absent.
+        broadcast_buffer: buffer, and its input and output pin, for nets that feed many cores.
+        driver: cell and output pin that are assumed to drive the unit's inputs.
+        load: load of the unit's outputs, in the liberty's unit of capacitance.
+        gate_load_ff: load in fF that ABC assumes at its outputs: one pin of a full adder.
+        time_unit_ps: time unit of the liberty file in ps.
+        delay: delay of its gates relative to ASAP7, for estimates of the time at which a sum is ready (`synth.heap`).
+        elsewhere: further folders to search for the files if MSV2_PDK does not have them.
+        package: module and class by which the Python package lambdapdk knows the library.
     """
 
     name: str
@@ -71,7 +73,7 @@ ASAP7 = Technology(
     node="ASAP7 7.5-track RVT, TT 0.70 V 25 C",
     files=tuple(f"asap7/asap7sc7p5t_{group}_RVT_TT_nldm.lib" for group in ("SIMPLE", "INVBUF", "AO", "OA", "SEQ")),
     cell_list="strict: without *xp*, HB*, CKINV*; flops DFFHQNx1",
-    # All but the one flop and the clock gate of the sequential cells: the flow names these two itself.
+    # Of the sequential cells only one flip-flop and one clock gate remain; the flow uses these two by name.
     excluded=r".*xp.*|HB.*|CKINV.*|(?!DFFHQNx1_)S?DFF?[HL].*|D[HL]Lx.*|DFFAS.*|(?!ICGx1_)ICG.*",
     flop="DFFHQNx1_ASAP7_75t_R",
     clock_gate=("ICGx1_ASAP7_75t_R", "ENA", "CLK", "GCLK", "SE"),
@@ -95,7 +97,7 @@ ASAP7 = Technology(
 
 @dataclass(frozen=True)
 class Library:
-    """A known library whose cells are found in its liberty file (`synth.discover`)."""
+    """A library with a known file; its cells are found by `synth.discover`. The attributes are those of `Technology`."""
 
     node: str
     file: str
@@ -117,10 +119,10 @@ LIBRARIES = {
 
 
 def find_files(technology: Technology | Library) -> list[Path]:
-    """The liberty files: below MSV2_PDK, where a package of the system puts them, or from the Python package lambdapdk.
+    """The liberty files, searched below MSV2_PDK, in the folders of a system package, and in the Python package lambdapdk.
 
     Raises:
-        InputError: one of them is in none of these.
+        InputError: one of the files is in none of these places.
     """
     names = (technology.file,) if isinstance(technology, Library) else technology.files
     variable = os.environ.get(PDK_VARIABLE)
@@ -136,7 +138,7 @@ def find_files(technology: Technology | Library) -> list[Path]:
 
 
 def _from_package(technology: Technology | Library, names: Sequence[str]) -> list[Path]:
-    """The files as lambdapdk has them or downloads them."""
+    """The files that lambdapdk has or downloads."""
     lacks = (f"{PDK_VARIABLE} must name the folder of the liberty files ({names[0].split('/')[0]}/...); it is not set. "
              "Without one, TECH=generic reports NAND2 equivalents")
     if technology.package is None:
@@ -149,7 +151,7 @@ def _from_package(technology: Technology | Library, names: Sequence[str]) -> lis
     try:
         offered = [Path(path) for fileset in library.getkeys("fileset") if fileset.startswith("models.timing")
                    for path in library.get_file(fileset=fileset)]
-    except Exception as error:  # of whatever the download makes use
+    except Exception as error:  # depends on what the download uses
         raise InputError(f"{lacks}; lambdapdk cannot download them: {error}") from None
     found = []
     for name in names:
@@ -162,11 +164,11 @@ def _from_package(technology: Technology | Library, names: Sequence[str]) -> lis
 
 
 _PACKAGED = {"nangate45_typ": "NangateOpenCellLibrary_typical"}
-"""Names of the same files in lambdapdk, where others."""
+"""Names in lambdapdk of files that have another name here."""
 
 
 def merge(technology: Technology, output: Path) -> Path:
-    """Write the cells in use of all the technology's files, without power groups, as one liberty file."""
+    """Write one liberty file with the permitted cells of all files of the technology, without power groups."""
     if output.exists():
         return output
     parts = [kept_lines(path, re.compile(technology.excluded), first=i == 0) for i, path in enumerate(find_files(technology))]
@@ -174,7 +176,7 @@ def merge(technology: Technology, output: Path) -> Path:
 
 
 def write_lines(output: Path, parts: Sequence[Sequence[str]]) -> Path:
-    """One liberty file of the libraries' lines, whole or not at all."""
+    """Write the lines of some libraries as one liberty file; `output` appears only when it is complete."""
     output.parent.mkdir(parents=True, exist_ok=True)
     scratch = output.with_suffix(f".{os.getpid()}.tmp")
     scratch.write_text("".join(line for part in parts for line in part) + "}\n")
@@ -183,7 +185,7 @@ def write_lines(output: Path, parts: Sequence[Sequence[str]]) -> Path:
 
 
 def kept_lines(path: Path, excluded: re.Pattern, first: bool) -> list[str]:
-    """Lines of one library: its header if it is the first, its templates and cells, without the library's last brace."""
+    """The lines to keep of a library, without its last brace: templates, permitted cells, and the header if it is the first."""
     opened = gzip.open(path, "rt") if path.suffix == ".gz" else open(path)
     lines, depth, skip_from = [], 0, None
     with opened as text:

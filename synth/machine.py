@@ -1,8 +1,9 @@
-"""The whole machine as units that are synthesised apart: a cut through the hierarchy that it is emitted with.
+"""The whole machine as units that are synthesised separately, cut out of the hierarchy with which it is emitted.
 
-Every module of the emitted machine belongs to the unit of UNIT_GROUPS that is its nearest ancestor, or itself; modules shared
-by several (`rtl.emit.add_shared`) are synthesised once and counted where they are used. So nothing can be left out, and nothing
-counted twice. A module directly below a frame (FRAMES) that is no unit is an error: it was added to the machine and not here.
+Every module of the emitted machine belongs to the unit of UNIT_GROUPS that is the module itself or its nearest ancestor.
+Modules that several units share (`rtl.emit.add_shared`) are synthesised once and counted wherever they are used. So nothing is
+left out, and nothing is counted twice. A module directly below one of FRAMES that is not a unit raises an error: it was added
+to the machine but not to this list.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ ARRAY, SORTING, CULLING, COLOUR, LISTS, BLENDING, WARP, CONTROL = (
     "array", "sorting and tile merging", "culling and conversion", "colour", "lists and memory ports", "blending", "warp",
     "control and bus")
 GROUPS = (ARRAY, BLENDING, CULLING, COLOUR, LISTS, SORTING, WARP, CONTROL)
-"""Groups of units, as reports have them."""
+"""Groups of units, in the order of the reports."""
 
 UNIT_GROUPS = {
     "": CONTROL, "registers": CONTROL, "controller": CONTROL, "master": CONTROL, "counters": CONTROL,
@@ -40,25 +41,27 @@ UNIT_GROUPS = {
     "render.array.expand": ARRAY, "render.array.collect": BLENDING, "render.writer": LISTS,
     "render.broadcast": WARP, "render.warp": WARP,
 }
-"""The units, by their path below the machine; the frames around them are what is left between."""
+"""The group of each unit, by the unit's path below the machine. A frame around other units is the logic left between them."""
 
 FRAMES = ("", "geometry", "render")
-"""Units whose every submodule must be a unit."""
+"""Units of which every direct submodule must be a unit, too."""
 
 UNTIMED = ("", "geometry", "render", "render.array")
-"""Units that are wires and little else around large ones: their slack is that of the whole machine."""
+"""Units that are little more than wiring around large units; timing them would mean timing most of the machine at once."""
 
 
 def label(path: str) -> str:
-    """Name of a unit's module."""
+    """Name of the module that a unit is synthesised as."""
     return f"{TOP}__{path.replace('.', '__')}" if path else TOP
 
 
 def machine_design(config: AcceleratorConfig, folder: Path) -> Design:
-    """The machine as one module a unit, lower ones first, and the shared modules; kept in `folder` by the hash of all sources.
+    """The machine as one module per unit and the shared modules, lower ones first.
+
+    The result is cached in `folder` under a hash of all sources.
 
     Raises:
-        ValueError: a submodule of a frame belongs to no unit, or two modules have one name.
+        ValueError: a submodule of a frame belongs to no unit, or two modules have the same name.
     """
     version = importlib.metadata.version("amaranth")
     key = fingerprint(sources_of("synth.machine"), config, version)
@@ -71,7 +74,7 @@ def machine_design(config: AcceleratorConfig, folder: Path) -> Design:
 
 
 def modules_of(text: str) -> dict[str, str]:
-    """The modules of an RTLIL text by their path below the machine (without Amaranth's `$N`), names as there."""
+    """The modules of an RTLIL text by their path below the machine, without the `$N` that Amaranth appends to names."""
     modules: dict[str, str] = {}
     for found in re.finditer(r"(?ms)^module \\(\S+)\n.*?^end$", text):
         path = _path(found[1])
@@ -82,10 +85,10 @@ def modules_of(text: str) -> dict[str, str]:
 
 
 def steady(modules: Mapping[str, str]) -> dict[str, str]:
-    """Modules whose ports without a name are numbered by the module alone.
+    """The modules with port numbers that depend on the module alone.
 
-    Amaranth numbers them by the nets of the whole machine, so that every text would change with any other module, and nothing
-    that was synthesised before would do again.
+    Amaranth numbers ports without a name by the nets of the whole machine. A change of any module would then change the text of
+    all others, and no cached synthesis result could be reused.
     """
     names = {_module_name(text): _steady_ports(text) for text in modules.values()}
     return {path: "\n".join(_with_ports(text, names)) for path, text in modules.items()}
@@ -96,14 +99,14 @@ def _module_name(text: str) -> str:
 
 
 def _steady_ports(text: str) -> dict[str, str]:
-    """New names of a module's ports `port$NET$BIT`: the net's place among them instead of its number."""
+    """New names of the ports `port$NET$BIT` of a module, with the net's rank in this module instead of its number."""
     places: dict[str, int] = {}
     return {f"\\port${net}${bit}": f"\\port${places.setdefault(net, len(places))}${bit}"
             for net, bit in re.findall(r"(?m)^\s*wire .*\\port\$(\d+)\$(\d+)$", text)}
 
 
 def _with_ports(text: str, names: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    """Lines of a module with its ports, and those of the modules in it, called by their new names."""
+    """The lines of a module, with its own ports and those of its submodules under their new names."""
     own = names[_module_name(text)]
     of = own
     for line in text.split("\n"):
@@ -115,7 +118,7 @@ def _with_ports(text: str, names: Mapping[str, Mapping[str, str]]) -> Iterator[s
 
 
 def unit_of(path: str) -> str:
-    """The unit that a module belongs to."""
+    """The unit that a module belongs to; ValueError if it is a submodule of a frame without being a unit."""
     parent = path
     while parent not in UNIT_GROUPS:
         parent = parent.rpartition(".")[0]
@@ -125,7 +128,7 @@ def unit_of(path: str) -> str:
 
 
 def cut(design: Design) -> Design:
-    """The machine's own module cut into one a unit."""
+    """The design with the machine's own module cut into one module per unit."""
     modules = steady(modules_of(design.texts[design.top]))
     shared = {name: text for name, text in design.texts.items() if name != design.top}
     parts: dict[str, list[str]] = {}
@@ -145,7 +148,7 @@ def _path(module: str) -> str:
 
 
 def _renamed(path: str, text: str) -> str:
-    """A module, and what it instantiates, under a unit's name; clock and reset called as in a module of its own."""
+    """The text of a module under its unit's name, with its submodules, and with clock and reset named `clk` and `rst`."""
     text = re.sub(rf"(?m)^(module |\s*cell )\\({TOP}\S*)", lambda found: f"{found[1]}\\{label(_path(found[2]))}", text)
     text = re.sub(r"(?m)^(\s*connect )\\units_(clk|rst) ", r"\1\\\2 ", text)
     return text if path == "" else re.sub(r"\\units_(clk|rst)\b", r"\\\1", text)

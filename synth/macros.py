@@ -1,9 +1,10 @@
-"""Area of the memories that are no logic: macros of a table of sizes, put together, or flip-flops where those are smaller.
+"""Area of the memories that are not logic: SRAM macros of a table of sizes, or flip-flops if those are smaller.
 
-The table is fakeram7's (liberty files of SRAM macros for ASAP7, areas as a generator of macros would give them; `fakeram7/`
-below MSV2_PDK). A memory's words and width are made of macros side by side and one upon the other, what is too much is waste;
-narrow and long memories are folded: several words lie in a row, written by the macro's mask and read through a multiplexer.
-Where there is no table, its density stands for it: it is the same for all sizes.
+The table is that of fakeram7: liberty files of SRAM macros for ASAP7 in `fakeram7/` below MSV2_PDK, with areas as a macro
+generator would give them. A memory is built of macros side by side for its width and stacked for its words; excess capacity is
+wasted.
+A long and narrow memory is folded: a row of the macro holds several words, which are written with the macro's mask and read
+through a multiplexer. If the files are missing, the table's area per bit is used, which is nearly the same for all sizes.
 """
 
 from __future__ import annotations
@@ -20,34 +21,35 @@ from synth.liberty import PDK_VARIABLE
 from synth.memories import Macro
 
 FOLDER, FAMILY = "fakeram7", "fakeram7_dp"
-"""Macros of two ports: one reads while the other writes."""
+"""Family of macros with two ports, one of which reads while the other writes."""
 
 PORTS = 2
-"""Of a macro."""
+"""Number of ports of a macro."""
 
 DENSITY_UM2 = 0.0601
-"""Area a bit of all these macros (0.0594 to 0.0644), for where the liberty files are not there."""
+"""Area per bit of these macros in um^2 (0.0594 to 0.0644), used if the liberty files are missing."""
 
 _SIZES = ((64, 32), (128, 32), (256, 32), (256, 64), (512, 32), (512, 64), (512, 128), (1024, 32), (1024, 64), (4096, 64),
           (8192, 64))
-"""Words and width of the macros in the table."""
+"""Words and width in bits of the macros in the table."""
 
 _FOLDS, _LONGEST_ROW = (1, 2, 4, 8, 16, 32), 512
 _WORDS, _WIDTH = 64, 32  # every size is a multiple of these
 
 FLOP_UM2, MUX_UM2, WORD_UM2 = 0.292, 0.13, 0.6
-"""ASAP7, strict cells: a flip-flop; a 2:1 multiplexer; a word's clock gate and its place in the decoder. An array of
-flip-flops is words x width of the first, (words - 1) x width of the second a read port, words of the third."""
+"""Areas in um^2 of ASAP7 with the strict cell list: a flip-flop; a 2:1 multiplexer; a word's clock gate and share of the
+decoder. An array of flip-flops takes words x width of the first, (words - 1) x width of the second for each read port, and one
+of the third for each word."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """What a memory is made of.
+    """What a memory is built of.
 
     Attributes:
         kind: "macros" or "flip-flops".
-        macros: how many of which macro; none of flip-flops.
-        area_um2: at ASAP7's node, multiplexers behind macros included.
+        macros: number of macros by name; empty for flip-flops.
+        area_um2: area in ASAP7's node, including the multiplexers behind macros.
         source: how the area was found.
     """
 
@@ -58,7 +60,7 @@ class Made:
 
 
 def macro_areas() -> tuple[dict[tuple[int, int], float], str]:
-    """Area by words and width, um^2, and where it is from."""
+    """Area of each macro in um^2 by (words, width), and the source of these areas."""
     folder = Path(os.environ.get(PDK_VARIABLE, "/nowhere")) / FOLDER
     found = {}
     for words, width in _SIZES:
@@ -72,7 +74,14 @@ def macro_areas() -> tuple[dict[tuple[int, int], float], str]:
 
 
 def make(memory: Macro) -> Made:
-    """The smallest way to make a memory of any number of read ports, and of one write port or as many as a macro has ports."""
+    """The smallest way to build a memory.
+
+    Any number of read ports is possible together with one write port, because copies can be made; otherwise the ports of one
+    macro must do.
+
+    Raises:
+        ValueError: the memory has more than one write port and more ports than a macro.
+    """
     if memory.writes > 1 and memory.reads + memory.writes > PORTS:
         raise ValueError(f"a memory must have one write port or {PORTS} ports in all, not {memory!r}")
     areas, source = macro_areas()
@@ -89,7 +98,7 @@ def make(memory: Macro) -> Made:
 
 
 def _folded(memory: Macro, fold: int, areas: tuple) -> tuple[float, Counter[str]]:
-    """`fold` words in a row."""
+    """Area and macros of a memory with `fold` words in each row."""
     words, width = -(-memory.words // fold), memory.width * fold
     columns = -(-width // _WIDTH)
     best: list[tuple[float, Counter[str]]] = [(0.0, Counter())]
@@ -107,7 +116,7 @@ def _folded(memory: Macro, fold: int, areas: tuple) -> tuple[float, Counter[str]
 
 @lru_cache
 def _stacked(rows: int, width: int, areas: tuple) -> tuple[float, tuple[tuple[str, int], ...]]:
-    """Macros of one width, one upon the other, for `rows` times _WORDS words; a multiplexer behind each but one."""
+    """Area and macros of a stack of one width for `rows` times _WORDS words; all macros but one need a multiplexer."""
     best: list[tuple[float, Counter[str]]] = [(-width * MUX_UM2, Counter())]
     for count in range(1, rows + 1):
         options = [(inf, Counter())]

@@ -1,4 +1,4 @@
-"""One module to gates or cells: run after run of the flow, until the clock is met or nothing can be made faster."""
+"""Maps one module to gates or cells: repeats the flow until the clock is met or nothing can be made faster."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from synth.memories import as_rows
 from synth.settings import Settings
 
 FASTER = 0.8
-"""Step by which sums on paths with negative slack are made faster."""
+"""Factor on the time of a sum in each step in which it is made faster, because a path through it has negative slack."""
 
 UNTIMED_BUDGET = 0.5
-"""Share of the clock that a sum may take by its estimate where no slack is known, or only one run is made."""
+"""Share of the clock that a sum may take by its estimate if its slack is not known or only one run is made."""
 
 Blocks = Mapping[str, Sequence[int]]
 
@@ -23,6 +23,7 @@ def to_gates(
     name: str, source: str, boxes: Sequence[str], scratch: Path, below: list[Path], blocks: Blocks | None, settings: Settings,
     is_timed: bool,
 ) -> dict:
+    """The module as NAND2 equivalents; takes the arguments of `to_cells`, of which some are unused."""
     return _as_result(flow.count_nand2(source, name, scratch, boxes, settings.memory_limit), None)
 
 
@@ -30,8 +31,12 @@ def to_cells(
     name: str, source: str, boxes: Sequence[str], scratch: Path, below: list[Path], blocks: Blocks | None, settings: Settings,
     is_timed: bool,
 ) -> dict:
-    """With hints as they say. Without, sums on late paths are made faster, a step a run, while the clock is not met and they
-    can be; the run with most slack counts."""
+    """The module as library cells.
+
+    With hints in `blocks`, one run follows them. Otherwise, as long as the clock is not met, each further run makes the sums on
+    paths with negative slack one step faster, until no sum can be made faster. The run with the best slack is returned; with
+    equal slack or if the clock is met, the one with the smallest area.
+    """
     (technology, liberty), found, is_timed = settings.library(), [], is_timed and timing.available()
     clock = settings.clock_ps
     budgets = {} if is_timed and settings.runs > 1 else {"": UNTIMED_BUDGET * clock / technology.delay}
@@ -46,7 +51,7 @@ def to_cells(
         found.append((min(seen.slack_ps, 0.0), -netlist.area, netlist, seen.slack_ps))
         late = {}
         for label in seen.late_sums & set(netlist.sums):
-            if netlist.sums[label].time <= budgets.get(label, inf):  # else it is as fast as it can be
+            if netlist.sums[label].time <= budgets.get(label, inf):  # otherwise the sum is already as fast as it can be
                 late[label] = FASTER * netlist.sums[label].time
         if blocks is not None or not late or len(found) == settings.runs:
             break

@@ -1,9 +1,9 @@
-"""Memories of a Yosys netlist (JSON) taken out of the logic: their pins become ports, their bits are counted.
+"""Takes the memories of a Yosys netlist (JSON) out of the logic: their pins become ports, and their bits are counted.
 
-A memory of more than `limit` bits that is written and whose reads are clocked is what a generator of macros makes. Its cell
-goes, and its pins become ports `memoryK_...` of the module, so that area is that of the logic around it and timing knows when
-its pins change (`synth.timing`). Smaller memories, tables without a write port and memories with unclocked reads stay:
-flip-flops, or logic.
+A memory is taken out if it has more than `limit` bits, is written, and has clocked reads; a macro generator would make it. Its
+cell is removed and its pins become ports `memoryK_...` of the module. The module's area is then that of the logic around the
+memory, and timing knows when the memory's pins change (`synth.timing`). Smaller memories, tables without a write port and
+memories with unclocked reads stay; they become flip-flops or logic.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ LIMIT = 1024
 
 @dataclass(frozen=True)
 class Macro:
-    """A memory that is not synthesised; its rows, their width, and its ports."""
+    """The shape of a memory that is not synthesised: its words, their width in bits, and its ports."""
 
     words: int
     width: int
@@ -25,18 +25,18 @@ class Macro:
 
     @property
     def bits(self) -> int:
-        """Its size."""
+        """Size in bits."""
         return self.words * self.width
 
 
 MADE_AS = ("macro", "flip-flops: small", "flip-flops: unclocked reads", "logic: never written")
-"""What becomes of a memory."""
+"""What a memory can become."""
 
 
 def take_out(module: dict, limit: int = LIMIT) -> tuple[list[Macro], list[dict[str, object]]]:
     """Remove the larger memories of one module, in place (`$mem_v2` cells, as `memory_collect` leaves them).
 
-    Returns them, and all memories by name: their shape and which of MADE_AS they become.
+    Returns the removed memories, and for all memories their name, their shape and which of MADE_AS they become.
     """
     macros, stores = [], []
     for name, cell in list(module["cells"].items()):
@@ -50,7 +50,7 @@ def take_out(module: dict, limit: int = LIMIT) -> tuple[list[Macro], list[dict[s
         label = f"memory{len(macros)}"
         for pin in ("RD_ADDR", "RD_EN", "WR_ADDR", "WR_EN", "WR_DATA"):
             nets = list(dict.fromkeys(bit for bit in cell["connections"][pin] if isinstance(bit, int)))
-            if nets:  # enables are repeated for every bit
+            if nets:  # an enable is repeated for every bit, so duplicates are dropped
                 module["ports"][f"{label}_{pin.lower()}"] = {"direction": "output", "bits": nets}
         module["ports"][f"{label}_rd_data"] = {"direction": "input", "bits": cell["connections"]["RD_DATA"]}
         macros.append(shape)
@@ -59,7 +59,7 @@ def take_out(module: dict, limit: int = LIMIT) -> tuple[list[Macro], list[dict[s
 
 
 def as_rows(counted: dict[Macro, int]) -> list[dict[str, int]]:
-    """For a report: shapes and how many of each, largest first."""
+    """Shapes and their counts for a report, largest first."""
     ordered = sorted(counted.items(), key=lambda item: (-item[0].bits, item[0].width, item[0].reads, item[0].writes))
     return [{"count": count, **asdict(macro)} for macro, count in ordered]
 

@@ -1,4 +1,4 @@
-"""Synthesis of a unit into a report, cached by everything the result depends on."""
+"""Synthesises a unit into a report; results are cached by everything that they depend on."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from synth.settings import MOST_RUNS, Settings
 from synth.units import UNITS
 
 HINTS = "asap7", 1000.0
-"""What a unit's hints were found for; elsewhere its blocks are chosen as any other's."""
+"""Technology and clock for which the units' hints were found; elsewhere blocks are chosen as in any other unit."""
 
 
 def synthesise_unit(
     name: str, technology: str, clock_ps: float, folder: Path, runs: int = MOST_RUNS,
 ) -> dict[str, object]:
-    """The report of a unit and its variants; also written to `folder/NAME-TECHNOLOGY.json`.
+    """The report of a unit and its variants; it is also written to `folder/NAME-TECHNOLOGY.json`.
 
     Raises:
-        InputError: unknown unit or technology, a clock that is not positive, Yosys or liberty files absent.
+        InputError: the unit or technology is unknown, the clock is not accepted, or Yosys or liberty files are missing.
     """
     if name not in UNITS:
         raise InputError(f"unit {name!r} is not known: {', '.join(UNITS)} are")
@@ -46,9 +46,11 @@ def synthesise_unit(
 
 
 def synthesise(component: wiring.Component, name: str, settings: Settings) -> dict[str, object]:
-    """Area, cells, memories and timing of a component; its shared modules are synthesised once each and added up.
+    """Area, cells, memories and timing of a component. Each of its shared modules is synthesised once and counted as often as
+    used.
 
-    Raises InputError where Yosys or liberty files are absent.
+    Raises:
+        InputError: Yosys or liberty files are missing.
     """
     settings.check()
     design = elaborate(component, name)
@@ -90,7 +92,10 @@ def _rounded(area: float, digits: int) -> float | int:
 
 
 def timed(name: str, parts: Mapping[str, dict], settings: Settings) -> dict[str, object]:
-    """Slack of a component with all that is below it; `parts`: of its modules, lower ones first, what `module_result` gives."""
+    """Slack of a component including everything below it.
+
+    `parts`: the `module_result` of each of its modules, lower ones first.
+    """
     if not timing.available():
         return {"slack_ps": None, "zero_slack_ps": None, "derated_ps": None, "sta": None}
     netlists = [Path(part["netlist"]) for part in reversed(parts.values())]
@@ -110,9 +115,9 @@ def timed(name: str, parts: Mapping[str, dict], settings: Settings) -> dict[str,
 def module_result(
     design: Design, module: str, below: list[Path], settings: Settings, *, is_timed: bool = True,
 ) -> dict[str, object]:
-    """Netlist, area and cells of one module without those below it, whose netlists are given.
+    """Netlist, area and cells of one module, without the modules below it, whose netlists are given.
 
-    `is_timed`: the module is timed; else its sums have UNTIMED_BUDGET, and slack is null.
+    `is_timed`: the module is timed. Otherwise its sums get UNTIMED_BUDGET, and its slack is null.
     """
     source, boxes = design.source(module), tuple(sorted(design.below[module]))
     unit = UNITS.get(module)
@@ -121,10 +126,11 @@ def module_result(
     library = None
     if settings.technology != "generic":
         technology, liberty = settings.library()
-        library = technology, liberty.name  # whose name holds its hash, wherever it lies
+        library = technology, liberty.name  # the file's name holds its hash, so its folder does not matter
     tools = flow.version(), timing.available() and is_timed, _flow_source()
     inputs = source, settings.technology, settings.clock_ps, settings.memory_limit, blocks, library, tools
-    accepted = dict.fromkeys((settings.runs,) if settings.exact else (MOST_RUNS, settings.runs))  # one that took more will do
+    # A result that was made with more runs is accepted, too.
+    accepted = dict.fromkeys((settings.runs,) if settings.exact else (MOST_RUNS, settings.runs))
     kept = [_kept(settings, module, inputs, runs) for runs in accepted]
     cached = next((path for path in kept if path.exists()), kept[-1])
     if not cached.exists():
@@ -139,9 +145,12 @@ def _kept(settings: Settings, module: str, inputs: tuple, runs: int) -> Path:
 
 
 def _in_fresh_process(run: Callable[..., dict], *arguments: object) -> dict:
-    """Call `run` in a new process: Yosys numbers its objects over a process's life, and ABC's result depends on the numbers.
+    """Call `run` in a new process.
 
-    Raises RuntimeError where Yosys ended the process, as it does on an error.
+    Yosys numbers its objects over the life of a process, and ABC's result depends on the numbers.
+
+    Raises:
+        RuntimeError: Yosys ended the process, as it does on an error.
     """
     try:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
@@ -151,17 +160,17 @@ def _in_fresh_process(run: Callable[..., dict], *arguments: object) -> dict:
 
 
 def _flow_source() -> str:
-    """The flow's own source: a changed flow is a changed result. What of the units matters is in their RTL and their hints."""
+    """The source text of the flow, part of the cache key. What a unit contributes is in its RTL and its hints."""
     return "".join(Path(__file__).with_name(f"{name}.py").read_text() for name in flow.SOURCES)
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write JSON, whole or not at all."""
+    """Write a JSON file; it appears only when it is complete."""
     write_text(path, json.dumps(value, indent=1) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, whole or not at all."""
+    """Write a text file; it appears only when it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_suffix(f".{os.getpid()}.tmp")
     scratch.write_text(text)

@@ -1,4 +1,4 @@
-"""Areas, delays and energies of one process node in another: factors to 16 nm, and where they are from."""
+"""Factors that scale areas, delays and energies of a process node to 16 nm, and their source."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ SOURCE = ("A. Stillmaker, B. Baas: Scaling equations for the accurate prediction
 
 @dataclass(frozen=True)
 class Factors:
-    """What multiplies a number of a node to give one of 16 nm (0.8 V).
+    """The factors by which a number of a node is multiplied to give the number at 16 nm (0.8 V).
 
     Attributes:
-        node_nm: the node.
+        node_nm: the node in nm.
         area, delay, energy: the factors.
     """
 
@@ -28,7 +28,7 @@ TO_16NM = {
     "nangate45": Factors(45, 0.19, 1 / 1.86, 1 / 7.16),
     "osu018": Factors(180, 0.010, 1 / 11.8, 1 / 219),
 }
-"""By technology. Predictive libraries (ASAP7, Nangate45) are taken for the node that they are named after."""
+"""Factors by technology. A predictive library (ASAP7, Nangate45) is taken for the node after which it is named."""
 
 AREA_TO_16NM = {name: factors.area for name, factors in TO_16NM.items()}
 DELAY_TO_16NM = {name: factors.delay for name, factors in TO_16NM.items()}
@@ -36,5 +36,5 @@ ENERGY_TO_16NM = {name: factors.energy for name, factors in TO_16NM.items()}
 
 
 def same_clock(clock_ps: float, technology: str, other: str) -> float:
-    """The clock of `other` that scales to the same one at 16 nm; ps, rounded to 25."""
+    """The clock of `other`, in ps, that scales to the same clock at 16 nm as `clock_ps` of `technology`; rounded to 25 ps."""
     return 25.0 * round(clock_ps * DELAY_TO_16NM[technology] / DELAY_TO_16NM[other] / 25.0)

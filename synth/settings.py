@@ -1,4 +1,4 @@
-"""What a synthesis is asked for: technology, clock, and where results are kept."""
+"""The settings of a synthesis: technology, clock, effort, and the folder for results."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from synth.liberty import ASAP7, LIBRARIES, Technology, find_files, merge
 from synth.memories import LIMIT
 
 TECHNOLOGIES = ("generic", "asap7", *LIBRARIES)
-"""Besides any liberty file, by its path."""
+"""Names of technologies; the path of a liberty file is accepted as well."""
 
 MOST_RUNS = 6
-"""Runs of a module until its clock is met, unless fewer are asked for."""
+"""Largest number of runs of a module until its clock is met, unless fewer are asked for."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a synthesis.
+    """The settings of a synthesis.
 
     Attributes:
-        technology, clock_ps: as above.
-        folder: of the cache.
-        memory_limit: bits of the largest memory that is made of flip-flops.
-        runs: how often a module is made at most, with faster sums each time; 1: all sums fast at once, which takes more area.
-        exact: no result that took more runs will do: for areas of modules that are compared.
+        technology: one of TECHNOLOGIES, or the path of a liberty file.
+        clock_ps: clock period in ps.
+        folder: folder of the results and their cache.
+        memory_limit: bits of the largest memory that is built of flip-flops.
+        runs: how often a module is synthesised at most, with faster sums each time; with 1 all sums are fast from the start,
+            which takes more area.
+        exact: do not reuse results that were made with more runs; needed if areas of modules are compared.
     """
 
     technology: str
@@ -40,11 +42,11 @@ class Settings:
 
     @property
     def label(self) -> str:
-        """The technology in a file name."""
+        """The technology's name as used in file names."""
         return self.technology if self.technology in TECHNOLOGIES else Path(self.technology).name.split(".")[0]
 
     def check(self) -> None:
-        """InputError where a value is not accepted, or Yosys or liberty files are absent."""
+        """Raises InputError if a value is not accepted, or if Yosys or liberty files are missing."""
         if self.technology not in TECHNOLOGIES and not self.technology.endswith((".lib", ".lib.gz")):
             raise InputError(f"technology {self.technology!r} is not known: {', '.join(TECHNOLOGIES)} are, and files *.lib")
         if not 1 <= self.clock_ps <= 1e6:

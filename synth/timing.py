@@ -1,4 +1,4 @@
-"""Static timing of a netlist in OpenSTA (Debian's package `opensta`, command `sta`)."""
+"""Static timing analysis of a netlist with OpenSTA (Debian's package `opensta`, command `sta`)."""
 
 from __future__ import annotations
 
@@ -11,50 +11,50 @@ from pathlib import Path
 from synth.liberty import Technology
 
 CLOCK_TRANSITION = 0.02
-"""Share of the clock that its edges take."""
+"""Transition time of the clock, as a share of its period."""
 
 INPUT_DELAY = 0.1
-"""Share of the clock by which inputs arrive: they come from registers outside the unit, over a row's wires."""
+"""Arrival time of inputs as a share of the clock; they come from registers outside the unit over the wires of a row."""
 
 OUTPUT_DELAY = 0.05
-"""Share of the clock after which outputs must be stable: they go to registers outside the unit."""
+"""Time before the clock edge at which outputs must be stable, as a share of the clock; they feed registers outside."""
 
 MEMORY_READ = 0.3
-"""Share of the clock after which a memory's data come."""
+"""Time after the clock edge at which a memory's data arrive, as a share of the clock."""
 
 MEMORY_SETUP = 0.1
-"""Share of the clock before its end by which a memory wants its address, data and enables."""
+"""Setup time of a memory's address, data and enables, as a share of the clock."""
 
 _LATE_PATHS = 2000
 
 WIRE_DERATE = 1.15
-"""Delays with wires against delays without: no placement is made, so the clock is reported with and without it."""
+"""Estimated ratio of delays with wires to delays without; there is no placement, so clocks are reported with and without it."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Result of a run; ps."""
+    """The result of a timing run; times in ps."""
 
     clock_ps: float
     slack_ps: float
     path: str
     version: str
     late_sums: frozenset[str] = frozenset()
-    """Names of the sums whose full adders lie on paths with negative slack."""
+    """Names of the sums whose full adders are on paths with negative slack."""
 
     @property
     def zero_slack_ps(self) -> float:
-        """The shortest clock."""
+        """The shortest clock period that has no negative slack."""
         return self.clock_ps - self.slack_ps
 
 
 def available() -> bool:
-    """Whether `sta` can be run."""
+    """Whether the command `sta` is installed."""
     return shutil.which("sta") is not None
 
 
 def run_sta(commands: str, folder: Path, name: str = "sta") -> str:
-    """Output of OpenSTA for a script; the script stays in `folder` to be run again by hand."""
+    """The output of OpenSTA for a script, which stays in `folder` so that it can be run again by hand."""
     script = folder / f"{name}.tcl"
     script.write_text(commands)
     done = subprocess.run(["sta", "-no_splash", "-no_init", "-exit", str(script)], capture_output=True, text=True, check=False)
@@ -66,7 +66,7 @@ def run_sta(commands: str, folder: Path, name: str = "sta") -> str:
 def preamble(
     verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, memories: bool = False,
 ) -> str:
-    """Commands that read a netlist and constrain it. `memories`: it has pins of memories among its ports."""
+    """Commands that read a netlist and constrain it. `memories`: some of its ports are pins of memories."""
     clock = clock_ps / technology.time_unit_ps
     return "\n".join([
         f"read_liberty {liberty}", *(f"read_verilog {path}" for path in verilog), f"link_design {top}",
@@ -78,7 +78,8 @@ def preamble(
         "set_driving_cell -lib_cell {} -pin {} $inputs".format(*technology.driver),
         f"set_output_delay {OUTPUT_DELAY * clock} -clock clk [all_outputs]",
         f"set_load {technology.load} [all_outputs]",
-        "set_false_path -from [get_ports rst]",  # held for many cycles; like the clock it would be a tree
+        # It is held for many cycles, and like the clock it would be distributed by a tree
+        "set_false_path -from [get_ports rst]",
         *(f"foreach p [all_{way}puts] {{ if {{[string match memory* [get_property $p full_name]]}} "
           f"{{ set_{way}put_delay {share * clock} -clock clk $p }} }}"
           for way, share in (("in", MEMORY_READ), ("out", MEMORY_SETUP)) if memories),
@@ -88,7 +89,7 @@ def preamble(
 def analyse(
     verilog: list[Path], top: str, clock_ps: float, technology: Technology, liberty: Path, folder: Path, memories: bool = False,
 ) -> Timing:
-    """Worst setup slack of module `top`; where nothing is clocked, infinite. `memories`: of the module itself, taken out."""
+    """Worst setup slack of module `top`; infinite if nothing is clocked. `memories`: memories were taken out of the module."""
     commands = preamble(verilog, top, clock_ps, technology, liberty, memories)
     digits = 1 if technology.time_unit_ps <= 1 else 4
     commands += f"report_checks -path_delay max -fields {{capacitance slew fanout}} -digits {digits}\n"

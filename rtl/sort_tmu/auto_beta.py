@@ -1,7 +1,8 @@
-"""The merge threshold from a frame's sums: twice the mean count of its non-empty tiles, capped by the sort buffer.
+"""The merge threshold beta from the sums over a frame: twice the mean count of its non-empty tiles, capped by the sort buffer.
 
-The golden renderer rounds the quotient of two integers in float64, ties to even. Counts and tiles are far too few for that
-quotient to round twice, so the exact one with the same ties is the same number; one bit a cycle, once a frame.
+The golden renderer divides two integers in float64 and rounds the quotient to the nearest integer, ties to even. The integers
+are so small that the float64 rounding never changes the result, so the exact division here, with the same rule for ties, gives
+the same number. The divider produces one bit per cycle and is used once per frame.
 """
 
 from __future__ import annotations
@@ -16,18 +17,20 @@ from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
 
 
 class AutoBeta(wiring.Component):
-    """min(round(2 total / filled), entries of half the sort buffer), or 1 for an empty frame, by restoring division.
+    """beta = min(round(2 total / filled), intersections that fit half the sort buffer), or 1 for an empty frame.
+
+    The quotient is computed by restoring division.
 
     Parameters:
-        config: the machine; `row_width` and `sort_buffer_bytes` matter here.
+        config: the machine; only `row_width` and `sort_buffer_bytes` are used.
 
     Ports:
-        start: strobe; nothing else is under way.
-        total, filled: sums of `TileCounters`, stable until `done`.
+        start: strobe that begins a division; it may only come while none is under way.
+        total, filled: the sums of `TileCounters`; they must be stable until `done`.
         beta: the threshold.
-        done: `beta` is right; high until the next start.
+        done: `beta` is valid; stays high until the next start.
 
-    Latency: a cycle a bit of 2 total, and one: 40 for PAPER.
+    Latency: one cycle per bit of 2 total, plus one: 40 cycles for PAPER.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -46,12 +49,13 @@ class AutoBeta(wiring.Component):
         m = Module()
         cap = self.config.sort_buffer_bytes // 2 // ENTRY_BYTES
         bits = len(self.total) + 1
-        # The dividend leaves `quotient` at the top, one bit a cycle, and the quotient enters below.
+        # `quotient` holds the dividend at first. Each cycle its top bit moves out and a bit of the quotient enters at the
+        # bottom.
         quotient = Signal(bits, reset_less=True)
-        rest = Signal(len(self.filled), reset_less=True)  # smaller than the divisor
+        rest = Signal(len(self.filled), reset_less=True)  # always smaller than the divisor
         left = Signal(range(bits + 1))
         widened = Cat(quotient[-1], rest)
-        less = widened - self.filled  # its sign is the comparison
+        less = widened - self.filled  # the sign bit is the result of the comparison
         fits = ~less[-1]
         m.d.comb += self.done.eq(left == 0)
         with m.If(self.start):
@@ -63,5 +67,6 @@ class AutoBeta(wiring.Component):
         twice = rest << 1
         up = (twice > self.filled) | (twice == self.filled) & quotient[0]
         rounded = Mux(quotient >= cap, cap, quotient[: len(Const(cap))] + up)
-        m.d.comb += self.beta.eq(Mux(self.filled == 0, 1, rounded))  # a filled tile has an entry: the quotient is 2 or more
+        # A filled tile has at least one intersection, so the quotient is at least 2 and needs no lower bound.
+        m.d.comb += self.beta.eq(Mux(self.filled == 0, 1, rounded))
         return m

@@ -1,4 +1,4 @@
-"""The precise half of the hierarchical sorting unit: chunks of tile entries into their total order, one entry a cycle."""
+"""The precise level of the hierarchical sorting unit: sorts chunks of intersections at one intersection per cycle."""
 
 from __future__ import annotations
 
@@ -16,31 +16,33 @@ from spec.records import ENTRY_BYTES, chunk_entry, tile_entry
 
 
 def chunk_capacity(config: AcceleratorConfig) -> int:
-    """Entries of the longest chunk that is sorted in one piece: half of the sort buffer, down to a power of two."""
+    """Intersections in the longest chunk that is sorted in one piece: what fits half the sort buffer, as a power of two."""
     return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
 
 
 class ChunkSorter(wiring.Component):
-    """Chunks of any length up to `chunk_capacity` by (native tile, depth key, index), in the order they come.
+    """Sorts chunks of up to `chunk_capacity` intersections by (native tile, depth key, index); chunks keep their order.
 
-    A chain of log2(capacity) `MergeStage`s. Their runs double from stage to stage, so that all of them together hold two
-    chunks: the double buffer before sorting is the sorter.
+    The sorter is a chain of log2(capacity) `MergeStage`s. The run length doubles from stage to stage, so that all stages
+    together store two chunks. The storage of the paper's double buffer ahead of its sorter is thus the sorter itself.
 
     Parameters:
-        config: the machine; `sort_buffer_bytes`, `row_width` and the depth key's format matter here.
+        config: the machine; only `sort_buffer_bytes`, `row_width` and the format of the depth key are used.
 
     Ports:
-        chunks: ChunkEntry items; a chunk ends with `last`, an empty one is a single item with `last` and `empty`.
-        sorted: the same chunks, each in order. The order is total: equal entries would be the same Gaussian in the same tile.
-        oversize: strobe, the entry taken does not fit its chunk any more. The chunk then leaves as sorted runs of
-            `chunk_capacity` entries behind each other, with `last` at its end only.
-        busy: something is on its way.
+        chunks: ChunkEntry items. A chunk ends with `last`; an empty chunk is a single item with `last` and `empty`.
+        sorted: the same chunks, each sorted. The order is total, because two equal records would be the same Gaussian in the
+            same tile.
+        oversize: strobe; the intersection being taken exceeds the capacity of its chunk. The chunk then leaves as several
+            sorted runs of `chunk_capacity` intersections, one after another, and only its very end carries `last`.
+        busy: at least one item is inside.
 
-    Storage: memories of 2, 4, ... capacity items of a TileEntry and 3 bits: for PAPER 8,190 items of 65 bits, 532,350 bits
-    against the 524,288 of the paper's 64 KB; and two items a stage, and one between stages, in registers.
-    Throughput: one entry a cycle at both ports, between chunks, too. Latency: the first of n entries leaves about
-    n + log2(capacity) cycles after it was taken, and n more where n is at most half the capacity: that a run has no second is
-    seen at its chunk's end.
+    Storage: memories of 2, 4, ... capacity items, each a TileEntry and 3 bits. For PAPER these are 8,190 items of 65 bits, so
+    532,350 bits against the 524,288 bits of the paper's 64 KB. Each stage also holds two items in registers, and there is a
+    register for one item between stages.
+    Throughput: one intersection per cycle at both ports, also from chunk to chunk. Latency: the first of n intersections leaves
+    about n + log2(capacity) cycles after it was taken. If n is at most half the capacity it leaves n cycles later still,
+    because a stage learns only from the end of the chunk that a run has no second run to merge with.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -64,7 +66,7 @@ class ChunkSorter(wiring.Component):
         first, last = stages[0].sink, stages[-1].source
         item, out = self.chunks.payload, self.sorted.payload
         taken, left = self.chunks.valid & self.chunks.ready, self.sorted.valid & self.sorted.ready
-        place = Signal(range(2 * self.capacity))  # in the chunk; the top bit stays once it is set
+        place = Signal(range(2 * self.capacity))  # position in the chunk; the top bit stays set once it is set
         after, top = place + 1, len(place) - 1
         m.d.comb += [
             self.chunks.ready.eq(first.ready),
@@ -86,7 +88,7 @@ class ChunkSorter(wiring.Component):
         ]
         inside = Signal(range(4 * self.capacity))
         m.d.comb += self.busy.eq(inside.any())
-        with m.If(taken & ~left):  # both sums are there before it is known whether something leaves
+        with m.If(taken & ~left):  # both sums are computed before it is known whether an item leaves
             m.d.sync += inside.eq(inside + 1)
         with m.Elif(left & ~taken):
             m.d.sync += inside.eq(inside - 1)

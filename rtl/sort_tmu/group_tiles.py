@@ -1,15 +1,19 @@
-"""Stage two of the tile merge unit: counts in tile order to groups of about beta entries.
+"""Stage two of the tile merge unit: joins neighbouring tiles, in tile order, into groups of about beta intersections.
 
-With `total` the entries of the open group, c a tile's count and s = total + c, the rules are
+Let `total` be the number of intersections of the open group, c the count of the next tile, and s = total + c. The rules are
 
     closes before   total != 0 and s >= beta: the group ends without this tile
-    total           c if so, else s
-    closes after    total >= beta, or the row of tiles ends; total is then 0
+    total           becomes c if the group closed before this tile, else s
+    closes after    total >= beta, or the row of tiles ends here; total is then 0
 
-An empty tile closes nothing: an open group's total is below beta, and s with it. Not the total is kept but the room left,
-beta - 1 - total: then the sign of one difference, room - c, is the comparison, and the difference is the next room. What
-is left of a fresh group's room by the tile is known a cycle before.
-That a tile is its group's last is known from itself or from the next tile: a tile waits for the next but at the end of a row.
+An empty tile closes no group, because the total of an open group is below beta and an empty tile leaves it there.
+
+The registers do not hold the total but the free space of the group, beta - 1 - total. The sign of the single difference
+free space - c is then the comparison s >= beta, and the difference itself is the next free space. The free space that a fresh
+group would have after this tile, beta - 1 - c, is computed one cycle earlier.
+
+Whether a tile is the last of its group may depend on the next tile. A tile therefore waits for its successor, unless the tile
+itself closes the group.
 """
 
 from __future__ import annotations
@@ -25,18 +29,19 @@ from spec.records import COUNT_BITS, tile_group
 
 
 class GroupTiles(wiring.Component):
-    """Tiles and their counts to tiles and their groups.
+    """Gives every tile of a frame, in tile order, the group that it belongs to.
 
     Parameters:
-        config: the machine; `row_width` matters here.
+        config: the machine; only `row_width` is used.
 
     Ports:
-        beta: merge threshold, 1 or more; stable from the cycle before a frame's first count to its last one.
-        counts: every tile of a frame, in order.
-        groups: TileGroup items, as many.
-        busy: a tile is on its way.
+        beta: merge threshold, 1 or more; must be stable from the cycle before a frame's first count until its last one.
+        counts: every tile of a frame with its count, in tile order.
+        groups: TileGroup items, one for each tile, in the same order.
+        busy: at least one tile is inside.
 
-    Throughput: one tile a cycle. Latency: 2 cycles from the following tile's transfer, 3 from the last's in a row.
+    Throughput: one tile per cycle. Latency: a tile leaves 2 cycles after the transfer of the following tile; the last tile of a
+    row leaves 3 cycles after its own transfer.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -53,9 +58,9 @@ class GroupTiles(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         source = self.groups
-        # Three registers in a row: a tile as it comes; once it is known to be in the open group; with `last`, at the output.
+        # A tile passes three registers: as it arrives; once it is known to be in the open group; at the output, with `last`.
         tile, tile_valid = Signal.like(self.counts.payload, reset_less=True), Signal()
-        limit, fresh = Signal(COUNT_BITS), Signal(signed(COUNT_BITS + 1), reset_less=True)  # beta - 1; less the tile's count
+        limit, fresh = Signal(COUNT_BITS), Signal(signed(COUNT_BITS + 1), reset_less=True)  # beta - 1; beta - 1 - c
         placed, placed_valid, closed = Signal.like(tile, reset_less=True), Signal(), Signal(reset_less=True)
         leaves, advances = Signal(), Signal()
         m.d.comb += [
@@ -70,7 +75,8 @@ class GroupTiles(wiring.Component):
             m.d.sync += [tile.eq(self.counts.payload), fresh.eq(limit - count)]
         m.d.sync += limit.eq(self.beta - 1)
 
-        room, filled, opened = Signal(COUNT_BITS), Signal(), Signal(init=1)  # of the open group; `opened`: it has no tile yet
+        # `room` is the free space of the open group, `filled` says that its total is not 0, `opened` that it has no tile yet.
+        room, filled, opened = Signal(COUNT_BITS), Signal(), Signal(init=1)
         less, left = Signal(signed(COUNT_BITS + 1)), Signal(signed(COUNT_BITS + 1))
         m.d.comb += [less.eq(room - tile.count), left.eq(Mux(opened, fresh, less))]
         before = filled & (left < 0)
@@ -86,6 +92,7 @@ class GroupTiles(wiring.Component):
         group, out, last = Signal.like(source.payload.group, reset_less=False), source.payload, closed | before
         with m.If(leaves):
             m.d.sync += [out.tile.eq(placed.tile), out.count.eq(placed.count), out.group.eq(group), out.last.eq(last)]
-            with m.If(last):  # which is known late: no carry waits for it
+            # `last` is on the critical path, so it drives only a multiplexer and an enable, and no adder waits for it
+            with m.If(last):
                 m.d.sync += group.eq(Mux(placed.frame_ends, 0, group + 1))
         return m

@@ -1,10 +1,10 @@
-"""Between sorting and the array: sorted entries as they come, or whole groups through two halves.
+"""The handover of sorted intersections to the array: one by one through a line buffer, or group by group through two halves.
 
-Both components have the same ports, so that the machine's two ways of handing over differ in nothing else. A `LineBuffer`
-passes an entry on as soon as it is there. A `DoubleBuffer`, the paper's baseline, shows a group when all of it is there::
+Both components have the same ports, so that the two variants of the machine differ in nothing else. A `LineBuffer` passes an
+intersection on as soon as it arrives. A `DoubleBuffer`, the paper's baseline, shows a group only when all of it has arrived::
 
     cycle               0    1    2    3    4    5    6    7    8
-    sink              < a >< b.>< c >< d >< e.>                         . ends a group
+    sink              < a >< b.>< c >< d >< e.>                         a dot marks the end of a group
     source, line                < a >< b.>< c >< d >< e.>
     source, double                   < a >< b.>     < c >< d >< e.>
 """
@@ -27,13 +27,13 @@ class LineBuffer(wiring.Component):
     """A FIFO of `line_buffer_bytes`.
 
     Parameters:
-        config: the machine; `line_buffer_bytes` and the entry's format matter here.
+        config: the machine; only `line_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items.
-        busy: items are inside.
+        sink, source: ChunkEntry items; the order is kept.
+        busy: the FIFO is not empty.
 
-    Storage: line_buffer_bytes / 8 entries. Throughput: one a cycle. Latency: 2.
+    Storage: line_buffer_bytes / 8 intersections. Throughput: one intersection per cycle. Latency: 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -52,21 +52,22 @@ class LineBuffer(wiring.Component):
 
 
 class DoubleBuffer(wiring.Component):
-    """Two halves of `chunk_capacity` entries: one is filled while the other is read.
+    """Two halves of `chunk_capacity` intersections each; one is filled while the other is read.
 
-    A half takes one group, or of a larger one as much as fits, and is shown when that is complete; it is free again when its
-    last entry has been taken. A short group leaves its half mostly unused, as it does in the paper's baseline.
+    A half takes one group, or as much of a larger group as fits. It is shown to the reader when that is complete, and it is
+    free again when its last intersection has been taken. A short group leaves most of its half unused, as in the paper's
+    baseline.
 
     Parameters:
-        config: the machine; `sort_buffer_bytes` and the entry's format matter here.
+        config: the machine; only `sort_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items; a group ends with `last`.
-        busy: items are inside.
+        sink, source: ChunkEntry items, order kept; a group ends with `last`.
+        busy: at least one item is inside.
 
-    Storage: 2 chunk_capacity entries in one memory, in which the other half is written than read. Throughput: one a cycle
-    between halves of equal length; otherwise one side waits for the other's half. Latency: a group's first entry leaves two
-    cycles after its last one came.
+    Storage: 2 chunk_capacity intersections in one memory; the half that is written is never the one that is read. Throughput:
+    one intersection per cycle if consecutive groups are of equal length; otherwise the faster side waits until the other has
+    finished with its half. Latency: the first intersection of a group leaves two cycles after its last one arrived.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -79,8 +80,8 @@ class DoubleBuffer(wiring.Component):
         m.submodules.words = words = memory.Memory(shape=item.shape(), depth=2 * self._capacity, init=[])
         write, read = words.write_port(), words.read_port()
         full, ends = Signal(2), [Signal(range(self._capacity), name=f"end_{half}", reset_less=True) for half in range(2)]
-        filled, place = Signal(), Signal(range(self._capacity))  # where the next entry goes
-        shown, next_place = Signal(), Signal(range(self._capacity))  # where the next one comes from
+        filled, place = Signal(), Signal(range(self._capacity))  # half and place where the next item is written
+        shown, next_place = Signal(), Signal(range(self._capacity))  # half and place from which the next item is read
         taken, left = self.sink.valid & self.sink.ready, self.source.valid & self.source.ready
         complete = taken & (item.last | (place == self._capacity - 1))
         m.d.comb += [
@@ -91,7 +92,7 @@ class DoubleBuffer(wiring.Component):
         with m.If(taken):
             m.d.sync += [place.eq(Mux(complete, 0, place + 1)), filled.eq(filled ^ complete)]
         fetch, exhausted = Signal(), next_place == Mux(shown, ends[1], ends[0])
-        of_half, is_last = Signal(), Signal()  # of the entry at the memory's output
+        of_half, is_last = Signal(), Signal()  # of the item at the memory's output
         m.d.comb += [
             fetch.eq(full.bit_select(shown, 1) & (~self.source.valid | self.source.ready)),
             read.en.eq(fetch), read.addr.eq(Cat(next_place, shown)),
@@ -113,7 +114,7 @@ class DoubleBuffer(wiring.Component):
 
 
 def handover(config: AcceleratorConfig) -> LineBuffer | DoubleBuffer:
-    """What the machine has: a line buffer where `incremental`, otherwise a double buffer."""
+    """The handover that the machine has: a line buffer if `incremental` is set, otherwise a double buffer."""
     return LineBuffer(config) if _checked(config).incremental else DoubleBuffer(config)
 
 

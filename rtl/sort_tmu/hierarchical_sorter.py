@@ -1,4 +1,4 @@
-"""The hierarchical sorting unit: groups of any length into their total order."""
+"""The hierarchical sorting unit: sorts groups of any length."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ from spec.records import chunk_entry, tile_entry
 
 
 class HierarchicalSorter(wiring.Component):
-    """Groups by (native tile, depth key, index), in the order they come.
+    """Sorts each group by (native tile, depth key, index); groups keep their order.
 
-    A group of at most `chunk_capacity` entries passes the chunk sorter and leaves. A larger one is cut into chunks as it comes,
-    each is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time, as they are read back::
+    A group of at most `chunk_capacity` intersections is sorted by the chunk sorter and leaves. A larger group is cut into
+    chunks as it arrives. Each chunk is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time,
+    as they are read back::
 
         groups ─► cut ─► ChunkSorter ─► SpillDispatch ──────────────────────────► sorted
                                               │ parts                       ▲ out
@@ -34,30 +35,32 @@ class HierarchicalSorter(wiring.Component):
                                     ▲                              ▲ reads, data          │ back
                                     └─────────────────────────────────────────────────────┘
 
-    The spill region's first half is a ring: groups take runs of it in order and give them back in order. Its second half is
-    for merged runs, of one group at a time. The oldest group needs no room but its own and the second half, so that it always
-    gets done, whatever waits behind it. While it is merged, the groups that follow are sorted, and written where they are large
-    too; one that is not waits inside the chunk sorter until it may leave.
+    The first half of the spill region is a ring, in which groups allocate runs in order and free them in order. The second half
+    takes merged runs, of one group at a time. The oldest group needs only its own runs and the second half to finish, so it
+    always finishes, whatever waits behind it. While it is merged, the following groups are sorted; those that are too large are
+    written to the ring, and one that fits the chunk sorter waits inside it until it may leave.
 
     Parameters:
-        config: the machine; `sort_buffer_bytes`, `merge_ways`, `row_width` and the depth key's format matter here.
+        config: the machine; `sort_buffer_bytes`, `merge_ways`, `row_width` and the format of the depth key are used.
 
     Ports:
-        groups: ChunkEntry items; a group ends with `last`, an empty one is a single item with `last` and `empty`.
-        sorted: the same groups, each in order.
-        reads, data, writes, writes_idle: memory; `writes_idle` is low from the cycle after a write was taken.
-        spill_base, spill_beats: the spill region: first beat and size. It may change where `busy` is low.
-        clear: strobe, clears the three that follow; so does a reset.
-        spilled: entries written to memory, those of merged runs too; each is also read once.
-        overflow: a group did not fit half of the region. It left as several sorted pieces behind each other: nothing was lost.
-        error: a read was answered with an error; order and entries of its group mean nothing.
-        busy: something is on its way.
+        groups: ChunkEntry items. A group ends with `last`; an empty group is a single item with `last` and `empty`.
+        sorted: the same groups, each sorted.
+        reads, data, writes, writes_idle: the memory ports; `writes_idle` goes low in the cycle after a write was taken and is
+            high again when every write is in memory.
+        spill_base, spill_beats: first beat and size of the spill region; they may change only while `busy` is low.
+        clear: strobe that clears `spilled`, `overflow` and `error`; a reset clears them too.
+        spilled: intersections written to memory, including those of merged runs; each of them is also read once.
+        overflow: a group did not fit half of the region. It left as several sorted pieces, one after another; nothing was lost.
+        error: memory answered a read with an error; the intersections of that group and their order are then undefined.
+        busy: at least one item is inside or spilled.
 
-    Storage: that of ChunkSorter; merge_ways * 33 beats to read ahead (8.4 KB for 8 ways), and 32 beats to write.
-    Throughput: one entry a cycle while groups fit, and while they are spilled ones of at most `merge_ways` chunks and the
-    ring holds three of them or more. A group that fits waits for the merge of a spilled one before it. A larger group's
-    entries pass the tree more than once: see MergePlan. Latency: that of ChunkSorter; of a spilled group the first entry
-    leaves about 26 + 2 * merge_ways cycles and the latencies of a write and a read after the last was sorted.
+    Storage: that of ChunkSorter, plus merge_ways * 33 beats that are read ahead (8.4 KB for 8 ways) and 32 beats to write.
+    Throughput: one intersection per cycle while groups fit the chunk sorter. The same holds for a sequence of spilled groups of
+    at most `merge_ways` chunks each if the ring can hold three of them. A group that fits waits for the merge of a spilled
+    group ahead of it. The intersections of a still larger group pass the tree more than once: see MergePlan.
+    Latency: that of ChunkSorter. The first intersection of a spilled group leaves about 26 + 2 * merge_ways cycles, plus the
+    latencies of one write and one read, after the group's last intersection was sorted.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -117,7 +120,7 @@ class HierarchicalSorter(wiring.Component):
         return m
 
     def _ring(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, followers: tuple[wiring.Component, ...]) -> None:
-        """The region's halves, in registers: whole runs each."""
+        """Registers the bounds of the region's ring; each half of the region is a whole number of runs."""
         shift = run_beats(self.config).bit_length() - 1
         runs, base, beats, end, last = (Signal(width, name=f"ring_{name}") for name, width in (
             ("runs", len(dispatch.ring_runs)), ("base", BEAT_BITS), ("beats", BEAT_BITS), ("end", BEAT_BITS + 1),
@@ -131,9 +134,10 @@ class HierarchicalSorter(wiring.Component):
             last.eq(end - 1)]
 
     def _cut(self, m: Module, sorter: ChunkSorter, dispatch: SpillDispatch) -> None:
-        """Groups to chunks; which of them are not whole groups goes beside the sorter."""
+        """Cuts groups into chunks; a FIFO beside the sorter says which chunks are not whole groups."""
         cut = cut_layout(self.config)
-        m.submodules.cuts = cuts = SyncFIFOBuffered(width=cut.size, depth=SORT_CUTS)  # seen before its chunk is sorted
+        # a cut reaches the dispatch before its chunk is sorted
+        m.submodules.cuts = cuts = SyncFIFOBuffered(width=cut.size, depth=SORT_CUTS)
         place, number, more = Signal(range(sorter.capacity)), Signal(cut["number"].shape), Signal()
         item, chunk, put = self.groups.payload, sorter.chunks.payload, data.View(cut, cuts.w_data)
         taken = self.groups.valid & self.groups.ready
@@ -155,7 +159,7 @@ class HierarchicalSorter(wiring.Component):
                 m.d.sync += more.eq(~item.last)
 
     def _parts(self, m: Module, dispatch: SpillDispatch, plan: MergePlan, there: Value) -> None:
-        """Parts to the plan, as soon as memory has them."""
+        """Passes a part to the merge plan as soon as all of it is in memory."""
         m.submodules.parts = parts = SyncFIFOBuffered(width=part_layout(self.config).size, depth=SORT_PARTS)
         visible = Signal(range(16))
         gone = plan.parts.valid & plan.parts.ready
@@ -172,7 +176,7 @@ class HierarchicalSorter(wiring.Component):
     def _leave(
         self, m: Module, dispatch: SpillDispatch, plan: MergePlan, tree: MergeTree, packer: BeatPacker,
     ) -> None:
-        """Merged entries out or back to memory; chunks where nothing is to be merged."""
+        """Sends merged intersections to the output or back to memory; sorted chunks leave directly if no merge is pending."""
         merge = merge_layout(self.config)
         m.submodules.merges = merges = SyncFIFOBuffered(width=merge.size, depth=SORT_MERGES)
         goal, head, out, back = data.View(merge, merges.r_data), tree.source.payload, self.sorted.payload, packer.sink.payload

@@ -1,8 +1,9 @@
-r"""Which runs are merged when: the schedule of the merge tree.
+r"""The schedule of the merge tree: which runs are merged, and when.
 
-A part is what lies in memory as sorted runs, one behind the other, all but the last of the same length. While a part has more
-runs than the tree has ways, the oldest min(ways, runs - ways + 1) of them become one longer run; then all that are left
-are merged on the way out. Longer runs are `ways` times as long, but for the last, so that addresses need no table::
+A part is a piece of a group that lies in memory as sorted runs, one after another. All of these runs but the last have the same
+length. While a part has more runs than the tree has ways, the oldest min(ways, runs - ways + 1) of them are merged into one
+longer run and written back. When no more runs than ways are left, they are merged into the output. A longer run is `ways` times
+as long as its sources, except for the last one, so that addresses need no table::
 
     ways 4, 9 runs       0 1 2 3   4 5 6   7 8           in the ring
                          \_____/   \___/   |  |
@@ -10,8 +11,8 @@ are merged on the way out. Longer runs are `ways` times as long, but for the las
                              \________\___|__/
                                          out              2 of the 9 runs were not moved
 
-Once every run of a length has been merged, the longer ones are the runs of a next round, which writes to where the runs
-before them were: rounds alternate between the part's place in the ring and the scratch half.
+Once every run of one length has been merged, the longer runs are the input of the next round. That round writes to where the
+shorter runs were, so that the rounds alternate between the part's place in the ring and the scratch half of the spill region.
 """
 
 from __future__ import annotations
@@ -27,31 +28,36 @@ from spec.memory import BEAT_BITS, BEAT_ENTRIES
 
 
 def part_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Runs of a group in memory.
+    """A part: sorted runs of one group in memory.
 
-    Its first beat in the ring, its runs and its beats; entries of its last beat less 1; whether the group ends with it.
+    `offset` is its first beat, counted from the base of the ring; `runs` and `beats` are its size; `tail` is the number of
+    intersections in its last beat less 1; `last` says that the group ends with this part.
     """
     return data.StructLayout({
         "offset": BEAT_BITS, "runs": run_bits(config), "beats": BEAT_BITS, "tail": range(BEAT_ENTRIES), "last": 1})
 
 
 def merge_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Where a merge goes: back to memory, from `beat` on, or out, as the end of its group or not; runs that it frees then."""
+    """Where the result of a merge goes.
+
+    With `back` it goes back to memory, from `beat` on. Otherwise it goes to the output: `last` then says that its group ends
+    with it, and `runs` how many runs of the ring are free afterwards.
+    """
     return data.StructLayout({"back": 1, "beat": BEAT_BITS, "last": 1, "runs": run_bits(config)})
 
 
 def run_beats(config: AcceleratorConfig) -> int:
-    """Beats of a sorted chunk."""
+    """Beats of the run that a full chunk makes."""
     return chunk_capacity(config) // BEAT_ENTRIES
 
 
 def run_bits(config: AcceleratorConfig) -> int:
-    """Bits of a number of runs."""
+    """Width in bits of a number of runs."""
     return BEAT_BITS - (run_beats(config).bit_length() - 1)
 
 
 class _Place(wiring.Component):
-    """Where runs lie in memory, of where they lie in the part: two registers."""
+    """Turns the place of a run in its part into a place in memory; two pipeline registers."""
 
     def __init__(self, config: AcceleratorConfig):
         self._shape = data.StructLayout({"run": way_run(config), "place": BEAT_BITS + 1, "odd": 1})
@@ -79,17 +85,24 @@ class _Place(wiring.Component):
 
 
 def inside_ring(place: Value, odd: Value, ring_beats: Value) -> Value:
-    """A place counted from the ring's base, in the ring, which ends where it begins; of an odd round, in the scratch half."""
+    """Wraps `place`, counted in beats from the ring's base, at the end of the ring; in an odd round it stays as it is.
+
+    In an odd round the runs lie in the scratch half, which does not wrap.
+    """
     return Mux(~odd & (place >= ring_beats), place - ring_beats, place)
 
 
 def based(place: Value, odd: Value, ring_base: Value, ring_end: Value) -> Value:
-    """The beat in memory of a place in the ring or, of an odd round, in the scratch half behind it."""
+    """The beat in memory that belongs to `place`: in the ring or, in an odd round, in the scratch half behind it."""
     return (Mux(odd, ring_end, ring_base) + place)[:BEAT_BITS]
 
 
 class _Round:
-    """A part while it is merged: runs of this round's length that are left, and of the next: begin and end, how many."""
+    """The part that is being merged.
+
+    `begin`, `end` and `runs` describe the runs of this round that are left; `longer_begin`, `longer_end` and `longer` describe
+    the merged runs, which the next round takes. All places are in beats from the start of the part.
+    """
 
     def __init__(self, config: AcceleratorConfig):
         self.part = Signal(part_layout(config))
@@ -101,14 +114,14 @@ class _Round:
         self._first, self._shift = run_beats(config), config.merge_ways.bit_length() - 1
 
     def start(self, part: data.View) -> list:
-        """The first round."""
+        """The assignments that begin a part's first round."""
         return [
             self.part.eq(part), self.begin.eq(0), self.end.eq(part.beats), self.runs.eq(part.runs), self.longer_begin.eq(0),
             self.longer_end.eq(0), self.longer.eq(0), self.odd.eq(0), self.length.eq(self._first),
             self.longer_length.eq(self._first << self._shift)]
 
     def turn(self) -> list:
-        """The next one."""
+        """The assignments that begin the next round."""
         return [
             self.begin.eq(0), self.end.eq(self.longer_end), self.runs.eq(self.longer), self.longer_end.eq(0), self.longer.eq(0),
             self.odd.eq(~self.odd), self.length.eq(self.longer_length),
@@ -116,17 +129,17 @@ class _Round:
 
 
 class MergePlan(wiring.Component):
-    """Parts to merges, in order.
+    """Turns parts into merges, in order.
 
     Ports:
-        parts: what to merge; all of it is in memory.
-        runs: to the reader: a run or a blank for every way.
-        merges: to the writer and the output: where the result goes.
-        written: strobe, a merge that went back is in memory.
-        ring_base, ring_beats, ring_end: the ring's place, its size, its end; the scratch half of the same size follows.
+        parts: the parts to merge; all of a part is in memory when it is offered.
+        runs: to the reader: for every way of a merge a run, or a blank where the merge has fewer runs.
+        merges: to the writer and the output: where the result of the merge goes.
+        written: strobe; a merge that went back to memory is completely there.
+        ring_base, ring_beats, ring_end: first beat, size and end of the ring; the scratch half of the same size follows it.
 
-    Two cycles a way, and four a merge; the next merge's runs are handed out while this one's entries leave. A run is offered
-    three cycles after it was picked::
+    Throughput: two cycles for each way plus four for each merge; the runs of the next merge are handed out while the
+    intersections of this one leave. Latency: a run is offered two cycles after the GIVE state that hands it on::
 
         cycle     0      1      2      3      4      5      6      7      8      9
         state     COUNT  SIZE   PLACE  MERGE  PICK   GIVE   PICK   GIVE   PICK   GIVE
@@ -152,8 +165,8 @@ class MergePlan(wiring.Component):
         wiring.connect(m, place.source, wiring.flipped(self.runs))
         m.d.comb += [getattr(place, name).eq(getattr(self, name)) for name in ("ring_base", "ring_beats", "ring_end")]
         s, ways = _Round(self._config), self._config.merge_ways
-        out, left, way = Signal(), Signal(range(ways + 1)), Signal(range(ways))  # of the merge
-        longer = Signal()  # a longer run is next
+        out, left, way = Signal(), Signal(range(ways + 1)), Signal(range(ways))  # all three belong to the current merge
+        longer = Signal()  # the next run to pick is a longer one
         with m.FSM():
             with m.State("PART"):
                 m.d.comb += self.parts.ready.eq(1)
@@ -174,9 +187,10 @@ class MergePlan(wiring.Component):
                             m.d.sync += [s.longer_begin.eq(following), s.longer.eq(s.longer - 1), longer.eq(s.longer != 1)]
                         with m.Else():
                             m.d.sync += [s.begin.eq(following), s.runs.eq(s.runs - 1)]
-                            with m.If(~out):  # what is merged back lies in one half where it lay in the other
+                            # a run that is merged back has the same place in one half as its sources in the other
+                            with m.If(~out):
                                 m.d.sync += s.longer_end.eq(following)
-                    m.d.sync += way.eq(way + 1)  # behind the last one 0 again
+                    m.d.sync += way.eq(way + 1)  # wraps to 0 after the last way
                     with m.If(way != ways - 1):
                         m.next = "PICK"
                     with m.Elif(out):
@@ -186,10 +200,10 @@ class MergePlan(wiring.Component):
         return m
 
     def _merge(self, m: Module, s: _Round, out: Signal, longer: Signal, left: Signal) -> None:
-        """The states that say what is merged, how many runs of it, and where it goes."""
+        """Adds the states that decide how many runs the next merge takes and where its result goes."""
         ways, merge, goal = self._config.merge_ways, self.merges.payload, Signal(BEAT_BITS + 1)
         total, most, few = Signal(run_bits(self._config) + 1), Signal.like(left), Signal.like(left)
-        pending = Signal(4)  # merges not yet in memory
+        pending = Signal(4)  # merges whose result is not completely in memory yet
         m.d.sync += pending.eq(pending + (self.merges.valid & self.merges.ready & merge.back) - self.written)
         with m.State("COUNT"):
             m.d.sync += [total.eq(s.runs + s.longer), goal.eq(s.longer_end + Mux(s.odd, s.part.offset, 0))]
@@ -219,10 +233,11 @@ class MergePlan(wiring.Component):
                 m.next = "PICK"
 
     def _pick(self, m: Module, s: _Round, longer: Signal) -> dict[str, Signal]:
-        """The next way's run, in registers: on the way out the longer ones first, then this round's, then blanks.
+        """Registers the next way's run. An output merge takes the longer runs first, then this round's, then blanks.
 
-        Its place, in the scratch half or, as if that went on, in the ring; beats from there to the last run's end; how long
-        runs are; where it ends if nothing cuts it, and where if something does.
+        Returns the registers by name. `place` is where the run lies in the scratch half, or in the ring as if the ring did not
+        wrap; `rest` is the number of beats from there to the end of the last run, `length` the length of a run; `end` is where
+        the run ends if it is the last one, `after` where it ends otherwise; `longer` and `odd` say which kind of run it is.
         """
         picked = {name: Signal(BEAT_BITS, name=f"picked_{name}") for name in ("rest", "length", "after", "end")}
         picked |= {"place": Signal(BEAT_BITS + 1, name="picked_place")}
@@ -244,7 +259,7 @@ class MergePlan(wiring.Component):
     def _give(
         self, m: Module, part: data.View, picked: dict[str, Signal], way: Signal, left: Signal, given: data.View,
     ) -> Value:
-        """What has been picked, to its way; returns where it ends."""
+        """Hands the picked run to its way; returns where the run ends."""
         cut = Signal()
         m.d.comb += [
             cut.eq(picked["rest"] <= picked["length"]),

@@ -1,16 +1,17 @@
-"""One stage of the merge sorter: neighbouring sorted runs of up to N entries to sorted runs of up to 2 N.
+"""One stage of the merge sorter: merges pairs of neighbouring sorted runs of up to N items into sorted runs of up to 2 N.
 
-Runs arrive in turn for side 0 and side 1, whatever chunk they belong to, and wait there in order. A pair is a run and the
-next one of the same chunk; a chunk's odd last run goes through alone, and so does the only run of a short chunk. The second
-run's entries need not be there when merging begins: from its first entry on the smaller head leaves, one a cycle, while
-entries keep arriving::
+Runs are stored alternately on side 0 and side 1, whatever chunk they belong to, and wait there in order. A pair is a run and
+the next run of the same chunk. The last run of a chunk with an odd number of runs passes alone, and so does the only run of a
+short chunk. Merging begins with the first item of the second run: from then on the smaller of the two heads leaves in every
+cycle, while further items arrive::
 
     cycle          0    1    2    3    4    5    6    7    8    9        N = 2, one chunk 5 8 | 3 9 | 1 4
     sink         < 5 >< 8 >< 3 >< 9 >< 1 >< 4 >
     side           0    0    1    1    0    0
-    source                       < 3 >< 5 >< 8 >< 9 >< 1 >< 4 >         3 leaves straight from the input; 1 4 alone
+    source                       < 3 >< 5 >< 8 >< 9 >< 1 >< 4 >         3 leaves straight from the input; 1 4 passes alone
 
-As one entry leaves while one arrives, no more than N + 1 ever wait on a side, and neither port pauses between pairs or chunks.
+One item leaves for each item that arrives, so at most N + 1 items ever wait on a side, and neither port pauses between pairs or
+chunks.
 """
 
 from __future__ import annotations
@@ -23,25 +24,25 @@ from rtl.sort_tmu.order import less
 
 
 class Kind(enum.Enum, shape=unsigned(2)):
-    """What a run is in its chunk; each of its items says it."""
+    """The role of a run in its chunk; every item of the run carries it."""
 
     FIRST = 0
-    """First of a pair, if a second follows."""
+    """The run is the first of a pair, if a second one follows."""
     SECOND = 1
-    """Second of a pair."""
+    """The run is the second of a pair."""
     WHOLE = 2
-    """Known to be all of its chunk: need not wait for what follows."""
+    """The run is known to be its whole chunk, so it need not wait for what follows."""
     EMPTY = 3
-    """An empty chunk: one item, no entry."""
+    """The chunk is empty: a single item without an intersection."""
 
 
 def item_layout(width: int) -> data.StructLayout:
-    """What travels between stages: the entry as one number, the end of a chunk, the kind of the run."""
+    """The item between stages: the intersection's record as one number, the end of a chunk, and the kind of the run."""
     return data.StructLayout({"word": width, "last": 1, "kind": Kind})
 
 
 class _Side:
-    """Runs that wait: the oldest item in `front` or, in the cycle after it was fetched, at the memory's output."""
+    """The runs that wait on one side; the oldest item is in `front` or, right after its fetch, at the memory's output."""
 
     def __init__(self, number: int, layout: data.StructLayout, run: int):
         self.number, self.run = number, run
@@ -55,21 +56,22 @@ class _Side:
 
     @property
     def run_ends(self) -> Value:
-        """The head is the last of its run."""
+        """Whether the head is the last item of its run."""
         return (self.place == self.run - 1) | self.head.last
 
     def elaborate(self, m: Module, item: data.View, fetched_item: data.View) -> None:
-        """Adds the logic."""
+        """Adds the logic of this side to `m`."""
         some, one = self.level != 0, self.level == 1
         m.d.comb += [
             self.there.eq(some | self.arrives),
             self.head.eq(Mux(some, Mux(self.fetched, fetched_item, self.front), item)),
         ]
-        to_front = self.push & (~some | one & self.pop)  # of what leaves as it comes, nobody looks at the copy
+        # An item that leaves in the cycle of its arrival is copied too, but the copy is never used
+        to_front = self.push & (~some | one & self.pop)
         to_memory = self.push & some & ~(one & self.pop)
         fetch = self.pop & (self.level > 1)
         m.d.sync += self.fetched.eq(fetch)
-        with m.If(self.push & ~self.pop):  # both sums are there before it is known who pops: heads are compared first
+        with m.If(self.push & ~self.pop):  # both sums are computed before the comparison of the heads decides which side pops
             m.d.sync += self.level.eq(self.level + 1)
         with m.Elif(self.pop & ~self.push):
             m.d.sync += self.level.eq(self.level - 1)
@@ -86,19 +88,20 @@ class _Side:
 
 
 class MergeStage(wiring.Component):
-    """Sorted runs of `run` entries, or fewer at the end of a chunk, to sorted runs of twice as many.
+    """Merges pairs of sorted runs into runs of twice the length; `run` items each, or fewer at the end of a chunk.
 
     Parameters:
-        width: bits of an entry; entries are ordered as unsigned numbers. All of an entry is its key: equal ones are the same.
-        run: entries of a run at the input; a power of two.
+        width: bits of an intersection's record. Records are compared as unsigned numbers; all of the record is the key, so that
+            equal keys are equal records.
+        run: items of a run at the input; a power of two.
 
     Ports:
         sink: runs, chunk after chunk.
         source: the runs of every chunk merged in pairs.
 
-    Storage: 2 run items of width + 3 bits in one memory, where what is read and written at one address in a cycle does not
-    count, and two items in registers. Throughput: one item a cycle. Latency: one cycle for the only run of a chunk, where that
-    is known from its first entry on; otherwise an item waits for the first entry of the second run or for the end of the chunk.
+    Storage: 2 run items of width + 3 bits in one memory, whose output may be undefined when one address is read and written in
+    the same cycle, and two items in registers. Throughput: one item per cycle. Latency: one cycle for the only run of a chunk
+    if its first item already says so; otherwise an item waits for the first item of the second run or for the end of the chunk.
     """
 
     def __init__(self, width: int, run: int):
@@ -115,14 +118,15 @@ class MergeStage(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         sides = [_Side(number, self.layout, self.run) for number in range(2)]
-        entering, leaving, moves = Signal(), Signal(), Signal()  # sides; an item leaves
+        # `entering` and `leaving` are sides; `moves` says that an item leaves
+        entering, leaving, moves = Signal(), Signal(), Signal()
         self._enter(m, sides, entering)
         self._store(m, sides, entering, leaving, moves)
         self._leave(m, sides, leaving, moves)
         return m
 
     def _enter(self, m: Module, sides: list[_Side], side: Signal) -> None:
-        """Runs to their sides, in turn."""
+        """Stores runs on alternating sides."""
         item, place = self.sink.payload, Signal(range(self.run))
         m.d.comb += self.sink.ready.eq(Mux(side, *(s.level != self.run + 1 for s in reversed(sides))))
         for s in sides:
@@ -132,11 +136,11 @@ class MergeStage(wiring.Component):
             m.d.sync += [place.eq(Mux(run_ends, 0, place + 1)), side.eq(side ^ run_ends)]
 
     def _store(self, m: Module, sides: list[_Side], entering: Signal, leaving: Signal, moves: Signal) -> None:
-        """The memory of both sides: at most one of them is written in a cycle, and at most one read.
+        """Adds the memory that both sides share: in each cycle at most one side is written and at most one is read.
 
-        Which side an item leaves is known late. So addresses follow the sides alone, what goes past an empty memory into
-        `front` is written, too, where the next item will be, and something is read wherever an item leaves: only what was
-        `fetched` counts.
+        The side from which an item leaves is on the critical path. The addresses therefore select between the pointers of the
+        sides alone, and the enables are generous. An item that bypasses the memory into `front` may also be written, to the
+        place that the next item will overwrite. A word may be read that is not needed; only a word marked `fetched` is used.
         """
         m.submodules.words = words = memory.Memory(shape=self.layout, depth=2 * self.run, init=[])
         write, read = words.write_port(), words.read_port()
@@ -151,9 +155,9 @@ class MergeStage(wiring.Component):
         ]
 
     def _leave(self, m: Module, sides: list[_Side], side: Signal, moves: Signal) -> None:
-        """The smaller head of a pair, or the next item of a run that has no second."""
-        older = Signal()  # side of the pair's first run
-        begun, gone, single, ended = Signal(), Signal(2), Signal(), Signal()  # of the pair that is being merged
+        """Moves the smaller head of a pair, or the next item of a run that has no second, to the output."""
+        older = Signal()  # the side of the pair's first run
+        begun, gone, single, ended = Signal(), Signal(2), Signal(), Signal()  # state of the pair that is being merged
         heads, there = [s.head for s in sides], Cat(s.there for s in sides)
         alone = Signal()
         m.d.comb += alone.eq(Mux(begun, single, self._alone(m, sides, older)))
@@ -173,10 +177,10 @@ class MergeStage(wiring.Component):
         self._emit(m, head, moves, pair_ends, pair_ends & chunk_ends, alone)
 
     def _alone(self, m: Module, sides: list[_Side], older: Signal) -> Value:
-        """Of a run that has not begun to leave: no second one follows.
+        """Whether no second run will follow the pair's first run; valid before that run begins to leave.
 
-        Its own kind says so, or the run after it, which is always on the other side, is not its second; or there is none yet
-        and the newest item of all, which is then this run's, ends a chunk.
+        The kind of the run may say so. Otherwise the run after it, which is always on the other side, decides: it may not be a
+        second run. If no run has arrived after it, the newest item of all belongs to it, and that item may end a chunk.
         """
         closed = Signal()
         with m.If(self.sink.valid & self.sink.ready):
@@ -189,7 +193,7 @@ class MergeStage(wiring.Component):
         return Mux(older, found[1], found[0])
 
     def _emit(self, m: Module, head: data.View, moves: Value, pair_ends: Value, last: Value, alone: Value) -> None:
-        """The output register. The pairs of a chunk are in turn the first and second run of the next stage's."""
+        """Drives the output register. The merged pairs of a chunk alternate as first and second runs of the next stage."""
         initial, odd = Signal(init=1), Signal()
         out = self.source.payload
         with m.If(~self.source.valid | self.source.ready):

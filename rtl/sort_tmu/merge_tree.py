@@ -1,10 +1,10 @@
-"""A tree of two-way comparators: sorted runs at its leaves to one sorted run, an entry a cycle.
+"""A tree of two-way comparators that merges the sorted runs at its leaves into one sorted run, one intersection per cycle.
 
-Every leaf brings one run for each merge, in the order of the merges; a leaf without one brings a blank. The tree knows no
-merge from the next but by the ends of runs, so that merges follow each other without a pause::
+Every leaf delivers one run for each merge, in the order of the merges; a leaf that has no run for a merge delivers a blank. The
+tree tells merges apart only by the ends of runs, so that merges follow each other without a pause::
 
     cycle         0    1    2    3    4    5    6                one node
-    sink 0     < 2 >< 7.>< 1 ....                                7. is the last of its run
+    sink 0     < 2 >< 7.>< 1 ....                                a dot marks the last item of a run
     sink 1     < 5 >< 5 >< 5 >< 9.><  blank  >< 3 ....
     source          < 2 >< 5 >< 7 >< 9.>     < 1 >               the blank takes a cycle
 """
@@ -19,21 +19,22 @@ from rtl.sort_tmu.order import less
 
 
 def run_layout(width: int) -> data.StructLayout:
-    """An entry of a run as one number, the end of the run, and whether there is no entry: a blank, which ends its run, too."""
+    """One item of a run: the intersection as one number, the end of the run, or a blank, which is an empty run of one item."""
     return data.StructLayout({"word": width, "last": 1, "blank": 1})
 
 
 class MergeNode(wiring.Component):
-    """Two runs to one.
+    """Merges two runs into one.
 
     Parameters:
-        width: bits of an entry; entries are ordered as unsigned numbers.
+        width: bits of an intersection's record; records are compared as unsigned numbers.
 
     Ports:
-        sinks: runs, one of each for every run at the source.
-        source: merged runs; a blank where both are.
+        sinks: runs; the node takes one run from each sink for every run at the source.
+        source: merged runs; a blank if both runs are blank.
 
-    Storage: one entry. Throughput: an entry a cycle, and a cycle more where just one of the two runs is blank. Latency: 1.
+    Storage: one item. Throughput: one intersection per cycle, and one more cycle for a merge in which just one of the two runs
+    is blank. Latency: 1 cycle.
     """
 
     def __init__(self, width: int):
@@ -43,11 +44,13 @@ class MergeNode(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        heads, gone = [sink.payload for sink in self.sinks], Signal(2)  # gone: the side's run has ended, the other has not
+        # gone[i]: the run of side i has ended, the other has not
+        heads, gone = [sink.payload for sink in self.sinks], Signal(2)
         free, moves, side = Signal(), Signal(), Signal()
         here = [gone[i] | sink.valid & ~sink.payload.blank for i, sink in enumerate(self.sinks)]
         head = data.View(self._layout, Mux(side, heads[1], heads[0]))
-        blank, ends = gone.all(), Signal()  # only blanks make both gone: otherwise the second to end, ends the merged run
+        # only two blanks set both bits; otherwise the merged run ends with the run that ends second
+        blank, ends = gone.all(), Signal()
         m.d.comb += [
             free.eq(~self.source.valid | self.source.ready),
             moves.eq(here[0] & here[1] & free),
@@ -73,18 +76,18 @@ class MergeNode(wiring.Component):
 
 
 class MergeTree(wiring.Component):
-    """Runs of `ways` leaves to one run.
+    """Merges one run from each of `ways` leaves into one run.
 
     Parameters:
-        width: bits of an entry.
-        ways: leaves; a power of two, at least 2.
+        width: bits of an intersection's record.
+        ways: number of leaves; a power of two, at least 2.
 
     Ports:
-        sinks: a run, or a blank, of every leaf for every merge.
+        sinks: for every merge a run, or a blank, from each leaf.
         source: merged runs.
 
-    Storage: ways - 1 entries. Throughput: an entry a cycle. Latency: log2(ways), and as much again at a merge's begin where
-    leaves are blank.
+    Storage: ways - 1 items. Throughput: one intersection per cycle. Latency: log2(ways) cycles, and up to as many again at the
+    start of a merge in which leaves are blank.
     """
 
     def __init__(self, width: int, ways: int):

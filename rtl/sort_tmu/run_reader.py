@@ -1,4 +1,4 @@
-"""Runs from memory to the leaves of the merge tree, read ahead."""
+"""Reads runs from memory ahead of their use and delivers them to the leaves of the merge tree."""
 
 from __future__ import annotations
 
@@ -19,31 +19,36 @@ _TAIL_BITS = (BEAT_ENTRIES - 1).bit_length()
 
 
 def way_run(config: AcceleratorConfig) -> data.StructLayout:
-    """A way's run in the next merge: its place in memory, and entries of its last beat less 1; blank without beats."""
+    """The run of one way in the next merge.
+
+    `beat` is its first beat and `beats` their number, 0 for a blank; `tail` is the number of intersections in its last beat
+    less 1.
+    """
     return data.StructLayout({
         "way": range(config.merge_ways), "beat": BEAT_BITS, "beats": BEAT_BITS, "tail": _TAIL_BITS})
 
 
 class RunReader(wiring.Component):
-    """One FIFO a way, kept full by requests in turn.
+    """One FIFO for each way; requests in turn keep all of them full.
 
-    A way goes on to its run of the next merge as soon as all of this one's beats are requested: what follows is there when
-    the tree gets to it. A request is made only where its beat has room, so that data never wait.
+    As soon as all beats of a way's run are requested, the way goes on to its run of the next merge, which is then there when
+    the tree gets to it. A beat is requested only if its FIFO has free space for it, so that data from memory never wait.
 
     Parameters:
-        config: the machine; `merge_ways` and the entry's format matter here.
-        way_beats: beats a way holds or has requested: 4 cycles of merging each, should all entries come from one way.
+        config: the machine; only `merge_ways` and the format of an intersection are used.
+        way_beats: beats that a way holds or has requested. Each beat lasts for 4 cycles of merging if all intersections come
+            from one way.
 
     Ports:
-        runs: runs of the ways, ways in order, merge after merge; blanks where a merge has fewer.
-        reads, data: memory.
-        ring_last, ring_base: behind beat ring_last a run continues at ring_base.
-        sources: entries of each way's runs.
-        error: strobe, memory answered with an error.
+        runs: for every merge a run, or a blank, for each way, in the order of the ways.
+        reads, data: the memory's read port.
+        ring_last, ring_base: a run that reaches beat ring_last continues at beat ring_base.
+        sources: for each way the intersections of its runs.
+        error: strobe; memory answered a read with an error.
 
-    Storage: ways * (way_beats + 1) beats, an entry a way, and a memory of ways * way_beats words that says whose the beats on
-    their way are. Throughput: a beat a cycle from memory, an entry a cycle at every source. Latency: a run's first entry leaves
-    4 cycles after its beat has come.
+    Storage: ways * (way_beats + 1) beats, one intersection per way, and a memory of ways * way_beats words that says which way
+    each requested beat belongs to. Throughput: one beat per cycle from memory, one intersection per cycle at every source.
+    Latency: the first intersection of a run leaves 4 cycles after its beat arrived.
     """
 
     def __init__(self, config: AcceleratorConfig, *, way_beats: int = 32):
@@ -74,16 +79,17 @@ class RunReader(wiring.Component):
         return m
 
     def _request(self, m: Module, fetched: SyncFIFOBuffered, returned: Value) -> None:
-        """One way's next beat a cycle, in turn."""
+        """Requests the next beat of one way in every cycle; the ways take turns."""
         ways, run = self._ways, self.runs.payload
-        wants, busy, later = Signal(ways), Signal(ways), Signal(ways)  # later: behind the last one whose turn it was
+        wants, busy, later = Signal(ways), Signal(ways), Signal(ways)  # later: the ways after the one that was served last
         beats, lefts, tails = (
             [Signal(width, name=f"{what}_{i}", reset_less=True) for i in range(ways)]
             for what, width in (("beat", BEAT_BITS), ("left", BEAT_BITS), ("tail", _TAIL_BITS)))
         m.d.comb += self.runs.ready.eq(~Array(busy)[run.way])
-        chosen, behind = Signal(ways), wants & later  # one bit at most
+        chosen, behind = Signal(ways), wants & later  # at most one bit is set
         m.d.comb += chosen.eq(Mux(behind.any(), _first(behind), _first(wants)))
-        blanks, finals = Signal(ways), Signal(ways)  # every way's own, so that only bits of it wait for the turn
+        # decided for each way by itself, so that only single bits are selected once the turn is known
+        blanks, finals = Signal(ways), Signal(ways)
         m.d.comb += finals.eq(Cat(left[1:] == 0 for left in lefts))
         blank, ends = (chosen & blanks).any(), (chosen & finals).any()
         item = data.View(self._fetched, fetched.w_data)
@@ -105,7 +111,7 @@ class RunReader(wiring.Component):
         for i in range(ways):
             following = Mux(beats[i] == self.ring_last, self.ring_base, beats[i] + 1)
             room = Signal(range(self._way_beats + 1), name=f"room_{i}", init=self._way_beats)
-            some, mine = Signal(name=f"some_{i}", init=1), grant & chosen[i]  # there is room
+            some, mine = Signal(name=f"some_{i}", init=1), grant & chosen[i]  # some: there is free space
             m.d.comb += wants[i].eq(busy[i] & some)
             with m.If(mine & ~returned[i]):
                 m.d.sync += [room.eq(room - 1), some.eq(room != 1)]
@@ -118,7 +124,7 @@ class RunReader(wiring.Component):
                 m.d.sync += [busy[i].eq(1), beats[i].eq(run.beat), lefts[i].eq(run.beats), tails[i].eq(run.tail)]
 
     def _deliver(self, m: Module, fetched: SyncFIFOBuffered, returned: Value) -> None:
-        """Beats to the FIFOs of their ways, entries out of those."""
+        """Stores arriving beats in the FIFOs of their ways, and takes intersections out of these."""
         item = data.View(self._fetched, fetched.r_data)
         arrives, words = Signal(), Cat(self.data.payload.word)
         m.d.comb += [
@@ -129,7 +135,7 @@ class RunReader(wiring.Component):
         ]
         kept = data.StructLayout({"words": len(words), "end": 1, "blank": 1, "tail": _TAIL_BITS})
         for i, source in enumerate(self.sources):
-            fifo = SyncFIFOBuffered(width=kept.size, depth=self._way_beats + 1)  # its last word is a register
+            fifo = SyncFIFOBuffered(width=kept.size, depth=self._way_beats + 1)  # one of its words is the output register
             m.submodules[f"way_{i}"] = fifo
             kept_in, kept_out = data.View(kept, fifo.w_data), data.View(kept, fifo.r_data)
             place, goes_on = Signal(_TAIL_BITS, name=f"place_{i}"), ~source.valid | source.ready
@@ -155,12 +161,12 @@ class RunReader(wiring.Component):
 
 
 def _first(bits: Value) -> Value:
-    """The lowest bit that is high, alone."""
+    """Only the lowest bit that is high."""
     return Cat(bits[i] & ~bits[:i].any() for i in range(len(bits)))
 
 
 def _chosen(chosen: Value, values: Iterable[Value]) -> Value:
-    """The one whose bit is high."""
+    """The value whose bit in `chosen` is high; at most one is."""
     found: Value = Const(0)
     for bit, value in zip(chosen, values, strict=True):
         found = found | value & bit.replicate(len(value))

@@ -1,4 +1,4 @@
-"""Sorted runs to memory: entries packed into beats, a queue for both sources of runs, and fences."""
+"""Writes sorted runs to memory: packs intersections into beats, queues the beats of both sources, and observes fences."""
 
 from __future__ import annotations
 
@@ -16,25 +16,29 @@ _ENTRY_BITS = 8 * ENTRY_BYTES
 
 
 def written_entry(config: AcceleratorConfig) -> data.StructLayout:
-    """An entry for memory, or with `nothing` none; `last` of its run; `fence`: tell when it and all before it are in memory."""
+    """An intersection to be written.
+
+    `last` marks the end of its run. `fence` asks for a report when it and everything before it is in memory. With `nothing`
+    there is no intersection, only the fence.
+    """
     return data.StructLayout({"word": tile_entry(config).width, "last": 1, "fence": 1, "nothing": 1})
 
 
 def written_beat() -> data.StructLayout:
-    """The same for whole beats."""
+    """A beat to be written; `fence` and `nothing` are those of its last intersection."""
     return data.StructLayout({"beat": BEAT_BITS, "words": _ENTRY_BITS * BEAT_ENTRIES, "fence": 1, "nothing": 1})
 
 
 class BeatPacker(wiring.Component):
-    """Entries of runs to beats; a run begins with a new one, and what its last beat lacks is left as it was before.
+    """Packs the intersections of runs into beats. Each run begins with a new beat; unused words of its last beat are undefined.
 
     Ports:
-        sink: entries.
-        begin: beat of the run whose first entry is taken.
-        ring_last, ring_base: behind beat ring_last a run continues at ring_base.
+        sink: intersections.
+        begin: first beat of a run; sampled when the first intersection of the run is taken.
+        ring_last, ring_base: a run that reaches beat ring_last continues at beat ring_base.
         source: beats.
 
-    Throughput: an entry a cycle. Latency: 1.
+    Throughput: one intersection per cycle. Latency: 1 cycle.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -74,20 +78,22 @@ class BeatPacker(wiring.Component):
 
 
 class RunWriter(wiring.Component):
-    """Beats of chunks' runs and of merged runs to the write port.
+    """Writes the beats of chunks' runs and of merged runs through one write port.
 
-    Behind a beat with a fence nothing is written until memory says that all is there; the queue takes what comes meanwhile.
+    After a beat with a fence nothing is written until memory reports that every write is complete; meanwhile the queue takes
+    what arrives.
 
     Parameters:
         config: the machine.
-        depth: beats of the queue: 4 cycles of the chunk sorter each.
+        depth: beats of the queue; the chunk sorter takes 4 cycles to make each.
 
     Ports:
-        chunks, merged: beats; merged ones go first.
-        writes, writes_idle: memory.
-        chunks_there, merged_there: strobes, a fence of this source is passed.
+        chunks, merged: beats of the two sources; merged runs take precedence.
+        writes, writes_idle: the memory's write port; `writes_idle` says that every write is complete.
+        chunks_there, merged_there: strobes; a fence of this source has been passed.
 
-    Storage: `depth` beats with their addresses. Throughput: a beat a cycle.
+    Storage: `depth` beats with their addresses. Throughput: one beat per cycle. Beats leave in the order in which the queue
+    took them.
     """
 
     def __init__(self, config: AcceleratorConfig, *, depth: int = 32):
@@ -116,7 +122,7 @@ class RunWriter(wiring.Component):
             self.merged.ready.eq(queue.w_rdy),
             self.chunks.ready.eq(queue.w_rdy & ~self.merged.valid),
         ]
-        written = Signal()  # the head is, and waits for its fence
+        written = Signal()  # the beat at the queue's head is written and waits for its fence
         needs, out = ~(written | head.request.nothing), self.writes.payload
         passed = Signal()
         m.d.comb += [

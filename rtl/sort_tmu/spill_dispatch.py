@@ -1,4 +1,4 @@
-"""Where sorted chunks go: out at once, or as runs into the spill region's ring."""
+"""Decides where sorted chunks go: directly to the output, or as runs into the ring of the spill region."""
 
 from __future__ import annotations
 
@@ -16,28 +16,35 @@ from spec.records import chunk_entry, tile_entry
 
 
 def cut_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A chunk that is not a whole group: its number, modulo more than the sorter holds, and whether its group ends with it."""
+    """A chunk that is not a whole group.
+
+    `number` counts chunks modulo more than the sorter can hold; `last` says that the group ends with this chunk.
+    """
     return data.StructLayout({"number": (4 * chunk_capacity(config) - 1).bit_length(), "last": 1})
 
 
 class SpillDispatch(wiring.Component):
-    """Sorted chunks to the output or to memory.
+    """Sends sorted chunks to the output or to memory.
 
-    A whole group goes out as soon as nothing is spilled before it. Others wait for room for a run in the ring. A part is what
-    will be merged: a group's runs; where the ring is full of the open part alone, the part ends there and the group goes on as
-    another one, or, in a region without room for any run, chunk by chunk: not in order, but nothing is lost and nothing waits
-    for ever.
+    A chunk that is a whole group goes out as soon as no spilled group is ahead of it. Other chunks wait until the ring has free
+    space for a run. A part is the unit that will be merged, normally all runs of a group. If the ring is filled by the open
+    part alone, the part ends there and the group continues with another part. If the region has no space for even one run, the
+    chunks of the group leave one by one. In both cases the group is not in order, but nothing is lost and nothing waits for
+    ever.
 
     Ports:
         chunks: sorted chunks.
-        cuts: which of them are not whole groups; there before the chunk.
-        direct: entries of what goes out at once.
-        run_entries, run_begin: entries for memory, and where the run of the first of them begins.
-        parts: parts as they end; their last run's fence tells when they may be merged.
-        ring_base, ring_runs: the ring's place, its size in runs.
-        freed: strobe, a part is merged and out, and `freed_runs` are free again: from the next cycle but one on.
-        overflow: strobe, the ring is too small for a group.
-        active: a part is open or not yet out.
+        cuts: the chunks that are not whole groups; a cut must arrive before its chunk.
+        direct: intersections that go directly to the output.
+        run_entries, run_begin: intersections for memory, and the first beat of the run whose first intersection is offered.
+        parts: parts, offered when they end; the fence of a part's last run tells when it may be merged.
+        ring_base, ring_runs: first beat of the ring and its size in runs.
+        freed: strobe; a part has been merged and has left, and its `freed_runs` are free again from the second cycle after
+            this.
+        overflow: strobe; the ring is too small for a group.
+        active: a part is open or has not left yet.
+
+    Throughput: one intersection per cycle; both outputs are combinational. Chunks and parts keep their order.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -59,19 +66,23 @@ class SpillDispatch(wiring.Component):
         m = Module()
         bits, config = run_bits(self._config), self._config
         shift = run_beats(config).bit_length() - 1
-        number, inside = Signal(cut_layout(config)["number"].shape), Signal()  # of the chunk; its first entry is gone
-        used, following, first, runs = (  # runs of the ring in use; the next, the open part's first, how many it has
+        # `number` is that of the current chunk; `inside` says that its first intersection has been taken
+        number, inside = Signal(cut_layout(config)["number"].shape), Signal()
+        # In runs of the ring: how many are in use, the next one to use, the first of the open part, the length of the open
+        # part.
+        used, following, first, runs = (
             Signal(bits, name=name) for name in ("used", "following", "first", "runs"))
-        parts, count = Signal(4), Signal(range(chunk_capacity(config)))  # closed parts; entries of the run before this one
+        # `parts` are closed parts that have not left; `count` intersections of the current run are taken.
+        parts, count = Signal(4), Signal(range(chunk_capacity(config)))
         item, opened, taken = self.chunks.payload, runs != 0, self.chunks.valid & self.chunks.ready
         cut = self.cuts.valid & (self.cuts.payload.number == number)
         names = ("spills", "ends", "closes", "splits", "admitted")
         spills, ends, closes, splits, admitted = (Signal(name=name) for name in names)
         room, idle = used != self.ring_runs, parts == 0
-        few, closed = ~parts.all(), Signal()  # closed: a part has, in the cycle before
+        few, closed = ~parts.all(), Signal()  # `closed`: a part closed in the previous cycle
         freed, freed_runs = Signal(), Signal(bits)
         m.d.sync += [freed.eq(self.freed), freed_runs.eq(Mux(self.freed, self.freed_runs, 0))]
-        more = self.parts.ready & ~closed & few  # there is a place for a part
+        more = self.parts.ready & ~closed & few  # the queue has free space for a part
         m.d.comb += [
             spills.eq(cut & (self.ring_runs != 0)),
             ends.eq(item.last & self.cuts.payload.last),
@@ -93,11 +104,11 @@ class SpillDispatch(wiring.Component):
             with m.If(~opened):
                 m.d.sync += first.eq(following)
         with m.Elif(~self.active):
-            m.d.sync += following.eq(0)  # the region may change where nothing is in it
+            m.d.sync += following.eq(0)  # the region may be changed while nothing is in it
         with m.If(closes):
             m.d.sync += runs.eq(0)
         m.d.sync += [
-            used.eq(Mux(begins, used - freed_runs + 1, used - freed_runs)),  # both are there before it is known
+            used.eq(Mux(begins, used - freed_runs + 1, used - freed_runs)),  # both sums are computed before `begins` is known
             parts.eq(parts + closes - freed),
         ]
         return m
@@ -105,7 +116,7 @@ class SpillDispatch(wiring.Component):
     def _out(
         self, m: Module, cut: Signal, spills: Signal, admitted: Signal, splits: Signal, ends: Signal, more: Value,
     ) -> None:
-        """The two ways."""
+        """Drives the two outputs."""
         item, out, run = self.chunks.payload, self.direct.payload, self.run_entries.payload
         m.d.comb += [
             self.direct.valid.eq(self.chunks.valid & ~spills & ~self.active),
@@ -123,13 +134,14 @@ class SpillDispatch(wiring.Component):
     def _close(
         self, m: Module, closes: Signal, closed: Signal, splits: Signal, count: Signal, first: Value, runs: Signal,
     ) -> None:
-        """The part that has ended with the entry before this one, or with the run before that."""
+        """Registers and offers a closed part. It ended in the previous cycle, with the item taken or, if split, before it."""
         part, shift, places = self.parts.payload, run_beats(self._config).bit_length() - 1, (BEAT_ENTRIES - 1).bit_length()
         offset, all_runs, length, split = (Signal.like(signal, name=name, reset_less=True) for name, signal in (
             ("offset", runs), ("all_runs", runs), ("length", count), ("split", splits)))
         m.d.sync += [
             closed.eq(closes), offset.eq(first), length.eq(count), split.eq(splits),
-            all_runs.eq(Mux(splits | (count != 0), runs, runs + 1)),  # not yet of its first entry
+            # `runs` does not yet count a run whose first intersection closes the part
+            all_runs.eq(Mux(splits | (count != 0), runs, runs + 1)),
         ]
         m.d.comb += [
             self.parts.valid.eq(closed),

@@ -1,20 +1,22 @@
-"""Stage one of the tile merge unit: how many entries each tile has.
+"""Stage one of the tile merge unit: counts the intersections of each tile.
 
-One memory holds all counters. A hit reads its counter and writes it back, incremented, a cycle later; a hit on the same tile in
-the very next cycle takes the sum from the register behind the adder, as what it reads is old. A full counter is not
-written, so what is read of it is never old. The frame's sums follow two cycles behind the adder::
+One memory holds all counters. An intersection reads its tile's counter in one cycle and writes it back, incremented, in the
+next. If the very next intersection is in the same tile, the value it reads is old, and it takes the sum from the register
+behind the incrementer instead. A full counter is not written, so a full counter that is read is never old. The sums over the
+frame follow two cycles behind the incrementer::
 
     cycle        0      1      2      3      4      5
     hits     < tile 7 >< tile 7 >< tile 7 >
-    read               <  4   ><  4   ><  5   >     the memory's output; after a write of the same address, not used
+    read               <  4   ><  4   ><  5   >     the memory's output; not used right after a write of the same address
     sum                <  5   ><  6   ><  7   >
     total       <  4                 ><  5   ><  6   ><  7   >
 
-When all entries have come the counters are swept in tile order, one a cycle, and each is cleared behind the sweep: the next
-frame finds zeros, no pass is spent on clearing, and there is one memory. A second one (or a second half) would let a frame
-be counted while the one before is still swept, at twice the largest memory of this unit, for at most a cycle a tile where
-counting takes hundreds; generation bits would not, as the old counts are still wanted, and would have to be cleared before
-they repeat. Only a reset is followed by a pass of clearing, because it may have cut off a frame, or memory may hold anything.
+When all intersections of the frame are counted, the counters are swept in tile order, one per cycle, and each is cleared right
+after it is read. The next frame finds zeros, so no separate pass of clearing is needed between frames. There is only one
+memory. A second one would let the next frame be counted during the sweep, but it would double the largest memory of this unit
+and save at most one cycle per tile, where counting takes hundreds of cycles per tile. Generation bits would not help: the old
+counts are still needed during the sweep, and the bits would have to be cleared before their values repeat. A pass of clearing
+runs only after a reset, because a reset may interrupt a frame and the memory may hold anything.
 """
 
 from __future__ import annotations
@@ -29,39 +31,39 @@ from spec.records import COUNT_BITS, frame_tiles, tile_hit, tile_index
 
 
 def tile_count_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A counter that is swept: its tile, and whether that is the last of its row and of the frame."""
+    """The counter of one tile as the sweep delivers it, and whether the tile is the last of its row and of the frame."""
     return data.StructLayout({"tile": shape(tile_index(config)), "count": COUNT_BITS, "row_ends": 1, "frame_ends": 1})
 
 
 def total_bits(config: AcceleratorConfig) -> int:
-    """Bits of the entries of a frame."""
+    """Bits of the number of intersections of a frame."""
     return COUNT_BITS + frame_tiles(config).bit_length()
 
 
 class TileCounters(wiring.Component):
-    """Entries of each tile of a frame.
+    """Counts the intersections of each tile of a frame.
 
     Parameters:
-        config: the machine; `row_width` matters here.
+        config: the machine; only `row_width` is used.
         count_bits: bits of a counter.
 
     Ports:
-        hits: TileHit items of a frame, then one with `end`.
-        tiles_x, tile_count: tiles of a row and of the frame, 1 or more; stable from the first hit to the last count. The last
-            row may be shorter.
-        begin_sweep: the counts may come out; waited for when the frame has ended, high for a cycle or more.
-        settled: the frame has ended, the sums below are final and the sweep waits.
-        counts: every tile's counter, in tile order.
+        hits: TileHit items of a frame, one per intersection in any order, then one with `end`.
+        tiles_x, tile_count: tiles of a row and of the frame, 1 or more; must be stable from the first hit to the last count.
+            The last row may be shorter.
+        begin_sweep: starts the sweep once the frame has ended; must be high for at least one cycle while `settled` is.
+        settled: the frame has ended, the sums below are final, and the sweep waits for `begin_sweep`.
+        counts: the counter of every tile, in tile order.
         total: sum of the frame's counters.
-        filled: tiles with an entry.
-        saturated: an entry met a full counter: it is not counted.
-        outside: an entry's tile is not of the frame: it is not counted.
-        busy: a frame has begun and its last count has not been taken, or memory is being cleared.
+        filled: number of tiles with at least one intersection.
+        saturated: an intersection met a full counter and was not counted.
+        outside: an intersection's tile is not in the frame; it was not counted.
+        busy: a frame has begun and its last count has not been taken, or the memory is being cleared.
 
-    `total`, `filled`, `saturated` and `outside` stay until the next frame's first item.
+    `total`, `filled`, `saturated` and `outside` keep their values until the first item of the next frame.
 
-    Storage: a counter for every tile of the largest frame; for PAPER 14,400 x 24 bits. Throughput: one hit a cycle whatever the
-    tiles; one count a cycle. After a reset one cycle a counter is spent on clearing.
+    Storage: one counter for each tile of the largest frame; 14,400 x 24 bits for PAPER. Throughput: one intersection per cycle,
+    whatever the tiles; one count per cycle. Clearing after a reset takes one cycle per counter.
     """
 
     def __init__(self, config: AcceleratorConfig, *, count_bits: int = COUNT_BITS):
@@ -116,7 +118,7 @@ class TileCounters(wiring.Component):
         return m
 
     def _sum(self, m: Module) -> data.View:
-        """The frame's sums; returns what they are to take in, a bit each, the next cycle: a carry waits for no counter."""
+        """Adds up the frame's sums from the one-bit events returned, which are registered: the memory leaves little time."""
         kinds = ("begins", "more", "first", "lost", "astray")
         counted = Signal(data.StructLayout(dict.fromkeys(kinds, 1)))
         held = Signal.like(counted)
@@ -135,7 +137,7 @@ class TileCounters(wiring.Component):
     def _count(
         self, m: Module, write: wiring.PureInterface, read: wiring.PureInterface, counted: data.View,
     ) -> Value:
-        """A hit a cycle; returns when the frame has ended. The hit before the end is written in the end's own cycle."""
+        """Counts one intersection per cycle; returns whether the frame ends. The last one is written in the cycle of `end`."""
         hit, begun = self.hits.payload, Signal()
         taken = self.hits.valid
         counts, within = taken & ~hit.end, hit.tile < self.tile_count
@@ -144,7 +146,8 @@ class TileCounters(wiring.Component):
         m.d.comb += [self.busy.eq(begun), self.hits.ready.eq(1), read.en.eq(counts & within), read.addr.eq(hit.tile)]
         m.d.sync += [update.eq(counts & within), tile.eq(hit.tile)]
 
-        count, after = Signal(self.count_bits), Signal(self.count_bits)  # one more, without a ripple: memory leaves little time
+        # `after` is count + 1 without a carry chain, because the read of the memory leaves little time in the cycle.
+        count, after = Signal(self.count_bits), Signal(self.count_bits)
         m.d.comb += [
             count.eq(Mux(again, summed, read.data)),
             after.eq(Cat(~count[0], *(bit ^ count[:place].all() for place, bit in enumerate(count) if place))),
@@ -163,10 +166,11 @@ class TileCounters(wiring.Component):
         return taken & hit.end
 
     def _sweep(self, m: Module, write: wiring.PureInterface, read: wiring.PureInterface) -> Value:
-        """A count a cycle, cleared in the cycle after it is read; returns when the last one is taken."""
+        """Delivers one count per cycle and clears it in the cycle after its read; returns whether the last one is taken."""
         out = self.counts.payload
         tile, column = Signal.like(out.tile, reset_less=False), Signal.like(self.tiles_x)
-        fetching, fetched = Signal(init=1), Signal()  # a counter is left to read; the one in `out` was read last cycle
+        # A counter is left to read; the counter of `out` was read in the last cycle
+        fetching, fetched = Signal(init=1), Signal()
         frame_ends = tile == self.tile_count - 1
         row_ends = (column == self.tiles_x - 1) | frame_ends
         moves = ~self.counts.valid | self.counts.ready

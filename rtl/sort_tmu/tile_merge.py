@@ -1,4 +1,4 @@
-"""The tile merge unit: entries counted by tile, neighbouring tiles merged into groups (paper section 6.2, "Tile Merging")."""
+"""The tile merge unit: counts intersections by tile and merges neighbouring tiles (paper section 6.2, "Tile Merging")."""
 
 from __future__ import annotations
 
@@ -16,26 +16,29 @@ from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
 
 
 class TileMergeUnit(wiring.Component):
-    """The two-stage counter pipeline: `TileCounters`, `AutoBeta` between frame's end and sweep, `GroupTiles`.
+    """A pipeline of two stages, `TileCounters` and `GroupTiles`; `AutoBeta` runs between them, before the sweep of the
+    counters.
 
     Parameters:
-        config: the machine; `row_width` (frames up to that many pixels squared) and `sort_buffer_bytes` matter here.
-        count_bits: bits of a tile's counter; a full one stays full and raises `saturated`.
+        config: the machine; `row_width` (frames of up to that many pixels squared) and `sort_buffer_bytes` are used.
+        count_bits: bits of a tile's counter; a full counter stays full and raises `saturated`.
 
     Ports:
-        hits: TileHit items, one per entry in any order, then one with `end`. Frames follow each other.
-        groups: TileGroup items of every tile, in tile order.
+        hits: TileHit items, one per intersection in any order, then one with `end`. Frames follow each other.
+        groups: a TileGroup item for every tile, in tile order.
         tiles_x, tile_count: tiles of a row and of the frame, 1 or more.
-        beta: merge threshold in entries; 0 means 1.
-        auto: twice the frame's mean count over non-empty tiles instead, capped by half of the sort buffer.
-        beta_used: the threshold of the frame that was counted last; groups of the one before may still be leaving.
-        saturated, outside: an entry of the frame was not counted: its tile's counter was full, or there is no such tile. Until
-            the next frame's first item.
-        busy: high from a frame's first item until its last group is taken, and while the counters are cleared after a reset.
-            Settings may change where it is low.
+        beta: merge threshold in intersections; 0 means 1.
+        auto: use `AutoBeta` instead of `beta`: twice the frame's mean count over non-empty tiles, capped by half the sort
+            buffer.
+        beta_used: the threshold of the frame that was counted last; groups of the frame before it may still be leaving.
+        saturated, outside: an intersection of the frame was not counted, because the counter of its tile was full or because
+            there is no such tile. Both keep their value until the first item of the next frame.
+        busy: high from the first item of a frame until its last group is taken, and while the counters are cleared after a
+            reset. Settings may change only while it is low.
 
-    Storage: that of `TileCounters`. Throughput: one hit a cycle, one tile a cycle. From `end` to the first group: 9 cycles, and
-    those of `AutoBeta` with `auto`. The next frame's hits are taken from the cycle on in which the last count has been read.
+    Storage: that of `TileCounters`. Throughput: one intersection per cycle, one tile per cycle. Latency: the first group leaves
+    9 cycles after `end`, plus the cycles of `AutoBeta` if `auto` is set. Items of the next frame are taken from the cycle on in
+    which the last count is read.
     """
 
     def __init__(self, config: AcceleratorConfig, *, count_bits: int = COUNT_BITS):

@@ -1,4 +1,4 @@
-"""The frame controller: the order of a frame's phases, and the way out of one that fails.
+"""The frame controller: runs the phases of a frame in order, and recovers from a frame that fails.
 
     IDLE ──start──► CLEAR ──► TABLE ──► GEOMETRY ──► RENDER ──► IDLE            finished, error NONE
                       │         │          │            │
@@ -6,13 +6,15 @@
                                      ▼
                                    DRAIN ──bus quiet──► RESET ──► IDLE          finished, error set
 
-CLEAR counts the frame's tiles while every unit forgets the frame before. The phases are separated by barriers: GEOMETRY ends
-when all it wrote is in memory, because RENDER reads it. A failed frame is not repaired: the bus takes no more requests, what is
-on its way is swallowed, and a reset of all units, bus and registers apart, makes room for the next frame. Broken data cannot
-hang a unit, as none waits for anything but counts and answers; a watchdog gives up a frame in which memory moves nothing for
-2^WATCHDOG_BITS cycles all the same. Memory that owes an answer and never gives it holds the machine in DRAIN until `rst`.
+CLEAR counts the tiles of the frame while every unit clears its state of the previous frame. The phases are separated by
+barriers: GEOMETRY ends when everything that it wrote is in memory, because RENDER reads it.
 
-A frame of two eyes goes through CLEAR to RENDER twice, for the source eye and then for the target eye.
+A failed frame is not repaired. The bus takes no more requests, outstanding answers are discarded, and a reset of all units
+except bus and registers prepares for the next frame. Broken data cannot hang a unit, because units wait only for counts and for
+answers of memory. Even so, a watchdog ends a frame in which no beat moves on the bus for 2^WATCHDOG_BITS cycles. If memory
+never gives an answer that it owes, the machine stays in DRAIN until `rst`.
+
+A frame of two eyes passes from CLEAR to RENDER twice, first for the source eye and then for the target eye.
 """
 
 from __future__ import annotations
@@ -34,35 +36,37 @@ _TILE_SHIFT = (TILE - 1).bit_length()
 
 
 class FrameController(wiring.Component):
-    """Phases of a frame.
+    """Runs the phases of a frame.
 
     Parameters:
-        config: the machine; `row_width` matters here.
-        watchdog_bits: log2 of the cycles without progress that end a frame.
+        config: the machine; `row_width` is used.
+        watchdog_bits: log2 of the number of cycles without progress that end a frame.
 
     Ports:
-        start: strobe: begin a frame; taken in IDLE only. Settings are stable from then on until `finished`.
-        abort: strobe: give the frame up.
-        width, height: of the frame, in pixels.
-        tiles_x, tile_count: tiles of a row and of the frame, from the table phase on.
+        start: strobe that begins a frame; taken in IDLE only. Settings must be stable from then on until `finished`.
+        abort: strobe that ends the frame early.
+        width, height: size of the frame in pixels.
+        tiles_x, tile_count: tiles of a row and of the frame; valid from the table phase on.
         failure: error code of a unit that has failed, 0 for none; a level.
-        units_ready: units may be started: their memories are clear.
-        table_done, geometry_done, render_done: levels: the phase's work is done, its writes are in memory.
-        bus_quiet: nothing is on its way on the bus. progress: a beat moves.
-        clear: strobe: units forget the frame before.
-        start_table, start_geometry, start_render: strobes.
-        abort_bus: level: the bus takes nothing any more.
-        reset_units: level.
-        phase: as the host sees it; `busy`: not IDLE.
-        finished: strobe: the frame has ended.
-        error: how it ended, from `finished` to the next start.
+        units_ready: the units may be started, because their memories are clear.
+        table_done, geometry_done, render_done: levels; the phase has done its work and its writes are in memory.
+        bus_quiet: the bus has no outstanding transaction.
+        progress: a beat moves on the bus.
+        clear: strobe; every unit clears its state of the previous frame.
+        start_table, start_geometry, start_render: strobes that start the phases.
+        abort_bus: level; the bus takes no more requests.
+        reset_units: level; resets the units.
+        phase: the phase as the host reads it.
+        busy: the controller is not in IDLE.
+        finished: strobe; the frame has ended.
+        error: how the frame ended; valid from `finished` to the next start.
 
     With stereo:
-        stereo: the frame is of two eyes.
-        target: level: the second pass, from the cycle after its `clear`. After a frame it stays until the next start.
-        next_pass: strobe, with `clear`: the first pass has ended, the second begins.
+        stereo: the frame has two eyes.
+        target: level; the second pass, from the cycle after its `clear`. After a frame it stays until the next start.
+        next_pass: strobe, together with `clear`; the first pass has ended and the second begins.
 
-    Latency: tile rows + 2 cycles from start to the table's; one cycle from phase to phase.
+    Latency: the number of tile rows + 2 cycles from `start` to `start_table`; one cycle from the end of a phase to the next.
     """
 
     def __init__(self, config: AcceleratorConfig, *, watchdog_bits: int = WATCHDOG_BITS):
@@ -137,14 +141,14 @@ class FrameController(wiring.Component):
         return m
 
     def _begin(self, m: Module, rows: Signal) -> None:
-        """Units forget what was before; tiles are counted."""
+        """Clears the units and starts to count the tiles."""
         m.d.comb += self.clear.eq(1)
         m.d.sync += [
             self.tiles_x.eq((self.width + TILE - 1) >> _TILE_SHIFT), rows.eq((self.height + TILE - 1) >> _TILE_SHIFT),
             self.tile_count.eq(0)]
 
     def _next_pass(self, m: Module, rows: Signal) -> None:
-        """The source eye is in memory: the same again for the target eye."""
+        """Begins the second pass, for the target eye, once the source eye is in memory."""
         with m.If(self.stereo & ~self.target):
             m.d.comb += [self.finished.eq(0), self.next_pass.eq(1)]
             m.d.sync += self.target.eq(1)
@@ -152,7 +156,7 @@ class FrameController(wiring.Component):
             m.next = "CLEAR"
 
     def _stop(self, m: Module, stops: Signal, bites: Signal) -> None:
-        """Leaves a phase when a unit has failed or the host aborts; the unit's reason goes before the host's."""
+        """Leaves a phase if a unit has failed or the host aborts. The failure of a unit takes precedence in `error`."""
         with m.If(stops):
             m.d.sync += self.error.eq(Mux(self.failure != 0, self.failure, Mux(bites, ErrorCode.WATCHDOG, ErrorCode.ABORTED)))
             m.next = "DRAIN"

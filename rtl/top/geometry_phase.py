@@ -1,4 +1,4 @@
-"""The units of the geometry phase: Gaussians in memory to tile entries and splat views in memory."""
+"""The units of the geometry phase: from Gaussians in memory to tile lists of intersections and splat records in memory."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from spec.records import frame_tiles, tile_hit
 from spec.saturations import SATURATIONS
 
 READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
-"""Its memory clients, by the names of `spec.registers`."""
+"""Memory clients of this phase, by the names of `spec.registers`."""
 
 STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
-"""Its stages whose input streams are watched."""
+"""Stages of this phase whose input streams are watched by the performance counters."""
 
 _COUNTS = (
     "points", "culled_near", "culled_faint", "culled_outside", "survivors", "entries", "filtered",
@@ -32,7 +32,7 @@ _COUNTS = (
 
 
 class GeometryPhase(wiring.Component):
-    """Reader, culling, tile test, colour, entry writer::
+    """Geometry reader, projection, tile test, colour unit and entry writer::
 
         geometry ─► GeometryReader ─► ProjectionUnit ─► TileTest ─► EntryWriter ─► entries
                                                           ▲   │         └─► hits
@@ -43,22 +43,24 @@ class GeometryPhase(wiring.Component):
         config: the machine.
 
     Ports:
-        settings, tiles_x, tile_count: of the frame.
-        clear: strobe before a frame. start_table, start: strobes, in this order, the second when `table_done`.
-        reads_NAME, data_NAME: memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
-        hits: TileHits for the tile merge unit, the frame's `end` behind the last write of an entry.
-        table_done: the table has been read since `clear`.
-        done: all of the frame's views are in memory since `clear`; that its entries are, the end of `hits` says.
-        full: entries need more room than there is.
+        settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
+        clear: strobe before a frame.
+        start_table, start: strobes, in this order; the second may come once `table_done` is high.
+        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: TileHit items for the tile merge unit; the frame's `end` follows when the last intersection has been written.
+        table_done: the table of tiles has been read since `clear`.
+        done: all splat records of the frame are in memory. That its intersections are in memory too is shown by the end of
+            `hits`.
+        full: the intersections need more memory than there is.
         ready: nothing is being cleared.
-        stage_valid, stage_ready: of the streams into STAGES, a bit each.
+        stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
         points, culled_near, culled_faint, culled_outside, survivors, entries, filtered: counts of the frame.
-        saturated_means, saturated_depths, saturated_keys, saturated_colours: likewise, see `spec.saturations`.
+        saturated_means, saturated_depths, saturated_keys, saturated_colours: counts of saturations, see `spec.saturations`.
 
     With stereo:
-        target: the target eye's pass.
-        mask_tile, mask: see `mask_port`; while the table is read.
-        rendered_tiles: tiles of the pass that are rendered, from `table_done` on.
+        target: the target eye's pass is running.
+        mask_tile, mask: see `mask_port`; used while the table is read.
+        rendered_tiles: tiles of the pass that are rendered; valid from `table_done` on.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -105,7 +107,7 @@ class GeometryPhase(wiring.Component):
         return m
 
     def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
-        """Ends of table and frame. A write counts as on its way only in the cycle after it was taken: hence `settled`."""
+        """Follows the ends of table and frame. `idle_views` falls only a cycle after a write was taken, hence `settled`."""
         survivors, ended, settled = tile_test.survivors, Signal(), Signal()
         m.d.sync += settled.eq(ended & colour.finished)
         m.d.comb += self.done.eq(ended & settled & colour.finished & self.idle_views)

@@ -1,4 +1,4 @@
-"""The whole machine: registers, frame controller, the units of both phases, the memory bus."""
+"""The whole machine: registers, frame controller, the units of both phases, and the memory bus."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from spec.registers import READ_CLIENTS, ErrorCode, events, stages, write_client
 
 
 class Machine(wiring.Component):
-    """The accelerator: an AXI4-Lite slave to command it, an AXI4 master to memory, an interrupt.
+    """The accelerator: an AXI4-Lite slave for commands, an AXI4 master to memory, and an interrupt.
 
-    A frame goes through the phases of `FrameController`; docs/machine.md says what the host does, docs/registers.md what it
-    writes where. Bus and registers are reset by `rst` alone; everything else also by the way out of a failed frame.
+    A frame passes the phases of `FrameController`. docs/machine.md describes what the host does, docs/registers.md the
+    registers. Only `rst` resets bus and registers; the other units are also reset after a failed frame.
 
     Parameters:
         config: the machine.
 
     Ports:
         s_axil_*: AXI4-Lite slave, 32 bits.
-        m_axi_*: AXI4 master, 256 bits, bursts of one beat.
+        m_axi_*: AXI4 master, 256 bits; every transaction is a single 32-byte beat.
         interrupt: level.
     """
 
@@ -70,13 +70,13 @@ class Machine(wiring.Component):
         self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
     ) -> None:
-        """Who starts whom, and which failure goes before which: what a bad answer breaks must not hide it."""
+        """Connects control signals and ranks failures; bus errors come first, because they may cause the other failures."""
         for unit in (geometry, render):
             m.d.comb += [
                 unit.settings.eq(registers.settings), unit.tiles_x.eq(controller.tiles_x),
                 unit.tile_count.eq(controller.tile_count), unit.clear.eq(controller.clear)]
         wiring.connect(m, geometry.hits, render.hits)
-        # The bus knows whose request failed; the units' own flags are for those who use them without it.
+        # The bus knows whose request failed. The units' own error flags are for designs that use a unit without this bus.
         failures = [
             (master.read_errors.any(), ErrorCode.READ_ERROR), (master.write_errors.any(), ErrorCode.WRITE_ERROR),
             (geometry.full, ErrorCode.ENTRIES_FULL), (render.saturated, ErrorCode.COUNT_SATURATED),
@@ -103,9 +103,9 @@ class Machine(wiring.Component):
         self, m: Module, registers: RegisterFile, controller: FrameController, geometry: geometry_phase.GeometryPhase,
         render: render_phase.RenderPhase,
     ) -> None:
-        """The target eye's pass: its own position, table and frame instead of the source's, and the mask of its tiles.
+        """Selects position, table and frame of the target eye in its pass, and connects the mask of its tiles.
 
-        They are registered: no phase begins sooner than two cycles after the pass.
+        The selected settings are registered, because no phase begins sooner than two cycles after its pass.
         """
         settings, target = registers.settings, controller.target
         for name, others in (("position", "target_position"), ("tiles_base", "target_tiles_base"),
@@ -122,7 +122,7 @@ class Machine(wiring.Component):
         self, m: Module, renamed: DomainRenamer, master: AxiMaster,
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
     ) -> None:
-        """Clients to the bus. Both phases read the table of tiles, one after the other: they share a client."""
+        """Connects clients to the bus. Both phases read the table of tiles, one after the other, so they share one client."""
         for place, name in enumerate(READ_CLIENTS):
             queue = ReadQueue(self.config, READ_DEPTHS[name])
             m.submodules[f"queue_{name}"] = renamed(queue)
@@ -142,7 +142,7 @@ class Machine(wiring.Component):
             wiring.connect(m, queue.data, getattr(users[0], f"data_{name}"))
             return
         first, second = (getattr(unit, f"reads_{name}") for unit in users)
-        late = Signal(name=f"{name}_second")  # whose beats come: nothing of the first's is left when the second asks
+        late = Signal(name=f"{name}_second")  # who gets the beats; all beats of the first user have come before the second asks
         m.d.comb += [
             queue.reads.valid.eq(first.valid | second.valid),
             queue.reads.payload.eq(Mux(first.valid, first.payload, second.payload)),

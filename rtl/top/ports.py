@@ -1,4 +1,4 @@
-"""What the halves of the machine have in common: memory clients by name, settings by name, watched streams."""
+"""What both phases of the machine have in common: memory clients by name, settings by name, and watched streams."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spec.records import frame_tiles
 
 
 def memory_ports(config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str]) -> dict[str, Member]:
-    """`reads_NAME` and `data_NAME` of every reader, `writes_NAME` and `idle_NAME` of every writer."""
+    """Ports `reads_NAME` and `data_NAME` of every reader, and `writes_NAME` and `idle_NAME` of every writer."""
     members = {}
     for name in readers:
         members[f"reads_{name}"] = Out(stream.Signature(layout(read_request(config))))
@@ -31,11 +31,14 @@ def memory_ports(config: AcceleratorConfig, readers: Sequence[str], writers: Seq
 def phase_ports(
     config: AcceleratorConfig, readers: Sequence[str], writers: Sequence[str], stages: Sequence[str], counts: Sequence[str],
 ) -> dict[str, Member]:
-    """What both phases have: the frame's `settings`, `tiles_x` and `tile_count`; strobes `clear` and `start`; their clients;
-    `done` and `ready`; handshakes of their `stages`; `counts` of the frame; with stereo, `target`: it is the target eye's pass.
+    """The ports that both phases have.
+
+    They are the frame's `settings`, `tiles_x` and `tile_count`; the strobes `clear` and `start`; the ports of their memory
+    clients; `done` and `ready`; the handshakes of their `stages`; the `counts` of the frame; and with stereo `target`, which
+    says that the target eye's pass is running.
 
     Raises:
-        TypeError: `config` is no AcceleratorConfig.
+        TypeError: `config` is not an AcceleratorConfig.
     """
     if not isinstance(config, AcceleratorConfig):
         raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
@@ -48,7 +51,7 @@ def phase_ports(
 
 
 def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:
-    """Gives a unit those of the frame's settings, of its tiles and its pass, that it has an input of the same name for."""
+    """Connects the frame's settings, its numbers of tiles and its pass to those inputs of a unit that have the same names."""
     fields = outer.settings.shape().members
     for name, member in unit.signature.members.items():
         if name in fields:
@@ -60,5 +63,5 @@ def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:
 
 
 def watch(m: Module, outer: Any, streams: Sequence[Any]) -> None:
-    """Brings out the handshakes of stages' input streams as `stage_valid` and `stage_ready`."""
+    """Brings out the handshakes of the stages' input streams as `stage_valid` and `stage_ready`."""
     m.d.comb += [outer.stage_valid.eq(Cat(s.valid for s in streams)), outer.stage_ready.eq(Cat(s.ready for s in streams))]

@@ -1,4 +1,4 @@
-"""The units of the render phase: tile entries and splat views in memory to pixels in memory."""
+"""The units of the render phase: from tile lists of intersections and splat records in memory to pixels in memory."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from spec.records import frame_tiles, tile_hit, tile_index
 from spec.registers import STEREO_EVENTS, STEREO_STAGES, STEREO_WRITE_CLIENTS
 
 READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
-"""Its memory clients, by the names of `spec.registers`."""
+"""Memory clients of this phase, by the names of `spec.registers`."""
 
 STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write")
-"""Its stages whose input streams are watched."""
+"""Stages of this phase whose input streams are watched by the performance counters."""
 
 _COUNTS = ("groups", "spilled_entries", "fetch_hits", "fetch_misses", "ops", "skipped", "pixels")
 
 
 def writers(config: AcceleratorConfig) -> tuple[str, ...]:
-    """Its clients that write, of a machine."""
+    """The write clients of this phase in a machine of `config`."""
     return WRITERS + STEREO_WRITE_CLIENTS if config.stereo else WRITERS
 
 
 def stages(config: AcceleratorConfig) -> tuple[str, ...]:
-    """Its stages that are watched, of a machine."""
+    """The watched stages of this phase in a machine of `config`."""
     return STAGES + STEREO_STAGES if config.stereo else STAGES
 
 
 class RenderPhase(wiring.Component):
-    """Tile merging, list reader, sorter, splat fetch, array, pixel writer::
+    """Tile merge unit, list reader, sorter, splat fetch, array and pixel writer::
 
                                               entries           spill                     views
                                                  ▼                ▼                         ▼
@@ -53,31 +53,34 @@ class RenderPhase(wiring.Component):
                                          tiles ▲    └──────────────── headers ─────────► VrcArray ◄───────┘
                                                                                             └─► PixelWriter ─► frame
 
-    With stereo, the array's rows go to the warp unit too while the source eye is rendered::
+    With stereo, while the source eye is rendered, the array's rows also go to the warp unit::
 
         array ─► Broadcast ─► PixelWriter ─► frame
                     └───────► WarpUnit ────► warp
                                  └─ mask ──► HeaderMaker, and the geometry phase's TableLoader, in the target eye's pass
 
     Parameters:
-        config: the machine; `incremental` chooses how stages hand over.
+        config: the machine; `incremental` selects the handover between sorter and array.
 
     Ports:
-        settings, tiles_x, tile_count: of the frame.
-        clear: strobe before a frame. start: strobe: what the geometry phase writes is in memory.
-        reads_NAME, data_NAME: memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
-        hits: the tile of every entry, during the geometry phase.
-        counted: all of the frame's hits have come since `clear`.
-        done: all of the frame's pixels are in memory.
-        overflow: a group did not fit the spill region. saturated: a tile has more entries than can be counted.
+        settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
+        clear: strobe before a frame.
+        start: strobe; what the geometry phase wrote is in memory.
+        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: the tile of every intersection; it comes during the geometry phase.
+        counted: all hits of the frame have come since `clear`.
+        done: all pixels of the frame are in memory.
+        overflow: a group did not fit the spill region.
+        saturated: a tile has more intersections than can be counted, or an intersection's tile is not in the frame.
         ready: nothing is being cleared.
-        stage_valid, stage_ready: of the streams into STAGES, a bit each.
+        stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
         groups, spilled_entries, fetch_hits, fetch_misses, ops, skipped, pixels: counts of the frame.
 
     With stereo:
-        target: the target eye's pass.
+        target: the target eye's pass is running.
         rendered_tiles: tiles of the pass that are rendered.
-        mask_tile, mask: what the warp unit found of a tile, a cycle later; until `start` of the target eye's pass.
+        mask_tile, mask: number of a tile and, a cycle later, whether the warp unit left holes in it; usable until `start` of
+            the target eye's pass.
         warped, filled, invalid_tiles, target_tiles: counts of the pass.
     """
 
@@ -143,10 +146,10 @@ class RenderPhase(wiring.Component):
     def _second_eye(
         self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, array: VrcArray, writer: PixelWriter, opened: Signal,
     ) -> stream.Interface:
-        """The warp unit beside the pixel writer, its mask to whoever reads the table; gives the rows that it takes.
+        """Adds the warp unit beside the pixel writer, and connects its mask; returns the stream of rows that it takes.
 
-        A pass is done when all that is rendered of it is in memory, but not before the other tiles have gone by; the source
-        eye's, when what was warped is in memory, too.
+        A pass is done when all that is rendered of it is in memory and the headers of all other tiles have been passed over. In
+        the source eye's pass what was warped must be in memory, too.
         """
         m.submodules.broadcast = broadcast = Broadcast(array.pixels.payload.shape())
         m.submodules.warp = warp = WarpUnit(self.config)
@@ -170,9 +173,9 @@ class RenderPhase(wiring.Component):
         return warp.rows
 
     def _gate(self, m: Module, merge: TileMergeUnit, fork: Fork) -> Signal:
-        """Groups wait for the phase, whose work has begun where what this gives is high.
+        """Holds groups back until `start`; returns whether it has come.
 
-        Their lists are complete with the last hit, the views perhaps not yet.
+        The tile lists are complete when the last hit comes, but splat records may not all be in memory yet.
         """
         counted, open_ = Signal(), Signal()
         with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
@@ -196,7 +199,7 @@ class RenderPhase(wiring.Component):
         groups = merge.groups
         with m.If(groups.valid & groups.ready & groups.payload.last):
             m.d.sync += self.groups.eq(self.groups + 1)
-        ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # of the frames before
+        ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # counts up to the previous frame
         with m.If(self.clear):
             m.d.sync += [self.groups.eq(0), ops.eq(array.ops), skipped.eq(array.skipped)]
         m.d.comb += [

@@ -1,15 +1,15 @@
-"""The volume rendering array and what stands on either side of it, in the order of the data.
+"""The volume rendering array and its neighbours. The modules are listed in the order in which data pass through them.
 
-    splat_fetch   sorted tile entries to the array's entries, through a cache of splat views
+    splat_fetch   looks up the splat record of each sorted intersection, through a cache
     splat_tags    the tags of that cache
-    array         the whole: streams at both ends, tile-level early stop, `emit_vrc_array`
-    setup         entries to pixel ops, background ops included
-    polynomial    the setup unit's arithmetic
-    blocks        issue: drains held back; arrays smaller than a tile pass over it block by block
-    expand        one polynomial to a row of exponents
-    row           a row of pixel cores; rows work one cycle behind each other
-    pixel_core    alpha, transmittance and sums of one pixel
-    collect       finished rows into the output buffer
-    blend         two levels to one
-    pixel_writer  pixel rows to the frame in memory
+    array         the whole array, with streams at both ends and early stop of a tile; `emit_vrc_array`
+    setup         turns intersections into pixel ops and adds the background ops
+    polynomial    the arithmetic of the setup unit
+    blocks        issues ops; it holds back drains, and passes an array smaller than a tile over the tile block by block
+    expand        expands one polynomial into a row of exponents
+    row           a row of pixel cores; each row works one cycle behind the row above
+    pixel_core    computes alpha, transmittance and sums of one pixel
+    collect       collects finished rows in the output buffer
+    blend         blends the two levels of a tile into one
+    pixel_writer  writes pixel rows to the frame in memory
 """

@@ -1,15 +1,16 @@
-"""The volume rendering array: ordered (splat, tile) entries in, finished pixel rows out.
+"""The volume rendering array: takes intersections in rendering order and delivers finished pixel rows.
 
     tiles, entries -> SetupUnit -> BlockSequencer -> Expand -> VrcRow x cores_y -> Collect -> pixels
                           ^              ^                          |                 |
                           |              +--------- may_drain ------|-----------------+
                           +----------------- stopped ---------------+
 
-Only what is before the sequencer's output can wait; from there to the output buffer every latency is fixed. With E the latency
-of `expand`, P and L the row's PIPELINE and SUMS_LATER, an op is issued `setup.LATENCY` cycles after its entry's transfer (2
-more with several blocks), enters row r 1 + E + r later, and has changed that row's transmittance after P, its sums after P + L
-more. A tile's first pixel row comes `setup.LATENCY` + E + P + L + 8 cycles after the slot of its last background op: 32 for 16
-by 16 cores, 3 fewer without levels; from a double buffer when its last one is in.
+Only the stages before the sequencer's output can wait; from there to the output buffer every latency is fixed. Let E be the
+latency of `expand`, and P and L the row's PIPELINE and SUMS_LATER. An op is issued `setup.LATENCY` cycles after the transfer of
+its intersection (2 more with several blocks). It enters row r after 1 + E + r more cycles, has changed that row's transmittance
+after P more, and its sums after P + L more. The first pixel row of a tile leaves `setup.LATENCY` + E + P + L + 8 cycles after
+the slot of the tile's last background op. This is 32 for 16 by 16 cores, and 3 less without levels. A double buffer delivers
+that row only when the last row of the tile is in.
 """
 
 from __future__ import annotations
@@ -36,20 +37,22 @@ class VrcArray(wiring.Component):
 
     Parameters:
         config: the machine.
-        lines: rows of the line buffer; None is the least (`rtl.vrc_array.collect`).
+        lines: rows of the line buffer; None stands for the minimum (see `rtl.vrc_array.collect`).
 
     Ports:
-        tiles: one header per tile, in the order in which pixels are wanted.
-        entries: after each header as many as its count, in rendering order.
-        background: r, g, b behind everything; stable during a frame.
-        pixels: all pixel rows of every tile, in order of tile, block (row-major), row.
-        ops: ops issued to the cores since reset, one for each block.
-        skipped: entries skipped since reset because their tile's pixels had all stopped.
-        waits: cycles since reset in which an op that ends a block waited for room for its rows, the array behind it.
-        busy: a tile or its pixels are on their way.
+        tiles: one header per tile, in the order in which its pixels shall leave.
+        entries: the intersections of each tile, as many as its header's count, in rendering order.
+        background: r, g, b behind everything; must be stable during a frame.
+        pixels: all pixel rows of every tile, ordered by tile, then block (row-major), then row.
+        ops: ops issued to the cores since reset; an op counts once for each block.
+        skipped: intersections skipped since reset because all pixels of their tile had stopped.
+        waits: cycles since reset in which an op that ends a block waited for free space in the output buffer, and the array
+            with it.
+        busy: a tile or its pixels are inside.
 
-    Throughput: one entry a cycle; two cycles where both levels of a blend tile use it, `config.blocks` times as many where the
-    array is smaller than a tile. A tile ends with one more op for each level, and not sooner than `cores_y` cycles a block.
+    Throughput: one intersection per cycle; two cycles if both levels of a blend tile use it, and `config.blocks` times as many
+    if the array is smaller than a tile. Every tile adds one background op for each level, and takes at least `cores_y` cycles
+    per block. Order is kept. Latency: see the module.
     """
 
     def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
@@ -92,7 +95,7 @@ class VrcArray(wiring.Component):
         return m
 
     def _chain(self, m: Module, expand: Expand, rows: list[VrcRow], collect: Collect) -> None:
-        """Rows below each other, and each into the collection."""
+        """Connects each row to the row below it and to the collection."""
         op, exponents, slopes = expand.op, expand.exponents, expand.slopes
         for row, finished in zip(rows, collect.rows, strict=True):
             m.d.comb += [
@@ -106,10 +109,10 @@ class VrcArray(wiring.Component):
             op, exponents, slopes = row.op_out, row.exponent_out, row.slope_out
 
     def _take_tiles(self, m: Module, setup: SetupUnit, collect: Collect, rows: list[VrcRow]) -> Signal:
-        """Headers to the setup unit and their places to the collection; returns the number of tiles in flight.
+        """Passes headers to the setup unit and their places to the collection; returns the number of tiles in flight.
 
-        A level's pixels are known to have stopped once its first op in the tile has left the last row; and what is known
-        is of the tile that the setup unit works on only while no other is in flight.
+        Whether the pixels of a level have stopped is known only after the first op of the tile in that level has left the last
+        row. The result concerns the tile in the setup unit only if no other tile is in flight.
         """
         in_flight = Signal(range(ARRAY_TILES + 1))
         m.submodules.places = places = SyncFIFOBuffered(width=place_layout(self.config).size, depth=ARRAY_TILES)
@@ -138,7 +141,7 @@ class VrcArray(wiring.Component):
         return in_flight
 
     def _leaving(self, m: Module, op: data.View) -> tuple[Signal, Signal]:
-        """Strobes: (per level its first op, the tile's last op), of the last block, a cycle before `stopped` tells of them."""
+        """Strobes of the last block, a cycle before `stopped` shows them: each level's first op, and the tile's last op."""
         last_block = (self.config.blocks - 1) * self.config.level_banks
         whole = op.valid & (op.bank >= last_block) if last_block else op.valid
         level = op.bank[0] if self.config.level_banks == 2 else 0
@@ -151,5 +154,5 @@ class VrcArray(wiring.Component):
 
 
 def emit_vrc_array(config: AcceleratorConfig) -> str:
-    """The array of `config` as Verilog, top module `vrc_array`; ports of streams are named `entries__payload` and so on."""
+    """Verilog of `config`'s array, top module `vrc_array`; the ports of a stream are named `entries__payload` and so on."""
     return to_verilog(VrcArray(config), "vrc_array")

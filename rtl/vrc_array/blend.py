@@ -1,11 +1,12 @@
-"""Level blending: two level banks of a row of pixels to one, docs/array.md.
+"""Level blending: mixes the two level banks of a row of pixels into one (docs/array.md).
 
-`BlendWeights` evaluates the tile's plane along a row, ahead of the pixels, which are a hundred times wider; `Blend` mixes::
+`BlendWeights` evaluates the tile's plane along a row. It runs ahead of the pixels, because these are a hundred times wider and
+would be expensive to delay. `Blend` mixes them::
 
     stage of Blend      0           1                    2
                         b - a       (b - a) * weight     a + rounded
 
-A weight of 0 gives bank 0 exactly, which is how tiles without blending pass.
+A weight of 0 gives bank 0 exactly; this is how tiles without blending pass.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from spec.config import AcceleratorConfig
 from spec.tables import BLEND_INDEX_BITS, smoothstep_table
 
 BLEND_LATENCY = 3
-"""Cycles through Blend."""
+"""Cycles through `Blend`."""
 
 
 def weights_latency(config: AcceleratorConfig) -> int:
-    """Cycles through BlendWeights: products, two sums, one doubling for each bit of the column, table."""
+    """Cycles through `BlendWeights`: one for the products, two for sums, one per bit of the column index, one for the table."""
     return 4 + (config.cores_x - 1).bit_length()
 
 
 def check(config: AcceleratorConfig) -> None:
-    """TypeError or ValueError where there is nothing to blend or the table cannot be addressed."""
+    """Raises TypeError or ValueError if there are no two levels to blend or the table cannot be addressed."""
     if not isinstance(config, AcceleratorConfig):
         raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
     if config.level_banks != 2:
@@ -40,17 +41,17 @@ def check(config: AcceleratorConfig) -> None:
 
 
 class BlendWeights(wiring.Component):
-    """Weights of the outer level for `cores_x` neighbours.
+    """The blend weights of the outer level for `cores_x` neighbouring pixels.
 
     Parameters:
-        config: the machine; two level banks.
+        config: the machine; it must have two level banks.
 
     Ports:
         valid: a row's plane and place are at the input.
-        blend, plane, row, column: the tile's header fields, and the place of the row's first pixel in the tile.
-        weights: per column, raw `blend_weight`, `weights_latency(config)` cycles later; 0 without `blend`.
+        blend, plane, row, column: the fields of the tile's header, and the place of the row's first pixel in the tile.
+        weights: a raw `blend_weight` per column, `weights_latency(config)` cycles later; 0 if `blend` is not set.
 
-    Throughput: one row a cycle.
+    Throughput: one row per cycle. Latency: `weights_latency(config)` cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -86,7 +87,7 @@ class BlendWeights(wiring.Component):
         return m
 
     def _weight(self, t: Value, blend: Value) -> Value:
-        """The smoothstep of t clamped to 0..1."""
+        """The smoothstep of t, clamped to 0..1; 0 if `blend` is not set."""
         n = self.config.formats
         table = Array(Const(int(w), shape(n.blend_weight)) for w in smoothstep_table(n))
         inside = table[t[n.plane.frac_bits - BLEND_INDEX_BITS : n.plane.frac_bits]]
@@ -98,15 +99,15 @@ class Blend(wiring.Component):
     """Mixes two level banks.
 
     Parameters:
-        config: the machine; two level banks.
+        config: the machine; it must have two level banks.
 
     Ports:
         valid: a row is at the input.
-        pixels: per column, bank 0 and bank 1; depth is passed only with `config.depth`.
-        weights: per column, of bank 1.
-        mixed: per column, BLEND_LATENCY cycles later.
+        pixels: bank 0 and bank 1 of each column; depth is mixed only with `config.depth`.
+        weights: the weight of bank 1 for each column.
+        mixed: the mixed pixel of each column, BLEND_LATENCY cycles later.
 
-    Throughput: one row a cycle.
+    Throughput: one row per cycle. Latency: BLEND_LATENCY cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -134,7 +135,7 @@ class Blend(wiring.Component):
         return m
 
     def _mix(self, p: Pipeline, name: str, inner: Value, outer: Value, weight: Staged) -> Value:
-        """inner + rs((outer - inner) * weight), the rounding folded into the one addition; never outside the two."""
+        """inner + rs((outer - inner) * weight), always between the two; the rounding constant is part of the one addition."""
         frac = self.config.formats.blend_weight.frac_bits
         a = p.data(f"{name}_inner", inner)
         difference = p.reg(f"{name}_difference", lambda a, b: b - a, a, p.data(f"{name}_outer", outer))

@@ -1,12 +1,13 @@
-"""Issue of ops to the array: holds back drains, and passes an array smaller than a tile over it block by block.
+"""Issues ops to the array. It holds back drains, and passes an array smaller than a tile over the tile block by block.
 
-With several blocks every op is issued once for each, row-major, its polynomial moved to the block's first pixel by exact
-forward steps: from block to block along x::
+With several blocks every op is issued once for each block, in row-major order. Its polynomial is moved to the first pixel of
+the block by exact forward differences; from block to block along x::
 
     exponent += step_x      step_x += cores_x^2 curve_xx      slope_x += cores_x curve_xx      slope_y += cores_x curve_xy
 
-where step_x = cores_x slope_x + cores_x (cores_x - 1) / 2 curve_xx is the difference over a block; from block row to block
-row likewise, starting from the values kept of the row's first block. Sizes are powers of two: all of it is additions.
+where step_x = cores_x slope_x + cores_x (cores_x - 1) / 2 curve_xx is the difference over a block. From one row of blocks to
+the next it works likewise, starting from saved values of the row's first block. All sizes are powers of two, so that additions
+are enough.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ _PASSED_ON = ("curve_yy", "cut", "outer", "first", "last", "drain", "colour", "d
 
 
 class BlockSequencer(wiring.Component):
-    """Ops of a tile to ops of blocks.
+    """Turns each op of a tile into one op per block.
 
     Parameters:
         config: the machine.
 
     Ports:
-        ops: ops at the tile's first pixel.
+        ops: ops, whose polynomials are given at the tile's first pixel.
         may_drain: an op with `drain` may be issued now.
-        issue: registered; `issue.op.valid` low is a bubble. Nothing holds it.
-        issued: strobe, an op is issued; `issue` has it in the next cycle.
-        draining: strobe, the same for an op with `drain`.
-        waits: an op with `drain` is held back in this cycle because of `may_drain`.
+        issue: the registered output; `issue.op.valid` low is a bubble. It has no back-pressure.
+        issued: strobe; an op is issued, and `issue` shows it in the next cycle.
+        draining: strobe; the same for an op with `drain`.
+        waits: an op with `drain` is held back in this cycle because `may_drain` is low.
 
-    Throughput: one block of an op a cycle, of one op after the other without a gap. Latency: 1 cycle; with several blocks 3.
+    Throughput: one block of an op per cycle, without a gap between ops. Order is kept. Latency: 1 cycle; 3 with several blocks.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -69,7 +70,7 @@ class BlockSequencer(wiring.Component):
         return m
 
     def _issue(self, m: Module, strobe: Value, op, polynomial: dict[str, Value], block: Value | None) -> None:
-        """Registers `issue` for one block."""
+        """Registers the op at `issue`, for one block."""
         out = self.issue
         m.d.comb += [self.issued.eq(strobe), self.draining.eq(strobe & op.drain)]
         m.d.sync += out.op.valid.eq(strobe)
@@ -124,7 +125,7 @@ class BlockSequencer(wiring.Component):
         self._issue(m, strobe, op, polynomial, Cat(column, row))
 
     def _steps(self, p: Pipeline, wide: int, high: int):
-        """The op after two stages, with its differences over a block along x and y."""
+        """The op after two stages, with the differences of its exponent over a block along x and along y."""
         n, op = self.config.formats, p.data("op", self.ops.payload)
 
         def step(name: str, slope: Value, curve: Value, shift: int):

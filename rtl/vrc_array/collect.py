@@ -1,17 +1,20 @@
-"""Collection of finished rows: a drain's rows, one a cycle, levels blended, into the buffer at the array's end.
+"""Collection of finished rows: takes the rows of a drain, one per cycle, blends their levels, and buffers them for the output.
 
-The rows work one cycle behind each other, so that at most one finishes in a cycle; nothing in the array can wait. A drain is
-therefore issued only `cores_y` cycles or more after the one before, and only when the buffer is sure to have room for all of
-its rows.
+The rows of cores work one cycle behind each other, so that at most one row of pixels finishes in a cycle. Nothing in the array
+can wait. A drain is therefore issued at least `cores_y` cycles after the previous one, and only if the buffer has free space
+for all of its rows.
 
-That makes a drain's rows the least that the buffer must hold: with 16 rows of cores a tile's. Less would do only if finished
-pixels could stay in their cores, which have no second set of sums: the next tile's first op would have to wait for each row's
-leaving, cycles in which the whole array stands still, while behind a buffer the next tile is already at work. The machine with
-line buffers has that least and its rows leave as they come; the baseline has a double buffer, whose halves change hands as
-whole tiles. Half the storage costs nothing while memory is what limits a frame, and cycles where entries come at an entry a
-cycle and tiles have few (`python -m msv2.studies drain_waits`): `lines` may be more, and is in the machine.
+The rows of one drain are thus the least that the buffer must hold; with 16 rows of cores this is a tile. Less would do only if
+finished pixels could stay in their cores. The cores have no second set of sums, so the first op of the next tile would have to
+wait until each row has left, and the whole array would stand still meanwhile. With a buffer the array already works on the next
+tile.
 
-What a row is (tile, place, blend weights) travels beside the array, for as long as its pixels travel in it::
+The machine with line buffers needs only this minimum, and its rows leave as they arrive. The baseline has a double buffer,
+whose halves are handed over as whole tiles. The minimum, half the storage of the double buffer, costs no time while memory
+limits a frame. It costs cycles where intersections arrive at one per cycle and tiles have few of them
+(`python -m msv2.studies drain_waits`). `lines` may therefore be larger, and the full machine makes use of that.
+
+The place of a row (tile, position, blend weights) travels beside the array for as long as its pixels travel in it::
 
     cycle from a drain's strobe    0   1     E + P + 1     E + P + L + 1 E + P + L + 3
     draining                       ~~~~
@@ -20,8 +23,8 @@ What a row is (tile, place, blend weights) travels beside the array, for as long
     sums of row 0                                          <      >
     both, row multiplexer passed                                         <      >     place and weights arrive beside them
 
-with E the latency of `expand`, P and L the row's PIPELINE and SUMS_LATER. Blending (where there are levels) and the buffer
-follow.
+where E is the latency of `expand`, and P and L are the row's PIPELINE and SUMS_LATER. Blending (if there are levels) and the
+buffer follow.
 """
 
 from __future__ import annotations
@@ -44,18 +47,18 @@ from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
 
 _FAN_IN = 4
-"""Rows that one stage of the row multiplexer joins."""
+"""Rows that one stage of the row multiplexer combines."""
 
 _PLACE = ("tile_x", "tile_y", "row", "column")
 
 
 def place_latency(config: AcceleratorConfig) -> int:
-    """Cycles that a row's place waits for its pixels."""
+    """Cycles by which the place of a row is delayed to meet its pixels."""
     return expand.latency(config) + PIPELINE + SUMS_LATER + 2
 
 
 def place_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What the collection must know of a tile."""
+    """What the collection must know of a tile: its position, and the plane of its blend weights."""
     return data.StructLayout({
         "tile_x": TILE_BITS,
         "tile_y": TILE_BITS,
@@ -65,7 +68,7 @@ def place_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def finished_row(config: AcceleratorConfig) -> wiring.Signature:
-    """A row of cores as the collection sees it; `rtl.vrc_array.row` says when what is valid."""
+    """A row of cores as the collection sees it; `rtl.vrc_array.row` states when each signal is valid."""
     pixel = data.ArrayLayout(pixel_layout(config), config.level_banks)
     return wiring.Signature({
         "draining": Out(1),
@@ -75,25 +78,25 @@ def finished_row(config: AcceleratorConfig) -> wiring.Signature:
 
 
 class Collect(wiring.Component):
-    """Rows of the array to a stream of pixel rows.
+    """Turns the finished rows of the array into a stream of pixel rows.
 
     Parameters:
-        config: the machine; `incremental` says which buffer.
-        lines: rows of the line buffer, at least cores_y, which None stands for. With cores_y more, and a tile's height where
-            that is more, drains follow each other without a pause while pixels are taken at once. The double buffer's size is
-            fixed: two tiles.
+        config: the machine; `incremental` selects the kind of buffer.
+        lines: rows of the line buffer, at least cores_y, for which None stands. With another cores_y rows, or with a tile's
+            height if that is more, drains follow each other without a pause as long as pixels are taken at once. The double
+            buffer always holds two tiles.
 
     Ports:
-        draining: strobe, a drain is issued; `may_drain` must be high.
+        draining: strobe; a drain is issued. `may_drain` must be high.
         may_drain: a drain may be issued in this cycle.
-        places: one word for each tile, there before its first drain, taken with its last row.
+        places: one word for each tile; it must be there before the tile's first drain, and is taken with its last row.
         rows: the rows of cores.
-        pixels: pixel rows, in order of drains and rows.
-        busy: rows are on their way or in the buffer.
+        pixels: pixel rows, in the order of drains and rows.
+        busy: rows are under way or in the buffer.
 
-    Storage: for 16 x 16 cores with depth `lines` = 16 rows of 1,292 bits; 32 in the double buffer. Throughput: one row a cycle.
-    Latency from `draining` to the first pixel row: place_latency + 1, BLEND_LATENCY more with levels, and 2 of the buffer; the
-    double buffer's first row comes when the tile's last one is in.
+    Storage: for 16 x 16 cores with depth `lines` = 16 rows of 1,292 bits; 32 rows in the double buffer. Throughput: one row per
+    cycle. Latency from `draining` to the first pixel row: place_latency + 1 cycles, BLEND_LATENCY more with levels, and 2 more
+    for the buffer; the double buffer delivers a tile's first row only when its last row is in.
     """
 
     def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
@@ -140,13 +143,13 @@ class Collect(wiring.Component):
         return m
 
     def _claim_rows(self, m: Module, room: Signal, shown: Signal, leaves: Value) -> None:
-        """A drain claims its rows, each is free again when it leaves."""
+        """Each drain claims space for its rows; the space of a row is free again when the row leaves."""
         rows, free = self.config.cores_y, Signal(range(self.lines + 1), init=self.lines)
         m.d.comb += [room.eq(free >= rows), shown.eq(1), self.busy.eq(free != self.lines)]
         m.d.sync += free.eq(free - Mux(self.draining, rows, 0) + leaves)
 
     def _claim_tiles(self, m: Module, room: Signal, shown: Signal, comes: Value, leaves: Value) -> None:
-        """A tile's first drain claims a half, which is shown when the last row is in and free when that has left."""
+        """A tile's first drain claims a half. The half is shown when its last row is in, and free when that row has left."""
         free, whole, block = Signal(range(3), init=2), Signal(range(3)), Signal(range(self.config.blocks))
         came, left = Signal(range(self.tile_rows)), Signal(range(self.tile_rows))
         claims, fills, frees = Signal(), Signal(), Signal()
@@ -159,11 +162,12 @@ class Collect(wiring.Component):
             frees.eq(leaves & (left == self.tile_rows - 1)),
         ]
         m.d.sync += [
-            free.eq(free - claims + frees), whole.eq(whole + fills - frees),  # numbers of rows are powers of two
+            # numbers of rows are powers of two, so the counters wrap
+            free.eq(free - claims + frees), whole.eq(whole + fills - frees),
             came.eq(came + comes), left.eq(left + leaves), block.eq(block + self.draining)]
 
     def _places(self, m: Module) -> dict[str, Staged]:
-        """The place of each row of a drain, from the cycle after its strobe on."""
+        """The place of each row of a drain, starting in the cycle after the strobe."""
         config, head = self.config, self.places.payload
         running, row = Signal(), Signal(range(config.cores_y))
         column, block_row = Signal(range(TILE // config.cores_x)), Signal(range(TILE // config.cores_y))
@@ -186,7 +190,7 @@ class Collect(wiring.Component):
         return {"valid": p.control("valid", running), **place}
 
     def _picked(self, m: Module) -> data.View:
-        """The pixels of the row that finishes: two stages of multiplexing; transmittances wait for their sums."""
+        """The pixels of the row that finishes, after two stages of multiplexing; transmittances are delayed to their sums."""
         def cat(pick) -> list[Value]:
             return [Cat(pick(bank) for lane in row.pixels for bank in lane) for row in self.rows]
 
@@ -215,7 +219,7 @@ class Collect(wiring.Component):
         return joined
 
     def _blended(self, m: Module, place: dict, valid: Value, pixels: data.View) -> list[data.View]:
-        """One level per pixel, BLEND_LATENCY cycles later."""
+        """One blended pixel per column, BLEND_LATENCY cycles later."""
         m.submodules.weights = weights = BlendWeights(self.config)
         m.submodules.blend = blend = Blend(self.config)
         start = place_latency(self.config) - weights_latency(self.config)
@@ -225,12 +229,13 @@ class Collect(wiring.Component):
         return list(blend.mixed)
 
     def _buffer(self, m: Module, place: dict, mixed: list[data.View], shown: Signal) -> None:
-        """The buffer, whose first row is offered while it is `shown`; what `config` lacks is not stored."""
+        """Adds the buffer. Its first row is offered while `shown` is high; values that `config` leaves out are not stored."""
         members = dict(self.pixels.payload.shape())
         if not self.config.depth:
             del members["depth"]
         stored = data.StructLayout({name: field.shape for name, field in members.items()})
-        m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines + 1)  # its last word is a register
+        # One of its words is the output register
+        m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines + 1)
         word = Signal(stored)
         m.d.comb += [word[name].eq(place[name]) for name in _PLACE]
         for x, pixel in enumerate(mixed):

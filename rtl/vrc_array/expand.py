@@ -1,8 +1,9 @@
-"""One polynomial to a row of exponents: what the first row of cores needs, every column at once.
+"""Expands one polynomial into the exponents of a whole row: the first row of cores needs every column at once.
 
-A polynomial e + x s + x (x - 1) / 2 c splits into the one through its even points, (e, 2 s + c, 4 c), and the one through its
-odd points, (e + s, 2 s + 3 c, 4 c). Splitting doubles the columns with each stage: 16 columns after 4, by additions
-only, exact modulo the format's width and hence exact where the exponents fit it. Slopes along y, linear in x, likewise.
+A polynomial e + x s + x (x - 1) / 2 c splits into the polynomial through its even points, (e, 2 s + c, 4 c), and the one
+through its odd points, (e + s, 2 s + 3 c, 4 c). Each stage of splitting doubles the number of columns, so that 4 stages give
+16. Only additions are needed. They are exact modulo the width of the format, hence exact wherever the exponents fit it. Slopes
+along y, which are linear in x, are expanded in the same way.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from spec.config import AcceleratorConfig
 
 
 def latency(config: AcceleratorConfig) -> int:
-    """Cycles through the unit: one for each doubling."""
+    """Cycles through the unit: one for each doubling of the columns."""
     return (config.cores_x - 1).bit_length()
 
 
 def issue_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """An op at the array's first pixel: what the rows pass on, and what the expansion uses up."""
+    """An op at the array's first pixel: the fields that the rows pass on, and those that only the expansion uses."""
     n = config.formats
     return data.StructLayout({
         "op": op_layout(config),
@@ -36,16 +37,16 @@ def issue_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class Expand(wiring.Component):
-    """Exponents and slopes along y at the first row, for every column.
+    """Computes exponents and slopes along y at the first row, for every column.
 
     Parameters:
-        config: the machine; `cores_x` (a power of two, as it divides the tile) and the formats matter here.
+        config: the machine; `cores_x` (a power of two, because it divides the tile) and the formats are used.
 
     Ports:
         issue: an op; `issue.op.valid` low is a bubble.
-        op, exponents, slopes: the first row's inputs, `latency(config)` cycles later.
+        op, exponents, slopes: the inputs of the first row, `latency(config)` cycles later.
 
-    Throughput: one op a cycle; nothing waits.
+    Throughput: one op per cycle, without back-pressure. Latency: `latency(config)` cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -72,7 +73,7 @@ class Expand(wiring.Component):
         return m
 
     def _columns(self, p: Pipeline) -> dict[int, tuple[Staged, Staged]]:
-        """Exponent and slope along y by column, after as many stages as doublings."""
+        """Exponent and slope along y of each column, after one stage for each doubling."""
         n, issue = self.config.formats, self.issue
         curve_x, curve_y = p.data("curve_xx", issue.curve_xx), p.data("curve_xy", issue.curve_xy)
         exponents = {0: (p.data("exponent", issue.exponent), p.data("slope_x", issue.slope_x))}

@@ -1,6 +1,6 @@
-"""Pixel core: the only arithmetic that exists once per pixel (docs/array.md, "A pixel and an op").
+"""The pixel core: the only arithmetic that exists once per pixel (docs/array.md, "A pixel and an op").
 
-Four stages, each between two ranks of registers; the row supplies the op's fields beside each stage::
+It has four stages, each between two ranks of registers; the row supplies the op's fields beside each stage::
 
     cycle            0     1     2     3     4     5
     exponent       < e  >
@@ -12,10 +12,10 @@ Four stages, each between two ranks of registers; the row supplies the op's fiel
     sum_op                                 <col.>         sums += weight * colour
     sums                                         <sum>
 
-Latency 3 cycles to the transmittance and 5 to the sums, one op a cycle, whatever the order of banks: every loop through
-a bank (T to T', sum to sum) closes in one cycle.
+Latency: 3 cycles to the transmittance and 5 to the sums. Throughput: one op per cycle, whatever the order of banks, because
+every loop through a bank (T to T', sum to sum) closes in one cycle.
 
-Nothing here has a reset: the first op of a tile defines all that the later ones read.
+No data register has a reset: the first op of a tile defines everything that the later ops read.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha
 
 
 def index_shape(count: int) -> Shape:
-    """Shape of an index below `count`: at least one bit, so that every port exists in every configuration."""
+    """Shape of an index below `count`; it has at least one bit, so that every port exists in every configuration."""
     return unsigned(max(1, (count - 1).bit_length()))
 
 
 def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Accumulated state of one pixel in one level bank; depth stays 0 without config.depth."""
+    """Accumulated state of one pixel in one level bank; depth is always 0 without config.depth."""
     n = config.formats
     return data.StructLayout({
         "colour": data.ArrayLayout(unsigned(n.accumulator.width), 3),
@@ -50,14 +50,14 @@ def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Fields of the op in the alpha stage. `cut` is at least `tables.log2_alpha_min`."""
+    """Fields of the op in the alpha stage; `cut` is at least `tables.log2_alpha_min`."""
     return data.StructLayout({"cut": signed(config.formats.cut.width), "outer": 1, "last": 1})
 
 
 def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the blend stage."""
     return data.StructLayout({
-        "read": config.banks,  # one-hot bank; 0 if `first`, which reads afresh
+        "read": config.banks,  # one-hot bank; 0 if `first`, because the bank then starts afresh
         "write": config.banks,  # one-hot bank; 0 in a bubble
         "first": 1,
         "last": 1,
@@ -66,7 +66,7 @@ def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def weigh_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the weigh stage."""
-    return data.StructLayout({"read": config.banks})  # one-hot bank; 0 if `last`, which takes all that is left
+    return data.StructLayout({"read": config.banks})  # one-hot bank; 0 if `last`, which uses up the whole transmittance
 
 
 def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -77,12 +77,17 @@ def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
         "write": config.banks,
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
         "depth": unsigned(n.depth.width),
-        "depth_thrice": unsigned(n.depth.width + 2),  # three times that: what it is multiplied by is taken two bits at a time
+        # Three times the depth, because its multiplier is taken two bits at a time.
+        "depth_thrice": unsigned(n.depth.width + 2),
     })
 
 
 def saturation_threshold(formats: NumberFormats) -> int:
-    """Smallest raw exponent (fraction of `cut`) whose alpha reaches level 1's upper bound; ValueError if alpha falls again."""
+    """Smallest raw exponent (in the fraction of `cut`) whose alpha reaches level 1's upper bound.
+
+    Raises:
+        ValueError: alpha is not monotonic there, or never reaches the bound.
+    """
     bits, segment_bits = formats.cut.frac_bits, formats.cut.frac_bits - (formats.exp2_segments - 1).bit_length()
     base, slope = exp2_segments(formats)
     f = np.arange(1 << bits)
@@ -95,18 +100,18 @@ def saturation_threshold(formats: NumberFormats) -> int:
 
 
 class PixelCore(wiring.Component):
-    """One pixel.
+    """The core of one pixel.
 
     Parameters:
-        config: the machine; `banks`, `level_banks`, `depth` and the formats matter here.
+        config: the machine; `banks`, `level_banks`, `depth` and the formats are used.
 
-    Ports, by the cycle in which an op meets them (see the module):
-        exponent, slope: 0; exponent of alpha at this pixel and its first difference along y.
-        exponent_below, slope_below: 1; the same for the pixel below. `curve_yy` is read in cycle 1.
-        alpha_op, blend_op, weigh_op, sum_op: 1, 2, 3, 4.
-        draining_block, drained_block: blocks whose transmittance and whose sums `pixel` shows.
-        pixel: per level bank; straight from the registers.
-        stopped: per level bank, T < t_stop in every block.
+    Ports, with the cycle in which an op uses them (see the module):
+        exponent, slope: cycle 0; exponent of alpha at this pixel, and its first difference along y.
+        exponent_below, slope_below: cycle 1; the same for the pixel below. `curve_yy` is read in cycle 1.
+        alpha_op, blend_op, weigh_op, sum_op: cycles 1, 2, 3, 4.
+        draining_block, drained_block: the block whose transmittance, and the block whose sums, `pixel` shows.
+        pixel: the state per level bank, straight from the registers.
+        stopped: per level bank, whether T < t_stop in every block.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -147,9 +152,9 @@ class PixelCore(wiring.Component):
         return m
 
     def _alpha(self, m: Module, exponent: Value) -> tuple[Signal, Signal]:
-        """Stage 1: registers of 1 - alpha, in [0, 1), and of the exponent having reached the cut.
+        """Stage 1: registers 1 - alpha, in [0, 1), and whether the exponent has reached the cut.
 
-        1 - alpha needs no integer bit because alpha is never 0 in a pixel that reaches its cut.
+        1 - alpha needs no integer bit, because alpha is never 0 in a pixel that reaches its cut.
         """
         n, op = self.config.formats, self.alpha_op
         frac = n.alpha.frac_bits
@@ -162,10 +167,10 @@ class PixelCore(wiring.Component):
         base, slope = (Array(Const(int(v), int(table.max()).bit_length()) for v in table)[f[segment_bits:]]
                        for table in (bases - 1, slopes))
         low = EXP2_SLOPE_FRAC + n.cut.frac_bits - frac
-        less = Signal(frac + 1)  # the mantissa less one: -mantissa is its complement
+        less = Signal(frac + 1)  # the mantissa minus one; its complement is -mantissa
         m.d.comb += less.eq(Cat(Const(0, low), base) + slope * f[:segment_bits] >> low)
 
-        # A pixel that reaches its cut has alpha >= 1/255: the shift, -i, is 1 to `deepest`.
+        # A pixel that reaches its cut has alpha >= 1/255, so the shift, -i, is between 1 and `deepest`.
         deepest = -(log2_alpha_min(n) >> n.cut.frac_bits)
         shift = (~t[n.cut.frac_bits:])[:(deepest - 1).bit_length()]
 
@@ -182,9 +187,10 @@ class PixelCore(wiring.Component):
         return keep, covered
 
     def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Value, Signal]:
-        """Stage 2: the banks' transmittance; what it was, from registers, and a register of whether the sums may change.
+        """Stage 2: updates the transmittance of the op's bank.
 
-        The last only saves the sums' clock: where the transmittance stays, the weight is 0.
+        Returns the banks, the transmittance before the op from registers, and a register of whether the sums may change. That
+        flag only gates the clock of the sums: where the transmittance stays the same, the weight is 0 anyway.
         """
         n, op = self.config.formats, self.blend_op
         frac = n.alpha.frac_bits
@@ -208,7 +214,7 @@ class PixelCore(wiring.Component):
         began, touched = Signal(reset_less=True), Signal(reset_less=True)
         m.d.sync += [was.eq(held >> n.transmittance.frac_bits - self._finest.frac_bits), began.eq(op.first),
                      touched.eq(touch | op.first)]
-        kept = was | began.replicate(len(was))  # not `before` itself, which has the product to drive
+        kept = was | began.replicate(len(was))  # recomputed from registers, because `before` already drives the multiplier
         for level in range(self.config.level_banks):
             blocks = slice(level, None, self.config.level_banks)
             m.d.comb += [
@@ -219,13 +225,14 @@ class PixelCore(wiring.Component):
 
     @property
     def _finest(self) -> Fixed:
-        """The weight of the depth sums where there are any, else that of the colours."""
+        """The format of the weight that the depth sums use if there is depth, else of the colours' weight."""
         return self.config.depth_weight if self.config.depth else self.config.formats.weight
 
     def _weigh(self, m: Module, banks: list[Signal], kept: Value, touched: Value) -> tuple[Signal, Signal, Signal]:
-        """Stage 3: the weight is what the op took from the bank; all that was left for the background, which leaves it.
+        """Stage 3: the weight is the transmittance that the op took from its bank.
 
-        Gives that of the colours, that of the depth, which may be finer, and whether the sums may change.
+        The background takes all that is left, but leaves the bank unchanged. Returns the weight of the colours, the weight of
+        the depth, which may have more fraction bits, and whether the sums may change.
         """
         n = self.config.formats
         left = Signal(self._finest.width)
@@ -241,7 +248,7 @@ class PixelCore(wiring.Component):
         return weight, fine, still_touched
 
     def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> None:
-        """Stage 4: colour and depth sums."""
+        """Stage 4: adds to the sums of colour and depth."""
         n, op = self.config.formats, self.sum_op
         sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
                 for c in range(3)]
@@ -262,8 +269,11 @@ class PixelCore(wiring.Component):
 
 
 def by_pairs(by: Value, value: Value, thrice: Value) -> Value:
-    """by * value, a pair of bits of `by` after the other: half as many numbers to add as with single bits, of which weights
-    of all bits have too many for a cycle. By gates, which a simulator evaluates faster than choices."""
+    """by * value, from pairs of bits of `by`; `thrice` is 3 * value.
+
+    Pairs need half as many addends as single bits. The depth's weight has so many bits that adding one addend for each would
+    take more than a cycle. The addends are selected by and-or gates, which a simulator evaluates faster than multiplexers.
+    """
     terms = []
     for i in range(0, len(by), 2):
         low, high = by[i], by[i + 1] if i + 1 < len(by) else Const(0, 1)

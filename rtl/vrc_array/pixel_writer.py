@@ -1,8 +1,8 @@
-"""Pixel rows to the frame in memory.
+"""Writes pixel rows to the frame in memory.
 
-Two pixels fill a beat, or eight where the frame is for displays. A row may begin anywhere in a beat: its pixels move up by as
-many words, and the beats at its ends are written in part. Pixels outside the frame are not written, and rows without any give
-no beat::
+A beat holds two pixels, or eight in the display format. A row may begin anywhere in a beat. Its pixels are then shifted by as
+many words, and the beats at its ends are written in part. Pixels outside the frame are not written, and a row that lies outside
+gives no beat::
 
     cycle            0      1      2      3      4      5      6       rows of 4 pixels, which begin in the middle of a beat
     rows         <  A  ><  B  ><  B  ><  B  ><  C  >
@@ -27,29 +27,30 @@ from spec.queues import COUNTER_BITS
 from spec.records import frame_tiles, pixel_row, uint
 
 PIXEL_WORDS = PIXEL_BYTES // 4
-"""Words of a FramePixel; a DisplayPixel is one."""
+"""32-bit words of a FramePixel; a DisplayPixel is one word."""
 
 _SETTINGS = ("width", "height", "display", "frame_base")
 
 
 class PixelWriter(wiring.Component):
-    """The array's rows to writes.
+    """Turns the array's pixel rows into memory writes.
 
     Parameters:
-        config: the machine; `cores_x`, `depth` and `row_width` matter here.
+        config: the machine; `cores_x`, `depth` and `row_width` are used.
 
     Ports:
         rows: PixelRow items, in any order.
-        writes: the memory's; words whose strobe is low are 0.
-        writes_idle: the memory has all writes that were taken.
+        writes: the memory's write port; words whose strobe is low are 0.
+        writes_idle: the memory has completed all writes that it took.
         width, height, display, frame_base: settings of the frame.
         tile_count: tiles of the frame.
-        begin: strobe before a frame's first row: `finished` falls, `pixels` is 0 again.
-        pixels: pixels written since `begin`, until the cycle before; 0 for ever without `config.counters`.
-        finished: all rows of `tile_count` tiles have come since `begin`, and memory has their pixels. Stays until `begin`.
+        begin: strobe before a frame's first row; clears `finished` and `pixels`.
+        pixels: pixels written since `begin`, up to the previous cycle; always 0 without `config.counters`.
+        finished: all rows of `tile_count` tiles have arrived since `begin`, and memory has their pixels. Stays high until
+            `begin`.
         busy: a row is inside.
 
-    Storage: two rows. Throughput: one beat a cycle, one row a cycle. Latency: 2 cycles.
+    Storage: two rows. Throughput: one beat per cycle, one row per cycle. Order is kept. Latency: 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -74,16 +75,17 @@ class PixelWriter(wiring.Component):
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)
 
-        lanes, slots = self.config.cores_x, self.config.cores_x * PIXEL_WORDS + WORDS  # room to move up
+        lanes, slots = self.config.cores_x, self.config.cores_x * PIXEL_WORDS + WORDS  # space to shift into
         held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
         beat, sends, ends, room = Signal(BEAT_BITS, reset_less=True), Signal(), Signal(), Signal()
-        display = Signal(reset_less=True)  # for the addresses alone: the port has all words to choose
-        place = Mux(self.display, start[:3], start[0] << 2)  # in words, of the beat
+        # used for the addresses only, because `self.display` already drives the multiplexers of all words
+        display = Signal(reset_less=True)
+        place = Mux(self.display, start[:3], start[0] << 2)  # of the row's first pixel in its beat, in words
         pixels = [below & (left > i) for i in range(lanes)]
         mask = Mux(self.display, Cat(pixels), Cat(pixel.replicate(PIXEL_WORDS) for pixel in pixels))
         by_word = Mux(self.display, line[: WORD_BITS * lanes] << Cat(Const(0, WORD_BITS.bit_length() - 1), place[:2]), line)
         m.d.comb += [
-            sends.eq(inside[:WORDS].any()),  # words inside follow each other
+            sends.eq(inside[:WORDS].any()),  # valid words are adjacent, so none beyond the first beat means the row ends
             ends.eq(~inside[WORDS]),
             room.eq(~sends | self.writes.ready & ends),
             packed_room.eq(~packed | room),
@@ -105,8 +107,11 @@ class PixelWriter(wiring.Component):
         return m
 
     def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple:
-        """The first register: a row's words, the frame's pixels before it, those from it to the right edge, and whether its row
-        is in the frame."""
+        """The first register stage.
+
+        Returns the row's words, the number of the frame's pixels before it, the number of pixels from its first one to the
+        right edge of the frame, and whether the row is above the frame's lower edge.
+        """
         row = self.rows.payload
         y, column = Cat(row.row, row.tile_y), Cat(row.column, row.tile_x)
         whole = Cat(self._whole(m, i) for i in range(self.config.cores_x))
@@ -138,10 +143,10 @@ class PixelWriter(wiring.Component):
         return Cat(colour, ~display_byte(row.transmittance[lane], n.transmittance))
 
     def _count(self, m: Module, busy, inside) -> None:
-        """Tiles that have come, pixels that have left."""
+        """Counts tiles that have arrived and pixels that have left."""
         row, tiles = Signal(range(TILE * TILE // self.config.cores_x)), Signal.like(self.tile_count)
         with m.If(self.rows.valid & self.rows.ready):
-            m.d.sync += row.eq(row + 1)  # a power of two to a tile
+            m.d.sync += row.eq(row + 1)  # a tile has a power of two of rows, so the counter wraps
             with m.If(row.all()):
                 m.d.sync += tiles.eq(tiles + 1)
         if self.config.counters:
@@ -160,7 +165,8 @@ class PixelWriter(wiring.Component):
 def display_byte(raw: Value, number: Fixed) -> Value:
     """255 times the value, rounded half up, at most 255.
 
-    Of 256 raw - raw the low 8 bits only matter by their borrow: it is 256 times raw - ceil(raw / 256), and less than 256 more.
+    255 raw = 256 (raw - ceil(raw / 256)) + a remainder below 256 that does not affect the result. The low 8 bits of raw matter
+    only through the ceiling.
     """
     drop = number.frac_bits - 8
     scaled = raw + (1 << (drop - 1)) - (raw >> 8) - raw[:8].any()

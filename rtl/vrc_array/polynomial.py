@@ -1,7 +1,7 @@
-"""Steps 1-6 of docs/array.md: a splat's mean and conic to the exponent's polynomial over a tile.
+"""Steps 1-6 of docs/array.md: from a splat's mean and conic to the polynomial of the exponent over a tile.
 
-A register stage holds one addition or one half of a multiplication: partial products with either half of an operand, and
-then their sum. What is computed from stage to stage::
+A register stage holds one addition or one half of a multiplication: first the partial products with either half of an operand,
+then their sum. The stages compute::
 
     0   distance to the reference pixel             significands of the conic
     1   3 products of u and v, halves               factors k shifted
@@ -17,7 +17,8 @@ then their sum. What is computed from stage to stage::
     11  slope_y; gx + gy
     12  corner
 
-Sums are kept modulo their result's format: what they lead to fits it for every pair that is kept.
+Sums are computed modulo the width of their result's format. The final results fit their formats for every intersection that is
+kept, so they are exact.
 """
 
 from __future__ import annotations
@@ -35,11 +36,12 @@ from spec.formats import Fixed, SmallFloat
 from spec.tables import CENTRE_EXPONENT_MAX
 
 _WIDEST_PRODUCT = 48
-"""Offsets shifted by this much and more are 0, which they are by themselves while no product is wider."""
+"""Bits of the widest product that an offset may be made of. docs/array.md says that a shift by this much and more gives 0; for
+products of at most this width the shift does so by itself."""
 
 
 class Polynomial(NamedTuple):
-    """The polynomial at the tile's first pixel, without opacity; `kept` where the pair may touch the tile."""
+    """The polynomial at the tile's first pixel, without opacity; `kept` says that the splat may touch the tile."""
 
     corner: Staged
     slope_x: Staged
@@ -51,7 +53,7 @@ class Polynomial(NamedTuple):
 
 
 def check_formats(n: NumberFormats) -> None:
-    """ValueError where shifts would be negative or the formats contradict docs/array.md."""
+    """Raises ValueError if shifts would be negative or if the formats contradict docs/array.md."""
     if n.factor.frac_bits != n.conic.sig_bits - 1:
         raise ValueError(f"factor must have the fraction bits of conic's significand, not {n.factor!r}")
     if n.conic.sig_bits + n.mean2d.width + 3 > _WIDEST_PRODUCT:
@@ -67,7 +69,7 @@ def check_formats(n: NumberFormats) -> None:
 
 
 def decode_factor(bits: Value, number: SmallFloat) -> tuple[Value, Value]:
-    """(signed significand, how far the exponent lies below 0) of a conic factor; zero has significand 0."""
+    """(signed significand, amount by which the exponent lies below 0) of a conic factor; zero has significand 0."""
     fraction, field = bits[: number.sig_bits - 1], bits[number.sig_bits - 1 : -1]
     magnitude = Cat(fraction, Const(1, 2)).as_signed()
     significand = Mux(field.any(), Mux(bits[-1], -magnitude, magnitude), 0)
@@ -75,13 +77,13 @@ def decode_factor(bits: Value, number: SmallFloat) -> tuple[Value, Value]:
 
 
 class _Arithmetic:
-    """The operations of one polynomial unit, each a register stage of `p`."""
+    """The operations of the polynomial unit, each with its own register stages of `p`."""
 
     def __init__(self, p: Pipeline, n: NumberFormats) -> None:
         self.p, self.n = p, n
 
     def product(self, name: str, a: Staged, b: Staged) -> Staged:
-        """a b in two stages: with the low and the high half of b, then summed."""
+        """a b in two stages: the products with the low and with the high half of b, then their sum."""
         width, half = len(a.value) + len(b.value), len(b.value) // 2
         low = self.p.reg(f"{name}_low", lambda x, y: x * y[:half], a, b)
         high = self.p.reg(f"{name}_high", lambda x, y: x * y[half:].as_signed(), a, b)
@@ -91,11 +93,11 @@ class _Arithmetic:
         return self.p.reg(name, lambda x, y: modular(x + y, number) if number else x + y, a, b)
 
     def minus_twice(self, name: str, x: Staged, shift: int, number: Fixed) -> Staged:
-        """-rs(2 x, shift)."""
+        """-rs(2 x, shift), where rs is the rounding shift of docs/array.md."""
         return self.p.reg(name, lambda x: modular(negated_round_shift(x << 1, shift), number), x)
 
     def offset(self, index: int, significand: Staged, below: Staged, distance: Staged) -> Staged:
-        """Step 2; a right shift by n with rounding is one by n - 1, then halves rounded up."""
+        """Step 2. A rounding right shift by n is a plain shift by n - 1, then one by 1 that rounds halves up."""
         n = self.n
         shift = n.conic.sig_bits - 1 + n.mean2d.frac_bits - n.offset.frac_bits  # for exponent 0
         whole = self.product(f"product_{index}", significand, distance)
@@ -103,15 +105,15 @@ class _Arithmetic:
         return self.p.reg(f"offset_{index}", lambda x: x.shift_right(1) + x[0], halves)
 
     def factor(self, index: int, significand: Staged, below: Staged) -> Staged:
-        """Step 4."""
+        """Step 4, with the same split of the rounding shift."""
         halves = self.p.reg(f"factor_halves_{index}", lambda m, below: (m << 1) >> below, significand, below)
         return self.p.reg(f"factor_{index}", lambda x: modular(x.shift_right(1) + x[0], self.n.factor), halves)
 
 
 def polynomial(p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean2d: data.View, conic: data.View) -> Polynomial:
-    """Registers of steps 1-6, from values at the input of `p`; the last of them is stage 13's."""
+    """The registers of steps 1-6, from values at the input of `p`; the last of them is at stage 13."""
     a, grid = _Arithmetic(p, n), n.exponent.frac_bits
-    centre = Const((TILE + 1) << (n.mean2d.frac_bits - 1), n.mean2d.frac_bits + 4)  # the middle of pixel 8: 8.5
+    centre = Const((TILE + 1) << (n.mean2d.frac_bits - 1), n.mean2d.frac_bits + 4)  # the middle of pixel 8 is at 8.5
     dx = p.reg("dx", lambda mean, tile: Cat(centre, tile) - mean, p.data("mean_x", mean2d[0]), p.data("tile_x", tile_x))
     dy = p.reg("dy", lambda mean, tile: Cat(centre, tile) - mean, p.data("mean_y", mean2d[1]), p.data("tile_y", tile_y))
     decoded = [decode_factor(conic[i], n.conic) for i in range(3)]

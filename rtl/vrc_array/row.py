@@ -1,8 +1,8 @@
-"""One row of the rendering array: `cores_x` pixel cores and the op's fields delayed beside them.
+"""One row of the rendering array: `cores_x` pixel cores, and the op's fields delayed beside them.
 
-Rows are chained: what leaves `op_out`, `exponent_out` and `slope_out` enters the row below, which therefore works one
-cycle behind. Every port is a plain wire without back-pressure: one op a cycle, `valid` low is a bubble, credits are
-kept outside the array.
+Rows are chained: what leaves `op_out`, `exponent_out` and `slope_out` enters the row below, which therefore works one cycle
+behind. No port has back-pressure: one op enters per cycle, and `valid` low is a bubble. Free space for results is tracked
+outside the array.
 
 An op that is on `op_in` in cycle 0 (PIPELINE = 3)::
 
@@ -14,8 +14,9 @@ An op that is on `op_in` in cycle 0 (PIPELINE = 3)::
     draining                          <~~~~>               if op.drain: `transmittance` is final in this cycle
     drained                                       <~~~~>   if op.drain: `colour` and `depth` are final in this cycle
 
-The two strobes are SUMS_LATER cycles apart because the weights of the sums come from the transmittance, and the next
-tile's first op may follow at once. Whoever collects the row keeps `transmittance` that long, after any multiplexer.
+The two strobes are SUMS_LATER cycles apart, because the weights of the sums are computed from the transmittance and the first
+op of the next tile may follow at once. The collection of the row must therefore delay `transmittance` by SUMS_LATER cycles; it
+does so behind its multiplexer.
 """
 
 from __future__ import annotations
@@ -36,15 +37,15 @@ SUMS_LATER = 2
 
 
 def op_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What travels down the rows with the exponents."""
+    """What travels down the rows together with the exponents."""
     n = config.formats
     return data.StructLayout({
-        "valid": 1,  # low: a bubble, all other fields are ignored
+        "valid": 1,  # low: a bubble, whose other fields are ignored
         "curve_yy": signed(n.curvature.width),  # second difference along y
-        "cut": signed(n.cut.width),  # exponent below which a pixel skips the op; at least tables.log2_alpha_min
+        "cut": signed(n.cut.width),  # a pixel skips the op if its exponent is below this; at least tables.log2_alpha_min
         "bank": index_shape(config.banks),  # block * level_banks + level
         "outer": 1,  # alpha may reach 1
-        "first": 1,  # state of this bank starts afresh
+        "first": 1,  # the state of this bank starts afresh
         "last": 1,  # background: alpha 1, transmittance unchanged
         "drain": 1,  # raises the strobes
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
@@ -56,21 +57,21 @@ class VrcRow(wiring.Component):
     """A row of pixel cores.
 
     Parameters:
-        config: the machine; `cores_x`, `banks`, `level_banks`, `depth` and the formats matter here.
+        config: the machine; `cores_x`, `banks`, `level_banks`, `depth` and the formats are used.
 
     Ports:
-        op_in, exponent_in, slope_in: an op, and per column the exponent and its first difference along y at this row.
+        op_in, exponent_in, slope_in: an op, and for each column the exponent and its first difference along y at this row.
         op_out, exponent_out, slope_out: the same for the row below, one cycle later.
-        draining, draining_block: strobe PIPELINE cycles after a valid op with `drain`: `pixels[...].transmittance` of
-            that op's block is final. The block index says which block (constant 0 where blocks = 1).
+        draining, draining_block: strobe PIPELINE cycles after a valid op with `drain`: `pixels[...].transmittance` of that op's
+            block is final. The block index says which block (constant 0 if blocks = 1).
         drained, drained_block: the same SUMS_LATER cycles later, for `pixels[...].colour` and `.depth`.
-        pixels: per column and level bank, the state of the block that the strobe names: transmittance of
-            `draining_block`, sums of `drained_block`. Undefined in other cycles.
-        stopped: per level bank, every pixel of the row, in every block, has T < t_stop. Combinational from the
-            transmittance registers: it speaks of the tile whose first op entered more than PIPELINE cycles ago, and
-            in machines with several blocks only once all blocks have had their first op.
+        pixels: per column and level bank, the state of the block that the strobe names: transmittance of `draining_block`, sums
+            of `drained_block`. Undefined in other cycles.
+        stopped: per level bank, whether T < t_stop for every pixel of the row in every block. It is combinational from the
+            transmittance registers, so it concerns the tile whose first op entered more than PIPELINE cycles ago. In a machine
+            with several blocks it is meaningful only once all blocks have had their first op.
 
-    Latency: PIPELINE cycles to transmittance, SUMS_LATER more to the sums. Throughput: one op a cycle, in any order of banks.
+    Latency: PIPELINE cycles to transmittance, SUMS_LATER more to the sums. Throughput: one op per cycle, in any order of banks.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -133,7 +134,7 @@ class VrcRow(wiring.Component):
         return m
 
     def _delayed(self, m: Module) -> tuple[list, list[Value]]:
-        """The op by cycle, 0 to 4, and whether it is one; drives op_out and the strobes. Only `valid` has a reset."""
+        """The op in cycles 0 to 4, and its `valid`, which alone has a reset; drives op_out and the strobes."""
         op, valid = [self.op_in], [self.op_in.valid]
         for cycle in range(1, PIPELINE + SUMS_LATER):
             op.append(Signal(op_layout(self.config), name=f"op{cycle}", reset_less=True))
@@ -152,7 +153,7 @@ class VrcRow(wiring.Component):
         return op, valid
 
     def _banks(self, m: Module, op: list, valid: list[Value]) -> tuple[dict[int, Signal], dict[int, Signal], Signal]:
-        """One-hot banks to read and to write, by cycle (2 to 4), and to weigh (3), decoded once for the row."""
+        """One-hot banks to read and to write in cycles 2 to 4, and to weigh in cycle 3; decoded once for the whole row."""
         read, write = ({cycle: Signal(self.config.banks, name=f"{name}{cycle}", reset_less=True) for cycle in (2, 3, 4)}
                        for name in ("read", "write"))
         left = Signal(self.config.banks, reset_less=True)

@@ -1,10 +1,10 @@
-"""The setup unit: (splat, tile) pairs to pixel ops, docs/array.md.
+"""The setup unit: turns intersections into pixel ops (docs/array.md).
 
-`polynomial` has the arithmetic. Around it this unit takes headers and entries, gives each level its opacity, colour and cut,
-and ends every tile with the background ops.
+`polynomial` holds the arithmetic. Around it this unit takes headers and intersections, selects the opacity, colour and cut of
+each level, and ends every tile with its background ops.
 
-A pair that both levels of a blend tile use takes two slots; the second brings no data (`rtl.pipeline`): it finds the pair's
-polynomial in the registers of every stage, and nothing is multiplied twice::
+An intersection that both levels of a blend tile use takes two slots of the pipeline. The second slot brings no data
+(`rtl.pipeline`): it finds the polynomial of the first in the registers of every stage, and nothing is multiplied twice::
 
     cycle            0      1      2      3
     entries      <  A  ><  B  ><  C  ><  C  >     B is used by both levels: C waits for the slot B, 1
@@ -28,11 +28,11 @@ from spec.records import array_entry, pixel_op, tile_header
 from spec.tables import log2_alpha_min, support_exponent
 
 LATENCY = 15
-"""Cycles from an entry's transfer to its op at the output, where nothing waits: 14 stages and the output buffer."""
+"""Cycles from an intersection's transfer to its op at the output if nothing waits: 14 stages and the output buffer."""
 
 
 class _Slot(NamedTuple):
-    """What enters the pipeline in a cycle, one bit each."""
+    """What enters the pipeline in a cycle; each field is one bit."""
 
     valid: Signal
     load: Signal
@@ -42,23 +42,23 @@ class _Slot(NamedTuple):
 
 
 class SetupUnit(wiring.Component):
-    """Entries of each tile to pixel ops, background ops included.
+    """Turns the intersections of each tile into pixel ops, and adds the background ops.
 
     Parameters:
-        config: the machine; `levels`, `depth`, `support_sigma` and the formats matter here.
+        config: the machine; `levels`, `depth`, `support_sigma` and the formats are used.
 
     Ports:
-        tiles: headers, one per tile; one is taken together with the last slot of the tile before.
-        entries: as many as each header's count.
-        background: colour behind everything; stable during a frame.
-        stopped: per level bank, every pixel of the tile at the input has stopped. Once all banks have that the tile uses,
-            the entries that are left give no op.
-        ops: pixel ops in order, at the tile's first pixel.
-        skipped: strobe, an entry was taken without op because of `stopped`.
+        tiles: headers, one per tile; a header is taken together with the last slot of the tile before.
+        entries: intersections, as many as each header's count.
+        background: colour behind everything; must be stable during a frame.
+        stopped: per level bank, whether every pixel of the tile at the input has stopped. Once this holds for all banks that
+            the tile uses, its remaining intersections give no op.
+        ops: pixel ops in order, whose polynomials are given at the tile's first pixel.
+        skipped: strobe; an intersection was taken without an op because of `stopped`.
 
-    Throughput: one slot a cycle. A tile takes as many slots as it has entries, one more for each entry that both levels use,
-    and one for the background of each level. Entries without use and dropped pairs vanish; their slots stay empty.
-    Latency: LATENCY.
+    Throughput: one slot per cycle. A tile takes one slot for each intersection, one more for each that both levels use, and one
+    for the background of each level. An intersection that no level uses, or whose splat cannot touch the tile, gives no op; its
+    slot stays empty. Latency: LATENCY.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -88,7 +88,7 @@ class SetupUnit(wiring.Component):
         return m
 
     def _schedule(self, m: Module, header: data.View, advance: Value) -> _Slot:
-        """Takes headers and entries, and says what slot enters the pipeline."""
+        """Takes headers and intersections, and decides what slot enters the pipeline."""
         entry, two_levels = self.entries.payload, self.config.level_banks == 2
         busy, second, background_level = Signal(), Signal(), Signal()
         left = Signal.like(header.count)
@@ -121,7 +121,7 @@ class SetupUnit(wiring.Component):
         return slot
 
     def _finish(self, m: Module, p: Pipeline, header: data.View, slot: _Slot, terms: Polynomial, out: stream.Interface) -> None:
-        """Step 7, background and flags: ops out of polynomials."""
+        """Step 7, background and flags: assembles ops from the polynomials."""
         config, n, entry = self.config, self.config.formats, self.entries.payload
         level, background = p.control("level", slot.level), p.control("background", slot.background)
 

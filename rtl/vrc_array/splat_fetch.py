@@ -1,21 +1,21 @@
-"""Splat fetch: sorted tile entries to the array's entries, through a prefetching cache of splat views.
+"""Splat fetch: adds the splat record to each sorted intersection, through a prefetching cache.
 
     tiles, sorted -> SplatTags -+-> pending -------> line memory -> entries
                                 |                       ^
                                 +-> reads ... memory ... data
 
-The organisation is that of texture units (Igehy, Eldridge, Proudfoot 1998, "Prefetching in a Texture Cache Architecture"):
-tags are looked up and changed as entries come, misses go to memory at once, and a FIFO of pending entries covers the latency.
-At its end, in order, the data of a miss enter its line, and a hit reads its line. So an entry finds in its line what the tags
-had said, however many misses on that line are pending, and nothing is compared twice.
+The organisation is that of texture units (Igehy, Eldridge, Proudfoot 1998, "Prefetching in a Texture Cache Architecture"). Tags
+are looked up and updated as intersections arrive, misses go to memory at once, and a FIFO of pending intersections covers the
+latency. At the end of the FIFO, in order, the data of a miss are written to its line, and a hit reads its line. An intersection
+thus finds in its line what the tags promised, however many misses on that line are pending, and no tag is compared twice.
 
-Views are wanted once or twice: in scenes' frames 20 to 70 % of the entries are the first to want theirs, and the next to want
-it is a tile's list away. Four ways, of which the one filled first is filled again, miss as little as a direct-mapped cache of
-twice the lines where tiles' lists are short, and cost tags but no lines; what was used last does not matter, nor which bits of
-the index choose the set. Misses of 1,024 lines, share of entries (`python -m msv2.studies splat_cache`,
-reports/splat_cache.md):
+A splat record is used only a few times: in the frames of these scenes 20 to 70 % of the intersections are the first to use
+their record, and the next use is a whole tile list away. A cache of four ways with replacement in the order of filling misses
+about as little as a direct-mapped cache with twice the lines if tile lists are short, and costs tags but no lines. Replacement
+by last use, or other index bits to choose the set, bring nothing. The table shows the misses of 1,024 lines as a share of the
+intersections (`python -m msv2.studies splat_cache`, reports/splat_cache.md); the last column is the share of first uses:
 
-                               direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first wants
+                               direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first uses
     embedded 128x128            0.829     0.807     0.792                  0.796                  0.763          0.621
     truck 640x360               0.796     0.773     0.757                  0.765                  0.721          0.399
     truck 1280x720              0.603     0.546     0.508                  0.512                  0.522          0.219
@@ -40,30 +40,32 @@ from spec.queues import COUNTER_BITS, VIEWS_PENDING
 from spec.records import array_entry, chunk_entry, tile_use
 
 LATENCY = 5
-"""Cycles from an entry's transfer to its view at `entries`, where nothing waits and its view is in the cache."""
+"""Cycles from an intersection's transfer to its record at `entries` if nothing waits and the record is in the cache."""
 
 class SplatFetch(wiring.Component):
-    """Entries with the index of their splat to entries with its view.
+    """Takes intersections with the index of their splat, delivers them with its record.
 
     Parameters:
         config: the machine.
-        pending: entries that wait for memory, 1 or more.
+        pending: intersections that may wait for memory, 1 or more.
 
     Ports:
-        sorted: ChunkEntry items in rendering order; only `index` and `empty` matter. Items with `empty` vanish.
-        tiles: TileUse items of every tile, in the order of the entries.
-        entries: as many as the counts of `tiles`, in order.
-        reads, data: the memory's; a beat for every miss, in order.
-        views_base, view_shift: settings of the frame.
-        clear: strobe between frames: views in memory change from here on. Entries are taken again a cycle a set later, and so
-            after a reset; for PAPER 256.
-        hits, misses: entries since `clear`, from two cycles after the tags' answer on; 0 for ever without `config.counters`.
-        error: the memory answered with an error since `clear`. The entry came, with a view that means nothing.
-        busy: entries are inside, or wanted for a tile that was taken, or tags are being cleared.
+        sorted: ChunkEntry items in rendering order; only `index` and `empty` are used. Items with `empty` are dropped.
+        tiles: TileUse items of every tile, in the order of the intersections.
+        entries: ArrayEntry items, as many as the counts of `tiles`, in order.
+        reads, data: the memory's read port; one beat for every miss, in order.
+        views_base, view_shift: settings of the frame: where the splat records lie in memory.
+        clear: strobe between frames: the records in memory may change from here on. No intersection is taken while the tags are
+            cleared, which takes a cycle per set (512 for PAPER). The same happens after a reset.
+        hits, misses: intersections since `clear`, counted two cycles after the tags' answer; always 0 without
+            `config.counters`.
+        error: the memory answered a read with an error since `clear`. The intersection left, with an undefined record.
+        busy: intersections are inside, or a tile that was taken expects more of them, or tags are being cleared.
 
-    Storage: that of `SplatTags`; `splat_cache_lines` views, for PAPER 2,048 x 222 bits, never read and written in the same
-    cycle; `pending` entries of a line's number and 4 bits. Throughput: one entry a cycle, hits and misses alike, while memory
-    gives a beat a miss; an empty tile takes a cycle. Latency: LATENCY cycles, and for a miss the memory's.
+    Storage: that of `SplatTags`; `splat_cache_lines` records, for PAPER 2,048 x 222 bits, never read and written in the same
+    cycle; `pending` intersections of a line number and 4 bits each. Throughput: one intersection per cycle, hits and misses
+    alike, as long as memory delivers a beat per miss; an empty tile takes a cycle. Latency: LATENCY cycles, plus that of memory
+    for a miss.
     """
 
     def __init__(self, config: AcceleratorConfig, *, pending: int = VIEWS_PENDING):
@@ -104,7 +106,7 @@ class SplatFetch(wiring.Component):
         return m
 
     def _want(self, m: Module, tags: SplatTags) -> Value:
-        """Entries with their tiles' level into the tags; returns whether the tile that was taken wants more."""
+        """Passes intersections with the level of their tile to the tags; returns whether the current tile expects more."""
         tile, item, wanted = self.tiles.payload, self.sorted.payload, tags.wanted
         left, level, blend = Signal.like(tile.count), Signal(2, reset_less=True), Signal(reset_less=True)
         taken = wanted.valid & wanted.ready
@@ -123,7 +125,7 @@ class SplatFetch(wiring.Component):
         return left.any()
 
     def _ask(self, m: Module, tags: SplatTags, requests: Buffer, fifo: SyncFIFOBuffered, pending: data.View) -> None:
-        """What the tags found into the FIFO, and misses to memory; both have room, or neither happens."""
+        """Passes the tags' answers to the FIFO, and misses to memory too; both must have free space, or neither happens."""
         found, wanted = tags.found.payload, tags.found.payload.wanted
         moves = tags.found.valid & tags.found.ready
         m.d.comb += [
@@ -136,16 +138,16 @@ class SplatFetch(wiring.Component):
             requests.sink.valid.eq(tags.found.valid & fifo.w_rdy & found.missed),
             requests.sink.payload.beat.eq(self.views_base + (wanted.index << self.view_shift) + wanted.level),
         ]
-        if self.config.counters:  # a cycle after the tags said it, which they say late
+        if self.config.counters:  # counted a cycle later, because the tags' answer is on the critical path
             hit, missed = Signal(), Signal()
             m.d.sync += [hit.eq(moves & ~found.missed & ~self.clear), missed.eq(moves & found.missed & ~self.clear)]
             for counter, counts in ((self.hits, hit), (self.misses, missed)):
                 m.d.sync += counter.eq(Mux(self.clear, 0, counter + counts))
 
     def _deliver(self, m: Module, fifo: SyncFIFOBuffered, pending: data.View) -> Value:
-        """Lines filled and read in order, then `entries` out of a register; returns whether there is something behind the FIFO.
+        """Fills and reads lines in order and registers `entries`; returns whether anything is behind the FIFO.
 
-        A view that comes from memory passes beside its line, which is written in that cycle and so cannot be read.
+        A record that arrives from memory bypasses its line, because the line is written in that cycle and cannot be read.
         """
         view_layout = layout(splat_view(self.config))
         m.submodules.lines = lines = memory.Memory(shape=view_layout, depth=self.config.splat_cache_lines, init=[])

@@ -1,8 +1,8 @@
-"""The tags of the splat cache, which are looked up and changed in the order of the requests, far ahead of the data.
+"""The tags of the splat cache. They are looked up and updated in the order of the requests, far ahead of the data.
 
-The index' low bits choose a set of lines; the rest of the index and the level are a line's tag. A set's tags are one word,
-in which a miss replaces the tag that came first. A request that follows another to the same set in the very next cycle must see
-what that one wrote, so that the read port lets a write through::
+The low bits of a Gaussian's index choose a set of lines; the rest of the index and the level are the tag of a line. The tags of
+a set are one word of memory, in which a miss replaces the oldest tag. If two requests to the same set come in consecutive
+cycles, the second must see what the first wrote; the read port is therefore transparent for writes::
 
     cycle            0      1      2
     wanted       <  A  ><  A  >
@@ -25,34 +25,34 @@ _WAY_BITS = CACHE_WAYS.bit_length() - 1
 
 
 def wanted_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A view wanted: of Gaussian `index` at tile level `level`; `blend` passes through."""
+    """A request for the splat record of Gaussian `index` at tile level `level`; `blend` is passed through."""
     return data.StructLayout({"index": INDEX_BITS, "level": 2, "blend": 1})
 
 
 def found_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A view wanted, its line, and whether that must be filled with it first."""
+    """A request, the line of its record, and whether the line must first be filled with the record."""
     return data.StructLayout({"wanted": wanted_layout(config), "line": line_bits(config), "missed": 1})
 
 
 def line_bits(config: AcceleratorConfig) -> int:
-    """Bits of a line's number: its way, then the lowest of the index."""
+    """Bits of a line's number: its way, then the low bits of the index."""
     return config.splat_cache_lines.bit_length() - 1
 
 
 class SplatTags(wiring.Component):
-    """Hit or miss.
+    """Decides for each request whether it hits or misses, and which line it uses.
 
     Parameters:
-        config: the machine; `splat_cache_lines` matters here.
+        config: the machine; only `splat_cache_lines` is used.
 
     Ports:
-        wanted: views, in the order in which they are wanted.
-        found: the same; a miss has taken over its line in the tags.
-        clear: strobe, no line is valid any more. What was taken before is still answered out of the old tags.
-        busy: a view is inside, or tags are being cleared; then nothing is taken.
+        wanted: requests for splat records, in order.
+        found: the answers, in the same order; on a miss the tags already assign the line to the new record.
+        clear: strobe; invalidates every line. A request that was taken before is still answered from the old tags.
+        busy: a request is inside, or tags are being cleared; while they are cleared, no request is taken.
 
-    Storage: a word for each set; for PAPER 512 x 74 bits. Throughput: one a cycle. Latency: 1 cycle. Clearing takes a cycle a
-    set, and is done after a reset as well: memory may then hold anything.
+    Storage: one word for each set; 512 x 74 bits for PAPER. Throughput: one request per cycle. Latency: 1 cycle. Clearing takes
+    a cycle per set. It also runs after a reset, because the memory may then hold anything.
     """
 
     def __init__(self, config: AcceleratorConfig):

@@ -1,12 +1,12 @@
-"""The warp unit: the source eye's frame, as it leaves the array, to the target eye's.
+"""The warp unit: warps the source eye's frame, as it leaves the array, into the target eye's frame.
 
-    queue       a lane's rows of pixels, and their pixels one by one
-    divider     floored quotients, a bit a stage
-    disparity   where a pixel goes
-    delay       what is carried past the division
-    bank        a lane's part of the ring of columns: the nearest pixel stays; complete columns are read and cleared
-    window      a strip, every pixel with its neighbours; holes
-    fill        medians
-    pack        columns to beats
-    warp_unit   all of it, and which columns are held
+    queue       stores a lane's rows of pixels and delivers their pixels one by one
+    divider     floored quotients, one bit per stage
+    disparity   computes where a pixel goes
+    delay       delays values that bypass the division
+    bank        a lane's part of the ring of columns: the nearest pixel wins; complete columns are read and cleared
+    window      scans a strip, gives every pixel its neighbours, and finds holes
+    fill        fills holes with medians
+    pack        packs columns of pixels into beats of rows
+    warp_unit   the whole unit, and the rule of which columns are in the ring
 """

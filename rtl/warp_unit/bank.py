@@ -1,7 +1,8 @@
-"""A lane's rows of the ring of columns: pixels are scattered ahead, and columns that are complete are read and cleared behind.
+"""One lane's rows of the ring of columns: pixels are scattered ahead, and complete columns are read and cleared behind.
 
-Of pixels that meet at a place the one with the largest key stays. A pixel's place is read, and written in the next cycle if
-the pixel wins. One that follows to the same place just then reads too early: it is compared with what was written instead::
+If several pixels fall on the same place, the one with the largest key wins. The place of a pixel is read in one cycle and, if
+the pixel wins, written in the next. If the next pixel falls on the same place, it is read too early; that pixel is compared
+with the pixel just written instead::
 
     cycle            0         1            2
     moved        <   A    ><  B        ><  C        >
@@ -9,14 +10,15 @@ the pixel wins. One that follows to the same place just then reads too early: it
     compared                <  A, old  ><  B, A     >     where B's place is A's
     written                 <  A       ><  B        >
 
-The scan reads a place and clears it in the next cycle. Places are dealt out to two memories, so that a port to read and one
-to write are enough: neighbours along a row lie in different ones, and so do neighbours down a column. What reads a memory
-writes it in the next cycle, so who may read is all that is decided. That is a pixel, always; the scan takes what the pixels
-leave: for each memory it runs ahead by itself, into a few registers, wherever a pixel wants the other one::
+The scan reads a place and clears it in the next cycle. Places are spread over two memories, so that one read port and one write
+port each are enough: neighbours along a row lie in different memories, and so do neighbours down a column. Whoever reads a
+memory also writes it in the next cycle. Only the read grant is therefore arbitrated, and it always goes to a pixel. The scan
+uses the cycles that pixels leave free. In each memory it runs ahead on its own, into a few registers, whenever the pixel of the
+cycle uses the other memory::
 
     cycle            0      1      2      3      4      5      6
     memory 0     < A    >< scan >< C    >< scan >< E    >< scan >< scan >
-    memory 1     < scan >< B    >< scan >< D    >< scan >< scan >< scan >      after E no pixels come
+    memory 1     < scan >< B    >< scan >< D    >< scan >< scan >< scan >      no pixels come after E
 """
 
 from __future__ import annotations
@@ -35,37 +37,39 @@ MEMORIES = 2
 
 
 def kept_layout() -> data.StructLayout:
-    """A place of a strip: its colour, whether there is any, and whether that is not the background's."""
+    """A place of a strip: its colour, whether it holds a pixel, and whether that pixel is solid, that is not background."""
     return data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1, "solid": 1})
 
 
 def place_memory(config: AcceleratorConfig, place: data.View) -> Value:
-    """In which memory a place is: another one than the places beside, above and below it."""
+    """The memory that a place is in; the places beside, above and below it are in the other one."""
     return place.x[0] ^ place.sub[0] if sub_bits(config) else place.x[0]
 
 
 def pair_bits(config: AcceleratorConfig) -> int:
-    """Bits of the number of a pair of places, one in each memory."""
+    """Bits of the number of a pair of places; each pair has one place in each memory."""
     return (sub_rows(config) * config.warp_columns // MEMORIES - 1).bit_length()
 
 
 class RingBank(wiring.Component):
-    """A lane's part of the ring.
+    """A lane's part of the ring of columns.
 
     Parameters:
-        config: the machine; `warp_columns`, `row_width` and `warp_lanes` matter here.
+        config: the machine; `warp_columns`, `row_width` and `warp_lanes` are used.
 
     Ports:
-        moved: a pixel, where `keep` is high; never to a place that may be scanned.
-        start: strobe, the scan goes on at the pairs of places `limits`; nothing is before them.
-        limits: of each memory, the pair of places before which all are complete, with a bit more than a pair's number.
-        which: the memory of the place that is next in the scan.
-        kept_valid, kept: that place. take: strobe, the next one.
-        wipe, wipe_pair: strobe, the places of the pair become empty; no pixel may come, and nothing may be scanned.
+        moved: a pixel, if `keep` is high; it must not fall on a place that may be scanned.
+        start: strobe; the scan continues at the pairs of places `limits`. Everything before them must have been taken.
+        limits: for each memory the pair of places up to which, exclusively, all places are complete; one bit more than the
+            number of a pair.
+        which: the memory of the next place in the scan.
+        kept_valid, kept: that place.
+        take: strobe; moves on to the next place.
+        wipe, wipe_pair: strobe; clears the places of the pair. No pixel may come and no place may be open to the scan.
 
-    Storage in bits: a pixel's 25 and a key's at each of warp_columns * 16 / warp_lanes places: for PAPER two memories of 1,024
-    words of 42 bits; 8 pixels of registers. Throughput: a pixel a cycle, and a place of the scan a cycle as long as pixels take
-    turns with the memories.
+    Storage: a pixel of 25 bits and its key at each of warp_columns * 16 / warp_lanes places: for PAPER two memories of 1,024
+    words of 42 bits; 8 pixels in registers. Throughput: one pixel per cycle, and one place of the scan per cycle as long as
+    pixels alternate between the memories. Places are scanned in order.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -102,7 +106,7 @@ class RingBank(wiring.Component):
         return m
 
     def _memory(self, m: Module, number: int, compared: data.View, wins: Value) -> tuple[data.View, Value, Value]:
-        """One of the memories and the scan of it: what was read, whether the scan has a place ready, and that place."""
+        """One of the memories with its scan: the word that was read, whether the scan has a place ready, and that place."""
         bits, names = pair_bits(self.config), f"_{number}"
         word = data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1, "key": disparity(self.config).width})
         m.submodules[f"places{names}"] = store = memory.Memory(shape=word, depth=1 << bits, init=[])
@@ -127,11 +131,13 @@ class RingBank(wiring.Component):
         return read.data, ready, head
 
     def _ahead(self, m: Module, number: int, word: data.View, comes: Value) -> tuple[Value, Value, Value]:
-        """What the scan has read of a memory: whether there is a place, the first of them, and whether one more may be read."""
+        """The places that the scan has read of a memory: whether there is one, the first of them, and whether there is space
+        to read another."""
         kept = Array(Signal(kept_layout(), name=f"kept_{number}_{i}", reset_less=True) for i in range(WARP_AHEAD))
         first, free = (Signal(range(WARP_AHEAD), name=f"{name}_{number}") for name in ("first", "free"))
-        more, takes = Signal(WARP_AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")  # bit i: more than i are kept
-        m.d.comb += takes.eq(self.take & (self.which == number))  # comes late: a sum behind it would not make the clock
+        # bit i of `more`: more than i places are stored
+        more, takes = Signal(WARP_AHEAD, name=f"more_{number}"), Signal(name=f"takes_{number}")
+        m.d.comb += takes.eq(self.take & (self.which == number))  # on the critical path, so no adder follows
         with m.If(takes & ~comes):
             m.d.sync += more.eq(more >> 1)
         with m.Elif(comes & ~takes):

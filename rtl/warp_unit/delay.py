@@ -1,4 +1,4 @@
-"""Values that come back some cycles later, out of a memory that is written round and round: far fewer gates than registers."""
+"""A delay of some cycles through a memory that is written as a ring, which takes far less area than registers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from amaranth.lib.wiring import In, Out
 
 
 class Delay(wiring.Component):
-    """`late` is what `early` was `cycles` cycles before, if `load` was high then; else it means nothing.
+    """`late` is the value that `early` had `cycles` cycles ago if `load` was high then; otherwise it is undefined.
 
     Parameters:
         shape: shape of the values.
-        cycles: 2 or more.
+        cycles: the delay; 2 or more.
 
-    Storage: a word a cycle. Throughput: one a cycle; it never waits.
+    Storage: one word per cycle of delay. Throughput: one value per cycle, without back-pressure. Latency: `cycles` cycles.
     """
 
     def __init__(self, shape: ShapeLike, cycles: int):

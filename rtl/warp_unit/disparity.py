@@ -1,10 +1,10 @@
-"""Where a pixel of the source eye goes: its disparity, its column in the target eye, and how near it is.
+"""Where a pixel of the source eye goes: its disparity, its column in the target eye, and the key that says how near it is.
 
-The disparity is S w / d, floored (`spec.stereo`). Where it is too wide for the quotient it is wider than `reach`, and the
-pixel is dropped; so are those that would move further than that or leave the frame and, without `warp_veiled`, those whose
-coverage lies between the background's and that of a solid one. Rounded to whole pixels, half up, it is added where the source
-is the right eye, else subtracted. How far a pixel may move, as far as the frame goes and `reach`, is found before its disparity
-is::
+The disparity is floor(S w / d) (`spec.stereo`). If it does not fit the quotient, it is larger than `reach`, and the pixel is
+dropped. A pixel is also dropped if it would move further than `reach` or leave the frame. Without `warp_veiled` a pixel is
+dropped as well if its coverage lies between that of the background and that of a solid pixel. The disparity, rounded half up to
+whole pixels, is added to the column if the source is the right eye, and subtracted otherwise. The largest permitted shift
+follows from the edge of the frame and from `reach`; it is computed before the disparity is known::
 
     stage   1          2             3      4 .. Q + 3       Q + 4
             columns    class, most,  S w    long division,   column in the ring, not too far?
@@ -35,24 +35,24 @@ from spec.stereo import (
 
 
 def ring_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Where a pixel of the target is: its row among the lane's, its column in the ring. Read as a number it is dense."""
+    """The place of a target pixel: its row among the lane's rows, and its column in the ring. As a number it has no gaps."""
     return data.StructLayout({"sub": sub_bits(config), "x": range(config.warp_columns)})
 
 
 def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A pixel on its way into a lane's part of the ring: of WarpPixel, what is not the same for the whole lane."""
+    """A pixel on its way into a lane's part of the ring: the fields of WarpPixel that differ within a lane."""
     return data.StructLayout({
         "place": ring_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
 
 
 def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What a pixel is while its disparity is computed: its own column in the ring, and by how many it may move at most."""
+    """What bypasses the division: the pixel's own column in the ring, its largest permitted shift, and its colour."""
     return data.StructLayout({
         "place": ring_layout(config), "most": range(reach(config) + 1), "colour": data.ArrayLayout(8, 3), "background": 1})
 
 
 def carried_cycles(config: AcceleratorConfig) -> int:
-    """How long that takes."""
+    """Cycles by which `carried_layout` is delayed."""
     return disparity(config).width + 1
 
 
@@ -62,27 +62,28 @@ def disparity_latency(config: AcceleratorConfig) -> int:
 
 
 def disparity_divider(config: AcceleratorConfig) -> Divider:
-    """S w by d."""
+    """The divider of S w by d."""
     n = config.formats
     return Divider(numerator_bits=DISPARITY_SCALE_BITS + n.transmittance.width - disparity_drop(n),
                    divisor_bits=n.depth_accumulator.width, quotient_bits=disparity(config).width)
 
 
 class Disparity(wiring.Component):
-    """A pixel of the source eye to where it goes.
+    """Computes where each pixel of the source eye goes.
 
     Parameters:
-        config: the machine; `row_width`, `warp_columns` and `warp_veiled` matter here, and `warp_lanes` for the places.
+        config: the machine; `row_width`, `warp_columns` and `warp_veiled` are used, and `warp_lanes` for the places.
 
     Ports:
-        load: a pixel is at the input; without it the stages keep what they hold.
+        load: a pixel is at the input; without it the stages keep their contents.
         place, pixel: the pixel, which lies in the frame.
-        last: the frame's last column. disparity_scale, source_right: settings of the frame.
-        carries, early, late: what is carried past the division: `late` is what `early` was, with `carries` high,
-            `carried_cycles` before (`rtl.warp_unit.delay`: one memory serves all lanes).
-        moved: the pixel, `disparity_latency` cycles later; `keep` is low for those that are dropped, and where none is.
+        last: the frame's last column.
+        disparity_scale, source_right: settings of the frame.
+        carries, early, late: the path around the division: `late` is the value that `early` had, with `carries` high,
+            `carried_cycles` cycles ago. The delay is outside (`rtl.warp_unit.delay`), so that one memory serves all lanes.
+        moved: the pixel, `disparity_latency` cycles later; `keep` is low if the pixel is dropped or there is none.
 
-    Throughput: one a cycle; it never waits. Latency: 21 cycles for PAPER.
+    Throughput: one pixel per cycle, without back-pressure. Order is kept. Latency: 21 cycles for PAPER.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -98,7 +99,8 @@ class Disparity(wiring.Component):
         m = Module()
         n, p = self.config.formats, Pipeline(m, load=self.load)
         loads = p.control("load", self.load)
-        t, depth = (p.data(name, self.pixel[name]).to(1) for name in ("transmittance", "depth"))  # chosen late
+        # registered first, because the selection of the pixel is on the critical path
+        t, depth = (p.data(name, self.pixel[name]).to(1) for name in ("transmittance", "depth"))
         background = p.reg("background", lambda t: t >= background_transmittance(n), t)
         most = warped_transmittance(self.config)
         may = p.reg("may", lambda load, t: load & ((t >= background_transmittance(n)) | (t <= most)), loads, t)
@@ -134,10 +136,11 @@ class Disparity(wiring.Component):
     def _quotient(
         self, m: Module, p: Pipeline, loads: Staged, t: Staged, depth: Staged, background: Staged,
     ) -> tuple[Staged, Staged]:
-        """The raw disparity, the background's 0 by an odd number; whether it is too wide, which is known long before."""
+        """The raw disparity, for the background 0 divided by an odd number; and whether it is too large, known much earlier."""
         n = self.config.formats
-        weight = t.map(lambda t: ~t)  # the first T, all ones, less the last
-        half, drop = (n.transmittance.width + 1) // 2, disparity_drop(n)  # the upper half takes the lower one's sum in
+        weight = t.map(lambda t: ~t)  # the initial T, all ones, minus the final T
+        # The upper half absorbs the carry of the lower product
+        half, drop = (n.transmittance.width + 1) // 2, disparity_drop(n)
         low = p.reg("low", lambda w: self.disparity_scale * w[:half], weight)
         high = p.reg("high", lambda w, t: Mux(t >= background_transmittance(n), 0, w[half:]), weight, t)
 
@@ -155,16 +158,16 @@ class Disparity(wiring.Component):
                 Staged(p, "over", divider.over, start + 1, False))
 
     def _column(self, raw: Value, x: Value) -> Value:
-        """x plus or minus the disparity rounded, round the ring: -(whole + past) = ~whole + 1 - past."""
+        """x plus or minus the rounded disparity, modulo the ring; the minus uses -(whole + past) = ~whole + 1 - past."""
         left, (whole, past) = ~self.source_right, self._rounded(raw)
         return (x + (Cat(whole, Const(0, 1)) ^ left.replicate(len(whole) + 1)).as_signed() + (past ^ left))[: len(x)]
 
     def _near_enough(self, may: Value, raw: Value, most: Value) -> Value:
-        """Whether it may be warped, and moves no further than it may."""
+        """Whether the pixel may be warped, and moves no further than it may."""
         whole, past = self._rounded(raw)
         return may & (whole + past <= most)
 
     def _rounded(self, raw: Value) -> tuple[Value, Value]:
-        """Whole pixels of the disparity, and whether one more is nearer: halves go to the right."""
+        """Whole pixels of the disparity, and whether rounding adds one: a half always moves the column to the right."""
         half, below = raw[DISPARITY_FRAC - 1], raw[: DISPARITY_FRAC - 1].any()
         return raw[DISPARITY_FRAC:], half & (self.source_right | below)

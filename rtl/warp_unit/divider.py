@@ -1,8 +1,8 @@
-"""Quotients of integers, floored: long division, a bit of the quotient a stage.
+"""Floored quotients of integers by long division, one bit of the quotient per stage.
 
-A stage doubles the remainder, takes in the next bit of the numerator and subtracts the divisor where that leaves no negative
-number. A quotient of 19 bits takes 19 subtractions of 19 bits; a table, Newton's step and an exact residual would take three
-products of as many bits each.
+A stage doubles the remainder, appends the next bit of the numerator, and subtracts the divisor unless the difference would be
+negative. A quotient of 19 bits takes 19 subtractions of 19 bits. The alternative of a table, a Newton step and an exact
+residual would take three products of as many bits each.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ class Divider(wiring.Component):
     """`quotient` = floor(numerator / divisor).
 
     Parameters:
-        numerator_bits, divisor_bits, quotient_bits: widths; the numerator is wider than the quotient.
+        numerator_bits, divisor_bits, quotient_bits: widths; the numerator must be wider than the quotient.
 
     Ports:
-        load: operands are at the input; without it the stages keep what they hold.
-        numerator, divisor: unsigned.
-        over: a cycle after the operands: the quotient needs more bits, or the divisor is 0; the quotient then means nothing.
+        load: operands are at the input; without it the stages keep their contents.
+        numerator, divisor: unsigned operands.
+        over: one cycle after the operands: the quotient needs more bits or the divisor is 0; the quotient is then undefined.
         quotient: `quotient_bits` cycles after the operands.
 
-    Throughput: one a cycle; it never waits.
+    Throughput: one quotient per cycle, without back-pressure. Latency: `quotient_bits` cycles.
     """
 
     def __init__(self, *, numerator_bits: int, divisor_bits: int, quotient_bits: int):
@@ -49,8 +49,9 @@ class Divider(wiring.Component):
         p = Pipeline(m, load=self.load)
         divisor = p.data("divisor", self.divisor)
         above = p.data("above", self.numerator[self.latency :])
-        remainder = above.map(lambda r: r[: len(self.divisor)])  # below the divisor, or the quotient is over
-        rest = p.data("rest", self.numerator[: self.latency])  # the numerator's bits from the top, the quotient's from below
+        remainder = above.map(lambda r: r[: len(self.divisor)])  # smaller than the divisor, or else `over` is set
+        # numerator bits leave at the top, quotient bits enter at the bottom
+        rest = p.data("rest", self.numerator[: self.latency])
         m.d.comb += self.over.eq(p.reg("over", lambda r, d: r >= d, above, divisor).value)
         for _ in range(self.latency):
             bits = len(self.divisor)

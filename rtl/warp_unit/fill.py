@@ -1,8 +1,9 @@
-"""The median of a hole's neighbours, for each channel: found bit by bit from the top.
+"""The median of a hole's neighbours in each colour channel, determined bit by bit from the top.
 
-Of the neighbours that are still alive, those with a 0 in the bit lie below those with a 1. If they are more than `rank`, the
-wanted one is among them and has a 0; else it has a 1, and as many lie below it as there were zeros. Those on the other side are
-alive no more. Two bits a stage; where the neighbours are few of the eight, the others are not alive from the start.
+A neighbour is called alive as long as it may be the median. Of the neighbours alive, those with a 0 in the current bit are
+smaller than those with a 1. If the zeros are more than `rank`, the wanted neighbour is one of them and its bit is 0. Otherwise
+its bit is 1, and its rank among the ones is lower by the number of zeros. The neighbours with the other bit are no longer
+alive. A stage handles two bits. If a hole has fewer than eight neighbours, the missing ones are not alive from the start.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ def filled_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class Fill(wiring.Component):
-    """Slots with a hole's neighbours to slots with its colour.
+    """Adds to each slot the colour of the hole that is filled in it.
 
     Parameters:
-        config: the machine; `warp_lanes` matters here.
+        config: the machine; only `warp_lanes` is used.
 
     Ports:
-        slots: groups and their holes.
-        filled: the same, in the same order.
+        slots: groups of pixels, each with one hole and its neighbours.
+        filled: the same slots with colours, in the same order.
         busy: a slot is inside.
 
-    Throughput: a slot a cycle. Latency: 5 cycles. All stages wait where the last one does.
+    Throughput: one slot per cycle. Latency: 5 cycles. All stages stall together when the last one does.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -71,7 +72,7 @@ class Fill(wiring.Component):
 
 
 def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, planes: list[Staged]) -> Value:
-    """The value of that rank among those alive, 0 the smallest; `planes` are their bits, lowest first."""
+    """The value of the given rank among those alive, 0 for the smallest; `planes` are the values' bits, lowest bit first."""
     found: list[Staged] = []
     for top in range(7, -1, -_BITS_A_STAGE):
         def stage(alive: Value, rank: Value, *planes: Value) -> Value:
@@ -89,7 +90,7 @@ def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, p
 
 
 def _halved(m: Module, alive: Value, rank: Value, plane: Value) -> tuple[Value, Value, Value]:
-    """Who is alive after a bit, the rank among them, and the bit of the one wanted."""
+    """One bit: which values stay alive, the wanted rank among them, and the bit of the wanted value."""
     zeros = Signal(range(len(NEIGHBOURS) + 1))
     alive_next, rank_next, bit = Signal.like(alive), Signal.like(rank), Signal()
     m.d.comb += [

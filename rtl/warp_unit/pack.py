@@ -1,11 +1,13 @@
-"""Groups of a column's pixels to beats of a row's.
+"""Packs groups of a column's pixels into beats along the rows.
 
-Eight neighbours of a row share a beat, and rows begin anywhere in one. Each lane collects its rows' beats in a memory with a
-word for each row and parity of the beat's address: a pixel is written into its place of the word. Where a pixel completes its
-beat, or its row, the group goes into a queue, and its complete beats leave one by one while the columns that follow fill the
-words of the other parity. A word is used again nine columns later, in which every group of rows has gone through the queue at
-least once, those below the frame too, without a beat: so the queue, no longer than a column has groups, holds the scan back
-before it could overrun a beat::
+Eight neighbouring pixels of a row share a beat, and a row may begin anywhere in a beat. Each lane collects the beats of its
+rows in a memory. The memory has two words for each row, for even and odd addresses of beats, and a pixel is written into its
+place in a word. If a pixel completes its beat or its row, its group enters a queue. The group's complete beats leave one by
+one, while the following columns fill the words of the other parity.
+
+A word is used again nine columns later. By then every group of rows has passed the queue at least once; rows below the frame
+pass it too, without a beat. As the queue is no longer than the number of groups in a column, it holds the scan back before a
+beat could be overwritten::
 
     cycle            0      1      2      3      4      5
     filled       <  A  ><  B  ><  C  >                       A completes three beats, B one, C none
@@ -31,40 +33,45 @@ from spec.memory import BEAT_BITS, WORDS, frame_settings, write_request
 _WORD_BITS = (WORDS - 1).bit_length()
 
 ADDRESS_BITS = BEAT_BITS + _WORD_BITS
-"""Bits of a pixel's address: words."""
+"""Bits of a pixel's address, which counts 32-bit words."""
 
 
 def queue_groups(config: AcceleratorConfig) -> int:
-    """Groups with complete beats that may wait: of a column where all rows are complete, those left at its end."""
+    """Groups with complete beats that may wait: as many as are left at the end of a column in which all rows are complete."""
     groups = sub_rows(config)
     waiting = max(2, groups - groups // config.warp_lanes + 1)
     return min(groups, 1 << (waiting - 1).bit_length())
 
 
 def _complete_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A group that completes beats: the lanes to write of, which of their rows, the address of lane 0's pixel, its column."""
+    """A group with complete beats: the lanes to write, their row, the address of lane 0's pixel, and its column.
+
+    Only the column's place in a beat (`near`) and whether it is beyond the first beat (`far`) are needed.
+    """
     return data.StructLayout({"lanes": config.warp_lanes, "sub": sub_bits(config), "word": ADDRESS_BITS, "near": _WORD_BITS,
                               "far": 1})
 
 
 class Pack(wiring.Component):
-    """Groups to writes.
+    """Turns groups of pixels into memory writes.
 
     Parameters:
-        config: the machine; `row_width` and `warp_lanes` matter here.
+        config: the machine; `row_width` and `warp_lanes` are used.
 
     Ports:
-        start: strobe before a strip; nothing is inside.
-        base: address of the strip's first pixel in words, taken with `start`.
-        width, last, rows: columns of the frame, the last one, rows of the strip that lie in it.
-        filled: the strip's groups, down every column, left to right; a group comes once for every hole that is filled.
-        writes: the memory's; words whose strobe is low are 0. In the order in which beats are complete, higher rows first.
-        commits, column_ends, strip_ends: strobes, a group's last slot is taken; it is the last of its column, and of the strip.
-        column: its column.
+        start: strobe before a strip; the unit must be empty.
+        base: address of the strip's first pixel in words, sampled with `start`.
+        width, last, rows: columns of the frame, its last column, and the rows of the strip that lie in the frame.
+        filled: the strip's groups, down every column, columns from left to right; a group comes once for every filled hole.
+        writes: the memory's write port; words whose strobe is low are 0. Beats leave in the order in which they are completed,
+            and from the top row down if they are completed together.
+        commits, column_ends, strip_ends: strobes; the last slot of a group is taken; the group is the last of its column; it is
+            the last of the strip.
+        column: the column of that group.
         busy: a beat is inside.
 
-    Storage: two beats of 25-bit pixels a row; the queue. Throughput: a group a cycle while no more than a beat a cycle becomes
-    complete, which is 8 pixels. Latency: 2 cycles from a beat's last pixel.
+    Storage: two beats of 25-bit pixels per row, and the queue. Throughput: one group per cycle as long as no more than one beat
+    of 8 pixels per cycle becomes complete. Latency: 2 cycles from the last pixel of a beat.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -97,7 +104,7 @@ class Pack(wiring.Component):
         return m
 
     def _walk(self, m: Module, commits: Signal, sub: Signal, word: Signal) -> None:
-        """The place of the group at the input."""
+        """Tracks the place of the group at the input."""
         x, column_word = self.column, Signal(ADDRESS_BITS, reset_less=True)
         m.d.comb += [
             self.column_ends.eq(commits & (sub == sub_rows(self.config) - 1)),
@@ -110,7 +117,7 @@ class Pack(wiring.Component):
                 m.d.sync += [x.eq(x + 1), column_word.eq(column_word + 1), word.eq(column_word + 1)]
 
     def _store(self, m: Module, lane: int, sub: Signal, word: Signal, complete: Value) -> memory.ReadPort:
-        """A lane's beats; whether the group's pixel completes one."""
+        """Adds the memory of a lane's beats; sets `complete` if the group's pixel completes one."""
         group, bits = self.filled.payload, _WORD_BITS + 1
         shape = data.ArrayLayout(painted_layout(), WORDS)
         m.submodules[f"beats_{lane}"] = store = memory.Memory(shape=shape, depth=2 * sub_rows(self.config), init=[])
@@ -133,7 +140,7 @@ class Pack(wiring.Component):
         return Cat(Const(lane, (self.config.warp_lanes - 1).bit_length()), sub)
 
     def _queue(self, m: Module, commits: Signal, sub: Signal, word: Signal, complete: Signal) -> tuple:
-        """Groups with complete beats: the first of them, whether there is one, room for more, and what takes it out."""
+        """The queue of groups with complete beats: its head, whether there is one, whether there is free space, its pop."""
         depth, shape = queue_groups(self.config), _complete_layout(self.config)
         words = Array(Signal(shape, name=f"complete_{i}", reset_less=True) for i in range(depth))
         count, first, free = Signal(range(depth + 1)), Signal(range(depth)), Signal(range(depth))
@@ -144,17 +151,17 @@ class Pack(wiring.Component):
             new.near.eq(self.column[:_WORD_BITS]), new.far.eq((self.column >> _WORD_BITS).any())]
         m.d.sync += count.eq(count + pushes - pops)
         with m.If(pushes):
-            m.d.sync += [words[free].eq(new), free.eq(free + 1)]  # depths are powers of two
+            m.d.sync += [words[free].eq(new), free.eq(free + 1)]  # the depth is a power of two, so the index wraps
         with m.If(pops):
             m.d.sync += first.eq(first + 1)
         return words[first], count.any(), count != depth, pops
 
     def _send(self, m: Module, head: data.View, valid: Value, pops: Signal, reads: list[memory.ReadPort]) -> None:
-        """The complete beats of the first group, lane by lane."""
+        """Sends the complete beats of the group at the head, lane by lane."""
         lanes, out, bits = range(self.config.warp_lanes), self.writes.payload, _WORD_BITS + 1
         todo, done, pick, last, moves = Signal(len(lanes)), Signal(len(lanes)), Signal(len(lanes)), Signal(), Signal()
         lane, word = Signal(range(len(lanes)), reset_less=True), Signal(ADDRESS_BITS, reset_less=True)
-        below = Signal(range(len(lanes) << len(self.width)), reset_less=True)  # words from lane 0's row
+        below = Signal(range(len(lanes) << len(self.width)), reset_less=True)  # words from lane 0's row to the row of this lane
         near, far = Signal(_WORD_BITS, reset_less=True), Signal(reset_less=True)
         which = Cat(Cat(pick[i] for i in lanes if i >> bit & 1).any() for bit in range(len(lane)))
         m.d.comb += [
@@ -173,7 +180,8 @@ class Pack(wiring.Component):
         at = address[:_WORD_BITS]
         pixels = Array(read.data for read in reads)[lane]
         m.d.comb += [
-            begin.eq(Mux(far | (near >= at), 0, at - near)),  # the row's first pixel lies in this beat
+            # If the row's first pixel lies in this beat, words before it are not written
+            begin.eq(Mux(far | (near >= at), 0, at - near)),
             address.eq(word + below), out.beat.eq(address >> _WORD_BITS),
             *(out.strobe[i].eq((begin <= i) & (at >= i)) for i in range(WORDS)),
             *(out.word[i].eq(Mux(out.strobe[i], Cat(pixels[i].colour.as_value(), pixels[i].covered.replicate(8)), 0))

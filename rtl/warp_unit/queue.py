@@ -1,7 +1,7 @@
-"""A lane's rows of pixels, waiting, and their pixels one by one.
+"""Stores a lane's rows of pixels, and delivers their pixels one by one.
 
-The row in work stays at the memory's read port, which keeps what it has read until it reads again, so that no register holds
-it::
+The current row stays at the output of the memory's read port, which holds its value until the next read, so that no register is
+needed for it::
 
     cycle            0      1      2      3      4      5      6      rows of 2 pixels
     push         ~~~~~~~~~~~~~~
@@ -23,22 +23,22 @@ from spec.constants import TILE
 
 
 def column_bits(config: AcceleratorConfig) -> int:
-    """Bits of a column of a frame."""
+    """Bits of a column number of a frame."""
     return (config.row_width - 1).bit_length()
 
 
 def sub_rows(config: AcceleratorConfig) -> int:
-    """Rows of a strip that a lane works on: r, r + warp_lanes, ..."""
+    """Rows of a strip that one lane works on; lane r takes rows r, r + warp_lanes, ..."""
     return TILE // config.warp_lanes
 
 
 def sub_bits(config: AcceleratorConfig) -> int:
-    """Bits of the number of a lane's row."""
+    """Bits of a row's number among those of its lane."""
     return (sub_rows(config) - 1).bit_length()
 
 
 def source_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What a PixelRow says of a pixel."""
+    """The fields of one pixel of a PixelRow."""
     n = config.formats
     return data.StructLayout({
         "colour": data.ArrayLayout(shape(n.accumulator), 3), "depth": shape(n.depth_accumulator),
@@ -46,7 +46,7 @@ def source_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def place_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Where a pixel of the source is: its row among the lane's, its column in the frame, its tile's place in the ring."""
+    """Place of a source pixel: its row among the lane's, its column in the frame, and its tile's slot in the ring."""
     return data.StructLayout({
         "sub": sub_bits(config), "x": column_bits(config), "slot": (ring_tiles(config) - 1).bit_length()})
 
@@ -57,36 +57,37 @@ def ring_tiles(config: AcceleratorConfig) -> int:
 
 
 def row_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A row of pixels: the first one's place, the last that lies in the frame, whether any does, and all of them."""
+    """A row of pixels: place of its first pixel, index of the last one in the frame, whether any is, and the pixels."""
     return data.StructLayout({
         "place": place_layout(config), "last": range(config.cores_x), "inside": 1,
         "pixels": data.ArrayLayout(source_layout(config), config.cores_x)})
 
 
 def lane_rows(config: AcceleratorConfig) -> int:
-    """Rows of the array that a lane takes of a tile."""
+    """Rows of the array that one lane takes of a tile."""
     return sub_rows(config) * TILE // config.cores_x
 
 
 def queue_rows(config: AcceleratorConfig) -> int:
-    """Rows that a lane's queue holds besides the one in work: a tile's, and two at least."""
+    """Rows that a lane's queue holds besides the current one: a tile's, but at least two."""
     return max(2, lane_rows(config))
 
 
 class RowQueue(wiring.Component):
-    """Rows to pixels.
+    """Turns rows into pixels.
 
     Parameters:
-        config: the machine; `cores_x`, `row_width` and `warp_lanes` matter here.
+        config: the machine; `cores_x`, `row_width` and `warp_lanes` are used.
 
     Ports:
-        push: strobe, `row` comes; only while there is `room`.
-        valid, place, pixel: a pixel of the frame; whoever is behind takes it in that cycle.
-        tile_ends: strobe, the last row of a tile leaves; rows outside the frame, which have no pixel, are counted too.
+        push: strobe; `row` is stored. Allowed only while `room` is high.
+        room: there is free space for a row.
+        valid, place, pixel: a pixel of the frame; the receiver must take it in that cycle.
+        tile_ends: strobe; the last row of a tile leaves. Rows outside the frame have no pixels, but count too.
         busy: a row is inside.
 
-    Storage: `queue_rows`, for PAPER 4 of 1,271 bits. Throughput: a pixel a cycle, a cycle a row outside. Latency: 2 cycles.
-    Order: as they come.
+    Storage: `queue_rows` rows, for PAPER 4 rows of 1,271 bits. Throughput: one pixel per cycle; a row outside the frame takes
+    one cycle. Latency: 2 cycles. Order is kept.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -112,12 +113,13 @@ class RowQueue(wiring.Component):
             read.en.eq(pops),
             self.valid.eq(shown & head.inside), self.pixel.eq(Array(head.pixels)[index]),
             self.place.sub.eq(head.place.sub), self.place.slot.eq(head.place.slot),
-            self.place.x.eq(head.place.x | index),  # rows begin at multiples of their length
+            self.place.x.eq(head.place.x | index),  # a row begins at a multiple of its length
             self.busy.eq(shown | waiting.any()),
         ]
         fewer = Mux(pops, waiting - 1, waiting)
-        m.d.sync += [waiting.eq(Mux(self.push, fewer + 1, fewer)), shown.eq(pops | shown & ~ends)]  # `push` comes late
-        rows = Signal(range(lane_rows(self.config)))  # a power of two
+        # `push` is on the critical path
+        m.d.sync += [waiting.eq(Mux(self.push, fewer + 1, fewer)), shown.eq(pops | shown & ~ends)]
+        rows = Signal(range(lane_rows(self.config)))  # a power of two, so the counter wraps
         m.d.comb += self.tile_ends.eq(shown & ends & (rows == lane_rows(self.config) - 1))
         with m.If(shown & ends):
             m.d.sync += rows.eq(rows + 1)
@@ -127,5 +129,5 @@ class RowQueue(wiring.Component):
             place = Signal(range(depth), name=f"{'write' if moves is self.push else 'read'}_place")
             m.d.comb += address.eq(place)
             with m.If(moves):
-                m.d.sync += place.eq(place + 1)  # a power of two
+                m.d.sync += place.eq(place + 1)  # wraps, as the depth is a power of two
         return m

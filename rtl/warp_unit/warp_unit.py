@@ -1,21 +1,24 @@
-"""The warp unit: rows of the source eye's frame, as they leave the array, to the target eye's frame in memory.
+"""The warp unit: warps rows of the source eye's frame, as they leave the array, into the target eye's frame in memory.
 
       rows ─► lanes: RowQueue ─► Disparity ─► RingBank ─► Window ─► Fill ─► Pack ─► writes
               row r of a tile to lane r mod warp_lanes      │                 │
                                                    neighbours and holes       └─► mask: tiles with holes left
 
-The target's columns lie in a ring, tile after tile and tile row after tile row. A column is in it from when the first pixel may
-come there until it is scanned: filled, written and cleared. docs/stereo.md defines the result. Pixels move by `reach` at most,
-by K tiles, to the left where the source is the left eye and else to the right::
+The target's columns lie in a ring, tile after tile and tile row after tile row. A column is in the ring from the time when the
+first pixel may arrive until it is scanned, that is filled, written and cleared. docs/stereo.md defines the result. A pixel
+moves by at most `reach`, which is K tiles, to the left if the source is the left eye and to the right otherwise::
 
     left    ... scanned | complete      | may still get pixels | next tile | later tiles | ... scanned
     right   ... scanned | complete      | next tile | gets its pixels      | later tiles | ... scanned
                           s: next scanned             t: next taken
 
-Tile s is complete when the tile K later in its row, or the row's last, has settled (right: when s itself has). Tile t is taken
-where all that its pixels may reach is in the ring: up to itself (right: to the tile K later in its row, or the row's last). The
-two never wait for each other: when all that was taken has settled and s is not complete, then t is at most K tiles later
-(right: t is s), no further than the row's last, and the ring holds K + 1 tiles or a whole row. Rows that come early wait::
+A tile is settled when all its source pixels are in the ring. Tile s is complete when the tile K later in its row, or the last
+tile of the row, has settled (right: when s itself has). Tile t is taken when every column that its pixels may reach is in the
+ring: up to t itself (right: up to the tile K later in its row, or the row's last).
+
+The two never wait for each other. Suppose that everything taken has settled and s is still not complete. Then t is at most K
+tiles later (right: t is s) and not beyond the last tile of the row, and the ring holds K + 1 tiles or a whole row, so t can be
+taken. Rows that arrive early wait::
 
     rows      < tile row 0            >< tile row 1            >
     scanned        < tile row 0            > < tile row 1            >
@@ -49,33 +52,35 @@ _SETTINGS = ("width", "height", "source_right", "disparity_scale", "target_frame
 _TILE_BITS = (TILE - 1).bit_length()
 
 EVENTS = ("warped", "filled", "invalid_tiles")
-"""What is counted, as `spec.registers.STEREO_EVENTS` says."""
+"""The events that are counted; `spec.registers.STEREO_EVENTS` describes them."""
 
 
 class WarpUnit(wiring.Component):
-    """The source eye's rows to the target eye's frame.
+    """Turns the source eye's rows into the target eye's frame.
 
     Parameters:
-        config: the machine, with stereo; `cores_x`, `row_width`, `counters` and those of warping matter here.
+        config: the machine, with stereo; `cores_x`, `row_width`, `counters` and the settings of warping are used.
 
     Ports:
-        rows: PixelRow items; tiles in the frame's order, a tile's rows in any. Nothing is taken before `begin`.
-        writes: the memory's; words whose strobe is low are 0.
-        writes_idle: the memory has all writes that were taken.
+        rows: PixelRow items; tiles come in the frame's order, the rows of a tile in any order. None is taken before `begin`.
+        writes: the memory's write port; words whose strobe is low are 0.
+        writes_idle: the memory has completed all writes that it took.
         width, height, source_right, disparity_scale, target_frame_base: settings of the frame.
-        begin: strobe before a frame's first row: `finished` falls, events are 0 again.
-        finished: all rows of the frame have come since `begin`, and memory has the target's. Stays until `begin`.
-        busy: a pixel is on its way, or not in memory yet; or the ring is being cleared after a reset.
-        tile: a tile's number; `invalid`, a cycle later: holes are left in it. Right while `finished`.
-        warped, filled, invalid_tiles: events since `begin`; 0 for ever without `config.counters`.
+        begin: strobe before a frame's first row; clears `finished` and the events.
+        finished: all rows of the frame have come since `begin`, and memory has the target's. Stays high until `begin`.
+        busy: a pixel is inside or not in memory yet, or the ring is being cleared after a reset.
+        tile: the number of a tile.
+        invalid: one cycle after `tile`: holes are left in that tile. Valid while `finished` is high.
+        warped, filled, invalid_tiles: events since `begin`; always 0 without `config.counters`.
 
-    Storage in bits, of C = warp_columns and keys of k = 8 + bits of `reach`: the ring 16 C (25 + k), 344,064 for PAPER; queues
-    of a tile, or two rows a lane, of 79 a pixel, 20,336; beats 6,400; pixels in division 3,240; mask 1 a tile, 14,400.
-    Throughput: warp_lanes pixels a cycle into the ring; as many out of it, but 8 at most, a beat a cycle, and a cycle more for
-    every hole that is filled beyond a group's first. For PAPER's lanes a strip of width w takes 4 w cycles in, one more a tile
-    where they come without a pause, and 4 w + 20 out. Latency for PAPER: 25 cycles from a row's arrival to the ring, 44 from
-    a tile's last pixel there to the first write where columns are complete with it. After a reset the ring is cleared first:
-    8 C / warp_lanes cycles.
+    Storage in bits, with C = warp_columns and keys of k = 8 + bits of `reach`: the ring 16 C (25 + k), 344,064 for PAPER;
+    queues of one tile, or of two rows per lane if that is more, with 79 bits per pixel, 20,336; beats 6,400; pixels in division
+    3,240; the mask 1 per tile, 14,400.
+    Throughput: warp_lanes pixels per cycle into the ring. The scan delivers as many, but at most 8, that is one beat, and it
+    takes one more cycle for every filled hole beyond the first of a group. With PAPER's lanes a strip of width w takes 4 w
+    cycles in, plus one per tile if tiles come without a pause, and 4 w + 20 cycles out.
+    Latency for PAPER: 25 cycles from a row's arrival to the ring, and 44 from a tile's last pixel in the ring to the first
+    write, if that pixel makes columns complete. After a reset the ring is cleared first, which takes 8 C / warp_lanes cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -100,7 +105,7 @@ class WarpUnit(wiring.Component):
         carries: list[Value] = []
         self._last = Signal(column_bits(self.config), name="last")
         self._width, scale = Signal.like(self.width, name="frame_width"), Signal.like(self.disparity_scale, name="scale")
-        m.d.sync += [  # stable since `begin`, and a row comes after it
+        m.d.sync += [  # these are stable from `begin` on, and the first row comes later
             self._last.eq(self.width - 1), self._width.eq(self.width), scale.eq(self.disparity_scale)]
         self._wiping, self._accepts = Signal(init=1, name="wiping"), Signal(name="accepts")
         queues, banks, carried = [], [], data.ArrayLayout(carried_layout(self.config), self.config.warp_lanes)
@@ -134,11 +139,12 @@ class WarpUnit(wiring.Component):
         return m
 
     def _take(self, m: Module, queues: list[RowQueue], scanned: Value) -> tuple[Value, Value]:
-        """Rows to their lanes; whether a tile row's last row is taken, and whether any tile has begun to come and is not
-        scanned."""
+        """Passes rows to their lanes. Returns whether the last row of a tile row is taken, and whether any tile has begun to
+        arrive and has not been scanned."""
         row, lane_bits = self.rows.payload, (self.config.warp_lanes - 1).bit_length()
         x, y, lane = Cat(row.column, row.tile_x), Cat(row.row, row.tile_y), row.row[:lane_bits]
-        taken, behind, in_row = Signal(), Signal.like(self._width), Signal()  # pixels of the frame behind the row's first
+        # `behind`: pixels of the frame to the right of the row's first
+        taken, behind, in_row = Signal(), Signal.like(self._width), Signal()
         inside, slot = Signal(), Signal(range(ring_tiles(self.config)))
         m.d.comb += [
             taken.eq(self.rows.valid & self.rows.ready), Cat(behind, in_row).eq(self._width + ~x[: len(behind)]),
@@ -154,13 +160,15 @@ class WarpUnit(wiring.Component):
                 m.d.comb += [pixel.colour[c].eq(row.colour[3 * i + c]) for c in range(3)]
 
         count, column = Signal(range(TILE * TILE // self.config.cores_x)), Signal(range(-(-self.config.row_width // TILE)))
-        held, ends, opened = Signal(range(ring_tiles(self.config) + 1)), Signal(), Signal()  # tiles from the scan's to this one
+        # `held`: tiles from the next scanned to the next taken
+        held, ends, opened = Signal(range(ring_tiles(self.config) + 1)), Signal(), Signal()
         room, ahead = Cat(queue.room for queue in queues), Mux(self.source_right, self._reached(column), 0)
         m.d.comb += [
-            ends.eq(taken & count.all()),  # a power of two to a tile
+            ends.eq(taken & count.all()),  # a tile has a power of two of rows
             self.rows.ready.eq(self._accepts & opened & room.bit_select(lane, 1))]
         gone = Signal()
-        m.d.sync += [gone.eq(scanned), opened.eq((held + ahead < ring_tiles(self.config)) & ~ends)]  # it stays for a whole tile
+        # once high, it stays so for a whole tile
+        m.d.sync += [gone.eq(scanned), opened.eq((held + ahead < ring_tiles(self.config)) & ~ends)]
         with m.If(ends & ~gone):
             m.d.sync += held.eq(held + 1)
         with m.Elif(gone & ~ends):
@@ -175,27 +183,28 @@ class WarpUnit(wiring.Component):
         return ends & row_ends, held.any() | count.any()
 
     def _reached(self, column: Value) -> Value:
-        """By how many tiles `reach` goes to the right of a tile, in its row."""
+        """The number of tiles that `reach` extends to the right of a tile, within its row."""
         most, behind = -(-reach(self.config) // TILE), (self._last[_TILE_BITS:] - column)[: len(column)]
         return Mux(behind < most, behind, most)
 
     def _settles(self, m: Module, queues: list[RowQueue]) -> Value:
-        """Strobe, a tile has settled: its pixels have left the queues of all lanes, and had the time to reach the ring."""
-        most = 1 - -(queue_rows(self.config) + 1) // lane_rows(self.config)  # tiles that a lane may be before another
+        """Strobe: a tile has settled. Its pixels have left the queues of all lanes and had the time to reach the ring."""
+        most = 1 - -(queue_rows(self.config) + 1) // lane_rows(self.config)  # tiles that a lane may be ahead of another
         left = [Signal(range(most + 1), name=f"left_{lane}") for lane in range(len(queues))]
-        every, way = Signal(), Signal(disparity_latency(self.config))  # the scan comes later still than the last pixel
+        every, way = Signal(), Signal(disparity_latency(self.config))  # the scan begins only after the last pixel has arrived
         m.d.comb += every.eq(Cat(count.any() for count in left).all())
         m.d.sync += [way.eq(Cat(every, way)), *(
             count.eq(count + queue.tile_ends - every) for count, queue in zip(left, queues, strict=True))]
         return way[-1]
 
     def _complete(self, m: Module, settles: Value) -> tuple[Signal, Signal, list[Value]]:
-        """Columns open to the scan tile by tile when no pixel can come to them any more.
+        """Opens columns to the scan, tile by tile, once no further pixel can reach them.
 
-        Gives a strobe before a strip, whether one is scanned, and for each memory the pair of places to which it may be.
+        Returns a strobe before a strip, whether a strip is being scanned, and the `limits` of the scan for each memory.
         """
         tiles, pairs = ring_tiles(self.config), TILE * sub_rows(self.config) // MEMORIES
-        settled, slot = Signal(range(tiles + 1)), Signal(range(tiles))  # tiles that have and are not open; the next to open
+        # tiles settled and not yet open; the slot of the next tile to open
+        settled, slot = Signal(range(tiles + 1)), Signal(range(tiles))
         column, more, starts, scans = Signal(range(-(-self.config.row_width // TILE))), Signal(), Signal(), Signal()
         goes, opens, ends = Signal(), Signal(), Signal()
         limits = [Signal(pair_bits(self.config) + 1, name=f"limit_{i}") for i in range(MEMORIES)]
@@ -203,7 +212,7 @@ class WarpUnit(wiring.Component):
             goes.eq(settled.any() & ~scans & ~starts), ends.eq(column == self._last[_TILE_BITS:]),
             opens.eq(scans & more & (settled > Mux(self.source_right, 0, self._reached(column))))]
         m.d.sync += starts.eq(goes)
-        with m.If(settles & ~opens):  # `opens` comes late: no carry waits for it
+        with m.If(settles & ~opens):  # `opens` is on the critical path, so it only selects: no adder waits for it
             m.d.sync += settled.eq(settled + 1)
         with m.Elif(opens & ~settles):
             m.d.sync += settled.eq(settled - 1)
@@ -211,7 +220,7 @@ class WarpUnit(wiring.Component):
             m.d.sync += [scans.eq(1), more.eq(1), column.eq(0)]
         with m.If(opens):
             m.d.sync += [slot.eq(slot + 1), column.eq(column + 1), more.eq(~ends)]
-        places = (self._last[:_TILE_BITS] + 1) * sub_rows(self.config)  # of a tile row's last tile, in a lane
+        places = (self._last[:_TILE_BITS] + 1) * sub_rows(self.config)  # places of a lane in the last tile of a tile row
         for number, limit in enumerate(limits):
             with m.If(goes):
                 m.d.sync += limit.eq(slot * pairs)
@@ -222,7 +231,7 @@ class WarpUnit(wiring.Component):
     def _strips(
         self, m: Module, row_taken: Value, held: Value, starts: Signal, scans: Signal, pack: Pack,
     ) -> None:
-        """The order of a frame's strips."""
+        """Tracks the strips of a frame, in order, and the end of the frame."""
         strips = (self.height + (TILE - 1)) >> _TILE_BITS
         to_take, to_scan, ended, written = Signal.like(strips), Signal.like(strips), Signal(), Signal()
         m.d.comb += [
@@ -242,7 +251,7 @@ class WarpUnit(wiring.Component):
     def _scan(
         self, m: Module, starts: Signal, scans: Signal, limits: list[Value], banks: list[RingBank], window: Window, pack: Pack,
     ) -> None:
-        """The strip that is scanned, its place in the frame, and the clearing of the ring after a reset."""
+        """Tracks the strip that is scanned and its place in the frame, and clears the ring after a reset."""
         rows, left = Signal(range(TILE + 1)), Signal.like(self.height)
         base, pair = Signal(ADDRESS_BITS, reset_less=True), Signal(pair_bits(self.config))
         for number, bank in enumerate(banks):
@@ -264,7 +273,7 @@ class WarpUnit(wiring.Component):
             m.d.sync += [pair.eq(pair + 1), self._wiping.eq(~pair.all())]
 
     def _mask(self, m: Module, pack: Pack) -> tuple[Signal, Signal]:
-        """The tiles' bits: when one is written, and what."""
+        """Adds the memory of one bit per tile; returns the strobe that writes it, and the value written: holes are left."""
         m.submodules.mask = mask = memory.Memory(shape=1, depth=frame_tiles(self.config), init=[])
         read, write = mask.read_port(), mask.write_port()
         before, left, tile_ends, tile = Signal(), Signal(), Signal(), Signal.like(self.tile)

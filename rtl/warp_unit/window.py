@@ -1,12 +1,16 @@
-"""A strip of the target, column by column as they are complete: every pixel with its neighbours, and the holes that they fill.
+"""Scans a strip of the target column by column: gives every pixel its neighbours, and finds the holes that they can fill.
 
-Pixels follow each other down a column and then to the next, `warp_lanes` a step, through a chain of registers in which a
-pixel's neighbours are always the same distance away: 1, 15, 16 and 17 pixels before it and behind. What lies above a strip's
-first row or below its last is no neighbour; beyond its first and last column come groups of pixels without any. Where more than
-half of the neighbours that exist must be warped, rows and columns say how many these are: of 8 it takes 5, of 5 it takes 3, of
-3 and of the two in a frame of one row or column 2, of one 1.
+Pixels are scanned down a column and then down the next, `warp_lanes` per step. They pass a chain of registers, in which the
+neighbours of a pixel are always at the same distance: 1, 15, 16 and 17 pixels before and behind it. There are no neighbours
+above the first row of a strip or below its last. Before its first column and behind its last one the chain holds groups
+without valid pixels.
 
-A group at the chain's middle leaves in a slot; where it has holes to fill, in a slot for each, and the chain waits::
+With `warp_fill` = "majority" a hole is filled if more than half of its existing neighbours were warped. How many exist follows
+from which rows and columns around the hole exist. Of 8 it takes 5; of 5 it takes 3; of 3 it takes 2. In a frame of one row or
+column it takes both of 2, or the one of 1.
+
+The group in the middle of the chain leaves in one slot. If it has several holes to fill, it leaves in one slot for each, and
+the chain waits::
 
     cycle            0      1      2      3      4      5      6      7
     middle       <  A  ><  B  ><  B  ><  B  ><  C  ><  D  >            B has three holes to fill, C has one
@@ -31,19 +35,19 @@ from spec.constants import TILE
 from spec.stereo import FILL_NEIGHBOURS
 
 NEIGHBOURS = tuple(TILE * dx + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1) if (dx, dy) != (0, 0))
-"""How many pixels later in the scan a pixel's neighbours come."""
+"""Positions of a pixel's neighbours in the scan, relative to the pixel."""
 
 RANK_BITS = 2
-"""Bits of the median's place among 8 neighbours in order at most: 0 to 3."""
+"""Bits of the median's rank; among at most 8 neighbours it is 0 to 3."""
 
 
 def painted_layout() -> data.StructLayout:
-    """A pixel of the target eye; `covered` where it is neither background nor a hole."""
+    """A pixel of the target eye; `covered` if it is neither background nor a hole."""
     return data.StructLayout({"colour": data.ArrayLayout(8, 3), "covered": 1})
 
 
 def group_members(config: AcceleratorConfig) -> dict[str, object]:
-    """What is known of `warp_lanes` pixels of a column, and of one of them that is filled: `lane`, where `fills`."""
+    """A group, which is `warp_lanes` pixels of a column, and the one hole that is filled: `lane`, if `fills`."""
     lanes = config.warp_lanes
     return {
         "pixels": data.ArrayLayout(painted_layout(), lanes), "holes": lanes, "fills": 1, "lane": range(lanes), "last": 1,
@@ -51,10 +55,10 @@ def group_members(config: AcceleratorConfig) -> dict[str, object]:
 
 
 def slot_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A group of pixels, `last` in its last slot.
+    """A group of pixels in one of its slots; `last` marks the last slot.
 
-    `holes` are those that are filled; `left`: a hole that is not; `warped`: how many pixels are none. Of the hole that is
-    filled in this slot: which it is, the neighbours it has, and the median's rank among them.
+    `holes` are the holes that are filled; `left`: there is a hole that is not; `warped`: the number of pixels that are no
+    holes. For the hole that is filled in this slot: `lane`, its neighbours `around`, and the median's `rank` among them.
     """
     neighbour = data.StructLayout({"colour": data.ArrayLayout(8, 3), "valid": 1})
     return data.StructLayout({
@@ -62,7 +66,7 @@ def slot_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class _Pixel(NamedTuple):
-    """A pixel of the chain, as `kept_layout`."""
+    """A pixel of the chain; the fields are those of `kept_layout`."""
 
     colour: Value
     valid: Value
@@ -70,22 +74,24 @@ class _Pixel(NamedTuple):
 
 
 class Window(wiring.Component):
-    """A strip's pixels with their neighbours.
+    """Gives the pixels of a strip their neighbours.
 
     Parameters:
-        config: the machine; `row_width`, `warp_lanes` and `warp_fill` matter here.
+        config: the machine; `row_width`, `warp_lanes` and `warp_fill` are used.
 
     Ports:
         start: strobe before a strip, after which `run` rises.
-        run: high until all slots have left, and what follows them is empty.
-        last, rows: the frame's last column, rows of the strip that lie in it.
-        which: the memory of the place that is next, in every lane. kept_valid, kept: that place; take: strobe, the next one.
-        tile_ends: strobe, with the last place of a tile.
-        slots: the groups, down every column, left to right.
+        run: stays high until all slots have left and the units behind this one are empty.
+        last, rows: the frame's last column, and the rows of the strip that lie in the frame.
+        which: the memory of the next place, the same in every lane.
+        kept_valid, kept: that place in each lane.
+        take: strobe; moves on to the next place.
+        tile_ends: strobe, together with the last place of a tile.
+        slots: the groups, down every column, columns from left to right.
 
-    Storage: 38 pixels of 26 bits for 4 lanes. Throughput: a group a cycle where it has no more than one hole to fill, else a
-    cycle a hole; it waits where a place is not there. Latency: a column and 2 cycles, and as many without a group at a strip's
-    end.
+    Storage: 38 pixels of 26 bits for 4 lanes. Throughput: one group per cycle if it has at most one hole to fill, otherwise one
+    cycle per hole; the unit waits while a place is not available. Latency: one column and 2 cycles; at the end of a strip it
+    runs empty for as many cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -106,20 +112,20 @@ class Window(wiring.Component):
             m.d.sync += real.eq(Cat(more, real))
         pixels = self._chain(m, step, more)
         sub, ends = Signal(range(sub_rows(self.config))), sub_rows(self.config) - 1
-        first, top, bottom = Signal(), Signal(), Signal()  # the latter: `sub` is its first, its last
+        first, top, bottom = Signal(), Signal(), Signal()  # `sub` is 0; `sub` is its last value
         with m.If(self.start):
             m.d.sync += [sub.eq(0), first.eq(1), top.eq(1), bottom.eq(ends == 0)]
         with m.Elif(step & real[-1]):
             m.d.sync += [sub.eq(sub + 1), top.eq(sub == ends), bottom.eq(sub == max(ends - 1, 0))]
             with m.If(bottom):
                 m.d.sync += first.eq(0)
-        columns = (~first, real[1])  # a column behind the middle, the group of the same rows has been read already
+        columns = (~first, real[1])  # one column behind the middle, the group of the same rows has been read already
         last = self._slots(m, pixels, sub, (top, bottom), real[-1] & there, columns)
         m.d.comb += step.eq(self.run & there & (~real[-1] | self.slots.ready & last))
         return m
 
     def _places(self, m: Module, step: Signal) -> tuple[Signal, Signal]:
-        """Takes all places, one a step; whether the strip has one more, and whether it is there or none is wanted."""
+        """Takes the strip's places, one per step. Returns whether one is left, and whether it is there or none is needed."""
         sub, x, more, there = Signal(range(sub_rows(self.config))), Signal(column_bits(self.config)), Signal(), Signal()
         column_ends, ends = Signal(), Signal()
         m.d.comb += [
@@ -136,7 +142,7 @@ class Window(wiring.Component):
         return more, there
 
     def _chain(self, m: Module, step: Signal, more: Signal) -> dict[int, _Pixel]:
-        """The pixels by how much later they come than the first of the group in the middle."""
+        """The pixels, keyed by their position in the scan relative to the first pixel of the group in the middle."""
         lanes, reach = self.config.warp_lanes, sub_rows(self.config) + 1
         before: list[_Pixel] = [_Pixel(kept.colour.as_value(), kept.valid & more, kept.solid) for kept in self.kept]
         pixels: dict[int, _Pixel] = {}
@@ -158,20 +164,21 @@ class Window(wiring.Component):
         self, m: Module, pixels: dict[int, _Pixel], sub: Signal, edges: tuple[Value, Value], real: Value,
         columns: tuple[Value, Value],
     ) -> Value:
-        """The slots of the group in the middle; whether this is its last one.
+        """Drives the slots of the group in the middle; returns whether the current slot is its last one.
 
-        `edges`: it has the strip's first rows, its last ones. `columns`: those before and behind exist.
+        `edges`: the group has the first, the last rows of the strip. `columns`: the column before, the column behind exists.
         """
         lanes, slot = range(self.config.warp_lanes), self.slots.payload
         neighbours, counts = zip(*(self._around(m, pixels, lane, edges) for lane in lanes), strict=True)
         valid = Cat(pixels[lane].valid for lane in lanes)
         fillable, done, todo, pick = (Signal(len(lanes), name=name) for name in ("fillable", "done", "todo", "pick"))
-        rows = Signal(TILE)  # those of the strip that lie in the frame, known long before a strip's first slot
+        rows = Signal(TILE)  # rows of the strip that lie in the frame, registered long before the first slot of a strip
         m.d.sync += rows.eq(Cat(row < self.rows for row in range(TILE)))
         inside, next_inside = (bits.word_select(sub, len(lanes)) for bits in (rows, Cat(rows[1:], Const(0, 1))))
         enough = Cat(self._enough(count, (~edges[0] if lane == 0 else Const(1), next_inside[lane]), columns)
                      for lane, count in enumerate(counts))
-        before = [todo[:lane].any() for lane in lanes]  # by gates, not by a difference: the whole chain waits for `last`
+        # by gates instead of a subtraction, because the whole chain waits for `last`
+        before = [todo[:lane].any() for lane in lanes]
         last = ~Cat(todo[lane] & before[lane] for lane in lanes).any()
         m.d.comb += [
             todo.eq(fillable & ~done), pick.eq(Cat(todo[lane] & ~before[lane] for lane in lanes)),
@@ -193,11 +200,11 @@ class Window(wiring.Component):
         return last
 
     def _enough(self, count: Value, rows: tuple[Value, Value], columns: tuple[Value, Value]) -> Value:
-        """Whether so many neighbours fill a hole, given which of the rows and columns around it exist."""
+        """Whether `count` neighbours are enough to fill a hole, given which rows and columns around it exist."""
         if self.config.warp_fill == "interior":
             return count >= FILL_NEIGHBOURS
         both, either = zip(*((a & b, a | b) for a, b in (rows, columns)), strict=True)
-        thin = ~either[0] | ~either[1]  # a frame of one row or column: up to two neighbours
+        thin = ~either[0] | ~either[1]  # a frame of one row or column, with up to two neighbours
         three = (both[0] ^ both[1]) & ~thin
         return Mux(both[0] & both[1], count >= FILL_NEIGHBOURS, Mux(
             three, count >= 3, Mux(~thin | both[0] | both[1], count >= 2, count.any())))
@@ -205,7 +212,7 @@ class Window(wiring.Component):
     def _around(
         self, m: Module, pixels: dict[int, _Pixel], lane: int, edges: tuple[Value, Value],
     ) -> tuple[list[Value], Value]:
-        """A lane's neighbours in the strip, and how many they are."""
+        """The neighbours of a lane's pixel within the strip, and their number."""
         above = ~edges[0] if lane == 0 else Const(1, 1)
         below = ~edges[1] if lane == self.config.warp_lanes - 1 else Const(1, 1)
         around, valid = [], []

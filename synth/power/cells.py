@@ -1,8 +1,8 @@
-"""Library cells as power analysis sees them: functions, capacitances, delay, slew and energy tables, leakage.
+"""Library cells as power analysis needs them: functions, capacitances, tables of delay, slew and energy, and leakage.
 
-The liberty's units are kept: ps, fF, fJ (1 fF at 1 V squared) and pW. An `internal_power` group is given for each supply; what
-flows into ground is what came out of VDD, so that only the groups of VDD are read: over a rise and a fall they sum to what
-the cell dissipates beside its load's energy.
+The units of the liberty file are kept: ps, fF, fJ (1 fF at 1 V squared) and pW. The file gives an `internal_power` group for
+each supply. Only the groups of VDD are read, because what flows into ground came out of VDD. Over a rise and a fall they add up
+to the energy that the cell dissipates in addition to the energy of its load.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class Group:
     """A liberty group: `kind (name) { ... }`.
 
     Attributes:
-        kind, name: of the group.
-        values: attributes by name, as text.
-        groups: those inside.
+        kind, name: kind and name of the group.
+        values: the group's attributes by name, as text.
+        groups: the groups inside it.
     """
 
     kind: str
@@ -33,30 +33,30 @@ class Group:
     groups: list[Group] = field(default_factory=list)
 
     def all(self, kind: str) -> Iterator[Group]:
-        """Groups of a kind inside."""
+        """The groups of this kind directly inside."""
         return (group for group in self.groups if group.kind == kind)
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table over input slew (ps) and load (fF); of one dimension where `loads` is empty."""
+    """A table over input slew (ps) and load (fF); over slew alone if `loads` is empty."""
 
     slews: np.ndarray
     loads: np.ndarray
     values: np.ndarray
 
     def at(self, slew: float) -> float:
-        """Of a table of one dimension."""
+        """The interpolated value of a table over slew alone."""
         return float(np.interp(slew, self.slews, self.values))
 
 
 NOTHING = Table(np.array([5.0, 320.0]), np.empty(0), np.zeros(2))
-"""The energy of a pin that the library gives none."""
+"""The energy table of a pin for which the library states none."""
 
 
 @dataclass(frozen=True)
 class Arc:
-    """An input pin's way to an output pin, rise and fall averaged."""
+    """The arc from an input pin to an output pin; rise and fall are averaged."""
 
     delay: Table
     slew: Table
@@ -67,9 +67,9 @@ class Output:
     """An output pin.
 
     Attributes:
-        truth: by the inputs' bits, first pin lowest; None of a flip-flop and a clock gate.
-        arcs: by input pin.
-        energy: of a toggle, fJ, by input pin: mean of rise and fall. Without the load's.
+        truth: value for each combination of inputs, the first pin as lowest bit; None for a flip-flop or a clock gate.
+        arcs: the arc from each input pin.
+        energy: for each input pin, energy in fJ of a toggle that it causes: mean of rise and fall, without the load's energy.
     """
 
     truth: np.ndarray | None
@@ -82,16 +82,16 @@ class Cell:
     """A library cell.
 
     Attributes:
-        name, area: of the cell, um2.
-        kind: "logic", "flop" or "gate" (of a clock).
-        inputs: pins.
-        capacitance: of input pins, fF: mean of rise and fall.
-        outputs: by pin.
-        passive: energy, fJ by slew, of an input pin that toggles, the outputs keeping still: mean over states. Of a clock pin
-            that of a whole cycle.
-        edge: of a clock pin's rise alone, which `Output.energy` has in it where the output follows.
+        name, area: name of the cell, and its area in um2.
+        kind: "logic", "flop" or "gate" (a clock gate).
+        inputs: names of the input pins.
+        capacitance: capacitance of each input pin in fF, mean of rise and fall.
+        outputs: the output pins by name.
+        passive: for each input pin, energy in fJ over slew of a toggle that leaves the outputs unchanged: mean over states. For
+            a clock pin it is the energy of a whole cycle.
+        edge: the same for a clock pin's rise alone; `Output.energy` includes it when the output follows the edge.
         leakage: pW, mean over states as the library states it.
-        inverted: of a flip-flop, the output is the complement.
+        inverted: the output of a flip-flop is the complement of its data.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Cell:
 
 
 def read_cells(paths: Iterable[Path], wanted: Iterable[str]) -> dict[str, Cell]:
-    """The wanted cells of some liberty files, plain or gzipped; KeyError names those that none has."""
+    """Read the wanted cells from liberty files, plain or gzipped; KeyError names the cells that no file has."""
     wanted, found = set(wanted), {}
     for path in paths:
         text = gzip.open(path, "rt").read() if path.suffix == ".gz" else path.read_text()
@@ -122,7 +122,7 @@ def read_cells(paths: Iterable[Path], wanted: Iterable[str]) -> dict[str, Cell]:
 
 
 def _parse(text: str) -> Group:
-    """The first group of a text."""
+    """Parses the first group of a text; ValueError if it is not closed."""
     text = re.sub(r"(?s)\bstatetable \(.*?\}", "", re.sub(r"\\\s*\n", " ", text))
     stack: list[Group] = []
     for line in text.splitlines():
@@ -186,7 +186,7 @@ def _output(pin: Group, inputs: tuple[str, ...], kind: str) -> Output:
 
 
 def _mean(groups: Iterable[Group], *kinds: str) -> Table:
-    """The mean of all tables of the kinds in the groups; scalars, which stand for states that cannot be, are left out."""
+    """The mean of all tables of these kinds in the groups. Scalars are left out; they stand for states that cannot occur."""
     tables = [_table(table) for group in groups for kind in kinds for table in group.all(kind) if table.name != "scalar"]
     return Table(tables[0].slews, tables[0].loads, np.mean([table.values for table in tables], axis=0))
 
@@ -203,7 +203,7 @@ def _numbers(text: str) -> np.ndarray:
 
 
 def _passive(pin: Group, kinds: tuple[str, ...]) -> Table:
-    """Of a clock pin the sum over the kinds, of others the mean."""
+    """The energy of an input pin: for a clock pin the sum over the kinds, for others their mean."""
     groups = [group for group in pin.all("internal_power") if _of_supply(group)]
     clock = pin.values.get("clock") == "true" or "clock_gate_clock_pin" in pin.values
     tables = [[_table(t) for group in groups for t in group.all(kind) if t.name != "scalar"] for kind in kinds]

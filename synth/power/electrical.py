@@ -1,7 +1,8 @@
-"""Loads, slews, delays and energies of every element of a flat netlist, from the library's tables; no wires.
+"""Loads, slews, delays and energies of every element of a flat netlist, from the library's tables, without wires.
 
-Slews are means: of rise and fall, and of all inputs of a gate. Inputs and clock come with stated slews, outputs drive a stated
-load, a memory's pin is MEMORY_PIN. A load or slew beyond a table takes its last row or column.
+Slews are means, over rise and fall and over all inputs of a gate. Inputs and clock arrive with the slews stated below, outputs
+drive a given load, and a memory's pin has the capacitance MEMORY_PIN. A load or slew beyond a table uses the table's last row
+or column.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from synth.power.cells import Cell, Table
 from synth.power.netlist import MOST_INPUTS, Flat
 
 CLOCK_SLEW = 20.0
-"""ps, as in timing (`synth.timing`)."""
+"""Slew of the clock in ps, as in timing (`synth.timing`)."""
 
 INPUT_SLEW = 40.0
-"""ps: what a flip-flop of the library gives at a few fF."""
+"""Slew of inputs in ps: that of a flip-flop of the library at a load of a few fF."""
 
 MEMORY_PIN = 1.0
-"""fF: a pin of a memory, two inverters of the library."""
+"""Capacitance of a memory's pin in fF: that of two inverters of the library."""
 
 _SIDE = 7
 
 
 @dataclass(frozen=True)
 class Electrical:
-    """Of a flat netlist; ps, fF, fJ, pW.
+    """The electrical values of a flat netlist in ps, fF, fJ and pW; each array has one value per element or per net.
 
     Attributes:
-        gate_delay, flop_delay: to the output.
-        gate_energy, flop_energy, icg_energy: dissipated in the cell for a toggle of the output.
-        net_load: capacitance of every net.
-        net_passive: energy in the cells that a net's toggle reaches, flip-flops and clock gates, whatever they do.
-        flop_clock, icg_clock: energy in the cell for a cycle of its clock; without the clock net's.
+        gate_delay, flop_delay: delay to the output.
+        gate_energy, flop_energy, icg_energy: energy dissipated in the cell by a toggle of the output.
+        net_load: capacitance of the net.
+        net_passive: energy that a toggle of the net costs in the inputs of flip-flops and clock gates, whatever they do then.
+        flop_clock, icg_clock: energy in the cell for a cycle of its clock, without that of the clock net.
         flop_clock_load, icg_clock_load: capacitance of the clock pin.
-        gate_leakage, flop_leakage, icg_leakage: of the cell; of a cell with two outputs half at each.
+        gate_leakage, flop_leakage, icg_leakage: leakage of the cell; a cell with two outputs counts half at each.
     """
 
     gate_delay: np.ndarray
@@ -57,7 +58,7 @@ class Electrical:
 
 
 def analyse(flat: Flat, cells: dict[str, Cell], output_load: float) -> Electrical:
-    """All of it; `output_load` in fF."""
+    """The electrical values of a netlist; `output_load` is in fF."""
     load, passive = _loads(flat, cells, output_load)
     library = _Tables(flat, cells)
     slew = np.full(flat.nets, INPUT_SLEW)
@@ -90,11 +91,11 @@ def analyse(flat: Flat, cells: dict[str, Cell], output_load: float) -> Electrica
 
 
 def _loads(flat: Flat, cells: dict[str, Cell], output_load: float) -> tuple[np.ndarray, np.ndarray]:
-    """Capacitance of every net, and what its toggles cost in registers' inputs. Nets of clocks are left at 0."""
+    """Capacitance of every net, and the energy of its toggles in inputs of registers. Clock nets are left at 0."""
     caps = np.zeros((len(flat.types), MOST_INPUTS))
     for i, (name, _) in enumerate(flat.types):
         cell = cells[name]
-        outputs = len(cell.outputs)  # an adder is two elements with the same pins
+        outputs = len(cell.outputs)  # an adder is two elements with the same input pins
         caps[i, : len(cell.inputs)] = [cell.capacitance[pin] / outputs for pin in cell.inputs]
     load = np.bincount(flat.gate_inputs.ravel(), caps[flat.gate_type].ravel(), flat.nets)
     flops = [cells[name] for name in flat.cells]
@@ -120,7 +121,7 @@ def _loads(flat: Flat, cells: dict[str, Cell], output_load: float) -> tuple[np.n
 
 
 def _of_cells(kinds: np.ndarray, cells: list[Cell], what: str, slew: float, loads: np.ndarray) -> np.ndarray:
-    """A table of the clocked arc of each element."""
+    """For each element a value from the table of the arc from its clock."""
     found = np.zeros(len(kinds))
     for i, cell in enumerate(cells):
         here = kinds == i
@@ -137,7 +138,7 @@ def _lookup(table: Table, slew: float, load: float) -> float:
 
 
 class _Tables:
-    """The library's tables of the gates' types as arrays: (type, input, delay | slew | energy, slew, load)."""
+    """The library's tables for all types of gates as arrays: (type, input, delay | slew | energy, slew, load)."""
 
     def __init__(self, flat: Flat, cells: dict[str, Cell]):
         shape = len(flat.types), MOST_INPUTS
@@ -160,7 +161,7 @@ class _Tables:
 
 @numba.njit(cache=True)
 def _walk(inputs, counts, outputs, types, tables, slews, loads, load, slew) -> tuple[np.ndarray, np.ndarray]:
-    """Delays and energies in order of evaluation; fills in the slews of their outputs."""
+    """Delays and energies of the gates, computed in order of evaluation; fills in the slews of their outputs."""
     delay, energy = np.zeros(len(outputs)), np.zeros(len(outputs))
     sums = np.zeros(3)
     for g in range(len(outputs)):
@@ -181,7 +182,7 @@ def _walk(inputs, counts, outputs, types, tables, slews, loads, load, slew) -> t
 
 @numba.njit(cache=True)
 def _place(points, x) -> float:
-    """Where x lies between points, as a row and a fraction; the last row but one where it is beyond."""
+    """The position of x between points, as a row plus a fraction; clamped to the table."""
     if x <= points[0]:
         return 0.0
     for i in range(len(points) - 1):

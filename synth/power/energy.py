@@ -1,4 +1,4 @@
-"""Toggles times the library's energies, by part of a netlist and by kind."""
+"""Multiplies toggles by the library's energies; sums them by part of a netlist and by kind."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from synth.power.netlist import Flat
 from synth.power.simulate import Counts
 
 VOLTAGE = 0.70
-"""V, of the liberty files."""
+"""Supply voltage of the liberty files in V."""
 
 
 @dataclass(frozen=True)
 class Energies:
-    """Of a part over a simulation, fJ.
+    """Energies of a part over a simulation in fJ.
 
     Attributes:
-        internal: in logic cells, short circuits and inner nodes, when their outputs toggle.
-        switching: of nets that toggle, half C V^2 each.
-        registers: in flip-flops and clock gates, for what their inputs and outputs do.
-        clock: clock pins that nothing gates, every cycle: nets, cells, and the clock pins of clock gates.
+        internal: in logic cells when their outputs toggle: short circuits and inner nodes.
+        switching: in nets that toggle, half C V^2 each.
+        registers: in flip-flops and clock gates, for toggles of their inputs and outputs.
+        clock: in clock pins without clock gate, in every cycle: nets, cells, and the clock pins of clock gates.
         gated: behind clock gates, in the cycles in which they are open.
-        leakage: pW, not times time.
+        leakage: leakage power in pW, not multiplied by time.
     """
 
     internal: float = 0.0
@@ -37,7 +37,7 @@ class Energies:
 
     @property
     def dynamic(self) -> float:
-        """All that work costs: without what the clock costs in any cycle."""
+        """All energy that depends on the work, without what the clock costs in every cycle."""
         return self.internal + self.switching + self.registers + self.gated
 
     def __iter__(self) -> Iterator[tuple[str, float]]:
@@ -45,7 +45,7 @@ class Energies:
 
 
 def by_part(flat: Flat, electrical: Electrical, counts: Counts) -> dict[str, Energies]:
-    """Energies of each module's own cells. What inputs of the whole netlist drive is not in any."""
+    """Energies of each module's own cells. Nets that are driven by inputs of the whole netlist are not counted anywhere."""
     e, toggles, square = electrical, counts.toggles, VOLTAGE ** 2
     parts = len(flat.parts)
 
@@ -54,7 +54,7 @@ def by_part(flat: Flat, electrical: Electrical, counts: Counts) -> dict[str, Ene
 
     gates, flops = toggles[flat.gate_output], toggles[flat.flop_output]
     net = 0.5 * e.net_load * square
-    passive = e.net_passive  # of registers' inputs: to the driver's part, as the net's load is
+    passive = e.net_passive  # toggles at inputs of registers; counted in the driver's part, like the load of the net
     open_ = np.where(flat.flop_clock < 0, 0, counts.gated[flat.flop_clock] if len(counts.gated) else 0)
     free = np.where(flat.flop_clock < 0, counts.cycles, 0)
     cycle = e.flop_clock + e.flop_clock_load * square
@@ -72,5 +72,5 @@ def by_part(flat: Flat, electrical: Electrical, counts: Counts) -> dict[str, Ene
 
 
 def total(parts: dict[str, Energies]) -> Energies:
-    """The sum over parts."""
+    """The sum of the energies of all parts."""
     return Energies(*(sum(values) for values in zip(*([value for _, value in part] for part in parts.values()), strict=True)))

@@ -1,7 +1,7 @@
-"""What the memories that synthesis leaves out do: their pins, where they are in the netlist, and their contents.
+"""The memories that synthesis takes out of the logic: their pins, the nets of these in the netlist, and their contents.
 
-`synth.memories.take_out` turns a memory's pins into ports, each net once. Which pin is which bit, and which is constant, is
-read from the module as it was before.
+`synth.memories.take_out` turns the pins of a memory into ports in which each net appears once. Which bit of a pin is which net,
+and which bits are constant, is read from the module as it was before.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class Memory:
     """A memory beside a netlist.
 
     Attributes:
-        words, width: its shape.
-        reads, writes: number of ports.
-        pins: nets by the pin's name, RD_DATA among them, port after port.
-        transparent: (reads, writes): a read sees what is written in its cycle.
+        words, width: its words and their width in bits.
+        reads, writes: its numbers of read ports and write ports.
+        pins: nets of each pin by the pin's name, including RD_DATA; the bits of one port follow those of the one before.
+        transparent: (reads, writes) bool: the read port sees what the write port writes in the same cycle.
     """
 
     words: int
@@ -38,7 +38,10 @@ class Memory:
 
 
 def find_memories(module: str, folder: Path, boxes: tuple[str, ...], ports: dict[str, dict]) -> list[Memory]:
-    """The memories that were taken out of a module whose RTLIL and netlist are in `folder`; `ports` are its netlist's."""
+    """The memories that were taken out of a module.
+
+    The module's RTLIL and netlist are in `folder`; `ports` are the ports of its netlist.
+    """
     if "memory0_rd_data" not in ports:
         return []
     description = folder / f"{module}-memories.json"
@@ -79,15 +82,15 @@ def _memory(cell: dict, label: str, ports: dict[str, dict]) -> Memory:
 
 
 def _nets(bits: list[int | str]) -> np.ndarray:
-    """Net numbers: those of a JSON netlist begin with 2, 0 and 1 are the constants."""
+    """Numbers of nets; those of a JSON netlist begin with 2, and 0 and 1 stand for the constants."""
     return np.array([bit if isinstance(bit, int) else int(bit == "1") for bit in bits], np.int64)
 
 
 class Contents:
-    """A memory's words and what its ports do at a clock edge.
+    """A memory's contents, and what its ports do at a clock edge.
 
     Attributes:
-        accesses: reads and writes so far.
+        accesses: numbers of reads and of writes so far.
     """
 
     def __init__(self, memory: Memory):
@@ -98,7 +101,7 @@ class Contents:
         self._read = np.zeros((memory.reads, memory.width), np.uint8)
 
     def edge(self, values: np.ndarray) -> np.ndarray:
-        """(reads * width,) data after the edge, of the nets' values before it."""
+        """Applies a clock edge with the nets' values before it; returns (reads * width,) data after it."""
         m, old = self.memory, self._words
         address = values[m.pins["RD_ADDR"]].reshape(m.reads, -1) @ self._powers
         to = values[m.pins["WR_ADDR"]].reshape(m.writes, -1) @ self._powers

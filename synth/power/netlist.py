@@ -1,7 +1,7 @@
 """Mapped modules flattened to arrays of gates, flip-flops, clock gates and memories.
 
-Nets are numbers: 0 and 1 are the constants, all others are renumbered in the order of evaluation. Every element remembers the
-module it is from, so that energy can be told apart.
+Nets are numbers: 0 and 1 are the constants, and all others are renumbered in the order of evaluation. Every element knows the
+module that it is from, so that energy can be reported by module.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ MOST_INPUTS = 10
 
 @dataclass(frozen=True)
 class Flat:
-    """A flat netlist; a row of an array an element.
+    """A flat netlist; each row of an array is one element.
 
     Attributes:
-        nets: how many.
-        parts: modules' names; `*_part` index them.
-        types: (cell, output pin) that `gate_type` indexes.
-        gate_type, gate_inputs, gate_output, gate_part: logic, an element an output pin, lower ones first; inputs padded with 0.
-        flop_cell, flop_data, flop_output, flop_clock, flop_part: flip-flops; a clock is the number of a clock gate, or -1.
+        nets: number of nets.
+        parts: names of modules, which `*_part` index.
+        types: (cell, output pin), which `gate_type` indexes.
+        gate_type, gate_inputs, gate_output, gate_part: logic in order of evaluation, one element per output pin; unused inputs
+            are 0.
+        flop_cell, flop_data, flop_output, flop_clock, flop_part: flip-flops; the clock is the number of a clock gate, or -1.
         icg_enable, icg_test, icg_clock, icg_output, icg_part: clock gates.
-        cells: names that `flop_cell` indexes.
-        memories: with nets of this netlist.
-        ports: nets by name; of memories' pins too.
+        cells: names of cells, which `flop_cell` indexes.
+        memories: the memories, with nets of this netlist.
+        ports: nets of each port by name, including ports that are pins of memories.
         inputs: names of input ports.
     """
 
@@ -69,7 +70,7 @@ class Flattener:
     """Flattens a hierarchy of mapped modules.
 
     Parameters:
-        netlists: the mapped Verilog of each module; the JSON and RTLIL of the same name lie beside it.
+        netlists: the mapped Verilog of each module; JSON and RTLIL of the same name are expected beside it.
         cells: library cells by name.
     """
 
@@ -81,7 +82,7 @@ class Flattener:
         self._done: dict[str, tuple[dict, dict, list[Memory], tuple[str, ...]]] = {}
 
     def flatten(self, top: str) -> Flat:
-        """The netlist of a module with all below it; ValueError where logic has a loop."""
+        """The netlist of a module with everything below it; ValueError if its logic has a loop."""
         arrays, ports, memories, inputs = self._module(top)
         root = _joined(arrays["nets"], arrays["alias"])
         flat = {name: root[arrays[name]] for name in _NETS} | {name: arrays[name] for name in _PLAIN}
@@ -123,7 +124,8 @@ class Flattener:
             else:
                 self._add(lists, cell, part)
         pins = [bits for cell in module["cells"].values() for bits in cell["connections"].values()]
-        pins += [port["bits"] for port in module["ports"].values()]  # names of nets are no use: inserted buffers' have none
+        # taken from pins, because the nets of inserted buffers have no names
+        pins += [port["bits"] for port in module["ports"].values()]
         nets = 1 + max((bit for bits in pins for bit in bits if isinstance(bit, int)), default=1)
         arrays = {key: np.array(rows, np.int64).reshape(-1, MOST_INPUTS) if key == "gate_inputs" else np.array(rows, np.int64)
                   for key, rows in lists.items() if key != "alias"}
@@ -132,7 +134,7 @@ class Flattener:
         return arrays, ports, memories, tuple(port for port, p in module["ports"].items() if p["direction"] == "input")
 
     def _add(self, lists: dict[str, list], instance: dict, part: int) -> None:
-        """A cell of a module."""
+        """Appends one cell of a module to the lists."""
         cell, pins = self._cells[instance["type"]], {pin: _bits(bits) for pin, bits in instance["connections"].items()}
         at = {pin: int(bits[0]) if len(bits) else 0 for pin, bits in pins.items()}
         if cell.kind == "logic":
@@ -155,7 +157,7 @@ class Flattener:
                 lists[f"icg_{key}"].append(value)
 
     def _with(self, arrays: dict, below: list[dict], memories: list[Memory]) -> tuple[dict, list[Memory]]:
-        """A module and copies of the modules below it, their ports' nets tied to its own."""
+        """A module and copies of the modules below it; the nets of their ports are tied to its own nets."""
         parts, ties, memories = [arrays], [arrays["alias"]], list(memories)
         nets = arrays["nets"]
         for instance in below:
@@ -164,7 +166,7 @@ class Flattener:
             parts.append({key: shift[child[key]] if key in _NETS else child[key] for key in (*_NETS, *_PLAIN)})
             ties.append(shift[child["alias"]])
             for port, bits in instance["connections"].items():
-                used = [i for i, bit in enumerate(bits) if bit != "x"]  # what is not connected is tied to nothing
+                used = [i for i, bit in enumerate(bits) if bit != "x"]  # an unconnected bit is tied to nothing
                 ties.append(np.stack([_bits(bits)[used], shift[ports[port]][used]], 1))
             memories += [replace(memory, pins={pin: shift[n] for pin, n in memory.pins.items()}) for memory in child_memories]
             nets += child["nets"] - 2
@@ -177,7 +179,7 @@ def _bits(bits: list[int | str]) -> np.ndarray:
 
 
 def _shifting(nets: int, base: int) -> np.ndarray:
-    """Numbers of a copy's nets: the constants stay."""
+    """New numbers for the nets of a copy; the constants keep theirs."""
     shift = np.arange(nets) + base - 2
     shift[:2] = 0, 1
     return shift
@@ -185,7 +187,7 @@ def _shifting(nets: int, base: int) -> np.ndarray:
 
 @numba.njit(cache=True)
 def _joined(nets: int, pairs: np.ndarray) -> np.ndarray:
-    """The lowest of all nets that are tied together, for each: constants win."""
+    """For each net the lowest of all nets that it is tied to, so that constants win."""
     parent = np.arange(nets)
     for k in range(len(pairs)):
         a, b = pairs[k]
@@ -206,7 +208,7 @@ def _joined(nets: int, pairs: np.ndarray) -> np.ndarray:
 
 @numba.njit(cache=True)
 def _levelled(nets: int, inputs: np.ndarray, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gates whose inputs come first, and every gate's level."""
+    """The gates in an order in which inputs come first, and every gate's level; gates in a loop are missing in the order."""
     gates, most = inputs.shape
     driver = np.full(nets, -1, np.int64)
     for g in range(gates):
@@ -245,7 +247,7 @@ def _levelled(nets: int, inputs: np.ndarray, outputs: np.ndarray) -> tuple[np.nd
 
 
 def _renumbering(nets: int, root: np.ndarray, flat: dict) -> np.ndarray:
-    """Numbers by first use: constants, registers, logic in order, then the rest."""
+    """New numbers by first use: constants, registers, logic in order, then the rest."""
     used = np.concatenate([[0, 1], flat["flop_output"], flat["gate_output"], root])
     first = np.unique(used, return_index=True)
     ranked = first[0][np.argsort(first[1])]

@@ -1,8 +1,9 @@
-"""Cycles of a flat netlist, two-valued: settled values, what toggles, and with delays the glitches on the way.
+"""Two-valued simulation of the cycles of a flat netlist: settled values, toggles and, with delays, glitches.
 
-A cycle is: inputs set, logic settled, outputs read, clock edge. Without delays every gate is evaluated once, in order, and a
-net toggles at most once. With delays (`timed`) the same cycle runs event by event: a gate whose inputs change decides anew, and
-a change that is undone before the gate's delay is over never happens (inertial delay). Both must settle at the same values.
+In a cycle inputs are set, the logic settles, outputs are read, and the clock edge follows. Without delays every gate is
+evaluated once, in order, and a net toggles at most once. With delays (`timed`) the same cycle runs event by event. A gate whose
+inputs change is evaluated again, and a change that is undone before the gate's delay has passed does not happen (inertial
+delay). Both must settle at the same values.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from synth.power.memories import Contents
 from synth.power.netlist import Flat
 
 WHEEL = 1 << 14
-"""Picoseconds that a cycle's events may take."""
+"""Longest time in ps that the events of a cycle may take."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What happened in some cycles.
+    """The activity of some cycles.
 
     Attributes:
-        toggles: of every net.
-        gated: cycles in which each clock gate let the clock through.
-        cycles: clock edges.
+        toggles: toggles of every net.
+        gated: for each clock gate, the number of cycles in which it passed the clock.
+        cycles: number of clock edges.
         accesses: (memories, 2) reads and writes of each memory.
     """
 
@@ -39,12 +40,12 @@ class Counts:
 
 @dataclass(frozen=True)
 class Delays:
-    """Picoseconds, whole ones.
+    """Delays in whole picoseconds.
 
     Attributes:
-        gates: of each gate.
-        flops: of each flip-flop, from the edge.
-        inputs, memories: when inputs and memories' data come, after the edge.
+        gates: delay of each gate.
+        flops: delay of each flip-flop from the clock edge to the output.
+        inputs, memories: times after the clock edge at which inputs and data of memories arrive.
     """
 
     gates: np.ndarray
@@ -54,16 +55,16 @@ class Delays:
 
 
 class Simulation:
-    """A netlist's state. All flip-flops begin at 0.
+    """The state of a netlist. All flip-flops begin at 0.
 
     Parameters:
         flat: the netlist.
-        cells: by name.
-        delays: None for settled values only.
+        cells: library cells by name.
+        delays: None to simulate settled values only.
 
     Attributes:
-        values: of every net.
-        timed: cycles run with delays; may change between cycles. Never without `delays`.
+        values: the value of every net.
+        timed: whether cycles run with delays; may change between cycles, but stays False without `delays`.
     """
 
     def __init__(self, flat: Flat, cells: dict[str, Cell], delays: Delays | None = None):
@@ -84,7 +85,7 @@ class Simulation:
         self.timed = delays is not None
 
     def forget(self) -> None:
-        """Sets all counts to 0."""
+        """Resets all counts to 0."""
         self._toggles = np.zeros(self.flat.nets, np.int64)
         self._gated = np.zeros(len(self.flat.icg_output), np.int64)
         self._cycles = 0
@@ -92,27 +93,27 @@ class Simulation:
             memory.accesses = [0, 0]
 
     def counts(self) -> Counts:
-        """Since they were last forgotten."""
+        """The activity since the counts were last reset."""
         accesses = np.array([memory.accesses for memory in self._memories], np.int64).reshape(-1, 2)
         return Counts(self._toggles.copy(), self._gated.copy(), self._cycles, accesses)
 
     def set(self, port: str, bits: np.ndarray | int) -> None:
-        """Values of an input port from this cycle on: bits, lowest first, or a number."""
+        """Sets an input port from this cycle on, to an array of bits, lowest first, or to a number."""
         nets = self.flat.ports[port]
         if not isinstance(bits, np.ndarray):
             bits = np.array([int(bits) >> i & 1 for i in range(len(nets))], np.uint8)
         self._late.append((nets, bits, self._delays.inputs if self._delays else 0))
 
     def get(self, port: str) -> np.ndarray:
-        """Bits of a port, settled."""
+        """The settled bits of a port, lowest first."""
         return self.values[self.flat.ports[port]]
 
     def number(self, port: str) -> int:
-        """The same as a number."""
+        """The settled value of a port as a number."""
         return int.from_bytes(np.packbits(self.get(port), bitorder="little").tobytes(), "little")
 
     def settle(self) -> None:
-        """Logic settles after inputs were set."""
+        """Lets the logic settle after inputs were set."""
         late, self._late, f = self._late, [], self.flat
         if self.timed:
             self._wheel.run(self, self._toggles, late)
@@ -123,7 +124,7 @@ class Simulation:
         _evaluate(self.values, self._toggles, f.gate_inputs, self._inputs, f.gate_output, self._lut, self._luts)
 
     def edge(self) -> None:
-        """The clock rises: what follows is seen once the next cycle has settled."""
+        """Applies a clock edge; its effects are visible once the next cycle has settled."""
         f = self.flat
         data = [memory.edge(self.values) for memory in self._memories]
         enabled = self.values[f.icg_enable] | self.values[f.icg_test]
@@ -136,7 +137,7 @@ class Simulation:
         self._cycles += 1
 
     def check(self) -> int:
-        """Gates whose output is not what their inputs say: 0 once all is settled."""
+        """The number of gates whose output contradicts their inputs; 0 once everything has settled."""
         values = self.values.copy()
         f = self.flat
         _evaluate(values, np.zeros_like(self._toggles), f.gate_inputs, self._inputs, f.gate_output, self._lut, self._luts)
@@ -144,7 +145,7 @@ class Simulation:
 
 
 def _tables(flat: Flat, cells: dict[str, Cell]) -> tuple[np.ndarray, np.ndarray]:
-    """All truth tables, and where each gate's begins."""
+    """All truth tables in one array, and for each gate the place where its table begins."""
     tables, starts = [], []
     for cell, pin in flat.types:
         truth = cells[cell].outputs[pin].truth
@@ -166,7 +167,7 @@ def _evaluate(values, toggles, inputs, counts, outputs, lut, luts) -> None:
 
 
 class _Wheel:
-    """Events of a cycle, by picosecond."""
+    """The events of a cycle, in one list for each picosecond."""
 
     def __init__(self, flat: Flat):
         self._start, self._readers = _fanout(flat.nets, flat.gate_inputs)
@@ -176,7 +177,7 @@ class _Wheel:
         self._pool = np.empty((6 * gates + 4096, 3), np.int64)
 
     def run(self, s: Simulation, toggles: np.ndarray, late: list[tuple[np.ndarray, np.ndarray, int]]) -> None:
-        """A cycle of a simulation; RuntimeError where it has more events, or takes longer, than there is room for."""
+        """Runs a cycle of a simulation; RuntimeError if its events are too many or too late for the lists."""
         nets = np.concatenate([nets for nets, _, _ in late] or [np.empty(0, np.int64)])
         bits = np.concatenate([bits for _, bits, _ in late] or [np.empty(0, np.uint8)]).astype(np.int64)
         times = np.concatenate([
@@ -212,7 +213,10 @@ def _play(
     values, toggles, inputs, counts, outputs, lut, luts, delays, nets, bits, times, start, readers, heads, pending, serial,
     pool,
 ) -> bool:
-    """One cycle. An event is (gate, or -1 - place in `nets`; serial number; next event of its picosecond)."""
+    """One cycle; returns whether its events did not fit.
+
+    An event is (gate, or -1 - place in `nets`; serial number; next event of the same picosecond).
+    """
     used, last, wheel, room = 0, 0, len(heads), len(pool)
     for k in range(len(nets)):
         if values[nets[k]] != bits[k]:

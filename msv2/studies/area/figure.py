@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def draw(report: dict, path: Path) -> None:
-    """Paper's and our parts, our groups, all builds."""
+    """Draws three bar charts into a PNG file: the parts beside the paper's, the groups of units, and all builds."""
     import matplotlib
 
     matplotlib.use("Agg")

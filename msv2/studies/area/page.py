@@ -1,4 +1,4 @@
-"""The area report in Markdown."""
+"""The area report as a Markdown page."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _WHY = {
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table in Markdown, its first `left` columns aligned left."""
+    """A table in Markdown; its first `left` columns are aligned left, the others right."""
     rule = " | ".join(["---"] * left + ["---:"] * (len(head) - left))
     return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
 
 
 def page(report: dict) -> str:
-    """All of it."""
+    """The whole page."""
     build = report["builds"]["1ghz"]
     intro = (
         f"Commit {report['commit']}; {build['config']}, two eyes, row width {build['row_width']:,}; {build['node']}, cells "

@@ -1,10 +1,10 @@
-"""Area of the paper's machine beside the paper's: reports/area.json, .md and .png.
+"""Area of the paper's machine beside the paper's own numbers: writes reports/area.json, .md and .png.
 
-    python -m msv2.studies area                all builds: an hour; what is in build/synth is not made again
-    python -m msv2.studies area --builds 1ghz  fewer; the others' numbers are left as the report has them
+    python -m msv2.studies area                all builds: an hour; modules with a result in build/synth are not synthesised
+    again python -m msv2.studies area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
 
-Builds are of the machine for two eyes at row width 1920, the memories of the warp unit apart; `mono` is the machine without it,
-and so are those of the presets.
+A build is the machine for two eyes with rows of 1920 pixels; the memories of the warp unit are also reported separately. The
+build `mono` and those of the presets are machines without the warp unit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TWO_EYES = PAPER.with_(stereo=True)
 
 @dataclass(frozen=True)
 class Build:
-    """A machine in a technology at a clock, and what its numbers are for."""
+    """A machine in a technology at a clock, and what its numbers are used for."""
 
     config: AcceleratorConfig
     technology: str
@@ -56,16 +56,16 @@ BUILDS = {
                     "a third one's; it has no clock gates, so enables are multiplexers"),
     **{name: Build(config, "asap7", CLOCK_PS, "its formats and harmonics, beside `mono`") for name, config in PRESETS.items()},
 }
-"""By name, the report's own first."""
+"""The builds by name; the first is the one that the report describes in detail."""
 
 PAPER_MM2, PAPER_SHARES = 2.74, {"array": 0.63, "other logic": 0.30, "SRAM": 0.07}
-"""The paper's area at 16 nm and its parts."""
+"""Area of the paper's machine at 16 nm in mm^2, and the shares of its parts."""
 
 PAPER_CORES = 256
 
 
 def summary(report: AreaReport, about: str) -> dict[str, object]:
-    """A build's numbers in one row."""
+    """The numbers of a build, as one entry of the report."""
     slack = report.worst_slack_ps()
     zero = None if slack is None else report.clock_ps - slack
     late = {row.unit: row.slack_ps for row in report.rows if row.slack_ps is not None and row.slack_ps < 0}
@@ -88,7 +88,10 @@ def summary(report: AreaReport, about: str) -> dict[str, object]:
 
 
 def split(report: AreaReport) -> dict[str, float]:
-    """The machine's area in the paper's parts, mm^2 at 16 nm: setup and blending are the array's, memories all SRAM."""
+    """The machine's area in mm^2 at 16 nm, in the parts of the paper.
+
+    Setup and blending count as part of the array, and all memories as SRAM.
+    """
     groups = report.groups()
     array = sum(groups[name]["logic_um2_16nm"] for name in ("array", "blending")) / 1e6
     logic = report.total_mm2_16nm(memories=False)
@@ -96,14 +99,14 @@ def split(report: AreaReport) -> dict[str, float]:
 
 
 def commit() -> str:
-    """The commit that the report is of, marked where the tree differs from it."""
+    """The current commit, with a mark if rtl, spec or synth differ from it."""
     done = [subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
             for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "rtl", "spec", "synth"))]
     return (done[0] or "unknown") + (", changed" if done[1] else "")
 
 
 def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict) -> dict[str, object]:
-    """The report; builds that are not among `names` as in `old`."""
+    """Synthesises the builds `names` and returns the whole report; all other builds are copied from the report `old`."""
     builds = dict(old.get("builds", {}))
     report = {key: old.get(key) for key in ("rows", "memories", "modules", "split")}
     for name in names:
@@ -129,7 +132,7 @@ def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict)
 
 
 def frame_rates() -> list[dict[str, object]]:
-    """Cycles of the frames in reports/machine.json: merged, pipelined, at the paper's bandwidth a cycle."""
+    """Cycles of the frames in reports/machine.json that are merged, pipelined and at the paper's bandwidth per cycle."""
     path = REPORTS / "machine.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
     keys = ("scene", "size", "gaze", "levels", "frame_cycles", "overlapped_cycles", "bytes_per_cycle")
@@ -141,7 +144,7 @@ def _rounded(row: dict) -> dict:
 
 
 def _ends(path: str | None) -> str | None:
-    """Where a unit's worst path begins and ends, and how many cells are on it."""
+    """The number of pins on a unit's worst path, and the sums that it passes."""
     if path is None:
         return None
     text = Path(path).read_text()
@@ -156,15 +159,17 @@ def _say(line: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Parses the command line, measures, and writes the report; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies area", description=__doc__.splitlines()[0])
     parser.add_argument("--builds", nargs="+", default=list(BUILDS), metavar="BUILD",
-                        help=f"of {', '.join(BUILDS)} (default: all)")
-    parser.add_argument("--jobs", type=int, default=2, help="modules at a time (default: 2)")
+                        help=f"builds to make, of {', '.join(BUILDS)} (default: all)")
+    parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
-                        help=f"of a module, with faster sums each time; 1: all fast at once (default: {MOST_RUNS})")
-    parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth", help="of results (default: build/synth)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+                        help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
+    parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
+                        help="folder of synthesis results (default: build/synth)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="folder of the report (default: reports)")
     args = parser.parse_args(argv)
     unknown = set(args.builds) - set(BUILDS)
     if unknown:

@@ -1,0 +1,1 @@
+"""Generated documents: formats, registers and effects as pages, and the site."""
