@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 from msv2.studies.results import study
-from msv2.studies.results.study import frame_sources
+from msv2.studies.rtl_frame import frame_sources
 from spec.paths import ROOT
-from tests.test_import_law import reached
-
-COMMAND, MACHINE = Path("tb/frame/study.py"), Path("tb/frame/whole.py")
 
 
-def names() -> set[str]:
-    return {path.relative_to(ROOT).as_posix() for path in frame_sources()}
-
-
-def test_a_frame_is_made_anew_when_what_it_imports_changes() -> None:
-    """Of what the command imports for its arguments alone, the other units' benches, no frame is made."""
-    imported = reached(MACHINE) | {path for path in reached(COMMAND) if path.parts[0] in ("spec", "golden", "rtl")}
-    assert MACHINE in imported and len(imported) > 60
-    assert not {path.as_posix() for path in imported} - names()
-    assert "tb/top/memory.sv" in names()
-
-
-def test_a_frame_stays_when_what_it_does_not_import_changes() -> None:
-    """Training, measures of quality, renderers' benchmarks: whatever else grows."""
-    golden = {name for name in names() if name.startswith("golden/")}
-    assert golden - {path.as_posix() for path in reached(COMMAND)} == {"golden/scenes/save.py"}
-    assert {name.partition("/")[0] for name in names()} == {"golden", "rtl", "spec", "tb"}
+def test_a_frame_is_made_anew_when_what_it_rests_on_changes() -> None:
+    """The whole machine, its bench and the golden renderer; no training, no measure of quality, no cycle model."""
+    names = {path.relative_to(ROOT).as_posix() for path in frame_sources()}
+    assert {"tb/frame/whole.py", "tb/top/memory.sv", "spec/config.py", "golden/msv2_ref/pipeline.py"} <= names
+    assert {"rtl/top/machine.py", "rtl/vrc_array/array.py", "rtl/culling/projection.py", "rtl/warp_unit/warp_unit.py"} <= names
+    assert {name.partition("/")[0] for name in names} == {"golden", "rtl", "spec", "tb"}
+    assert not any(name.startswith(("golden/training", "golden/diff")) for name in names)
 
 
 def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monkeypatch) -> None:
