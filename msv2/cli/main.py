@@ -62,9 +62,9 @@ def run_subcommand(command: Command, argv: Sequence[str]) -> int:
             package = (error.name or "").partition(".")[0]
             if package not in EXTRAS:
                 raise
-            raise InputError(f"msv2 {command.name} needs {package}, which is not installed: "
-                             f"pip install 'msv2[{EXTRAS[package]}]', or in a checkout: make setup EXTRAS={EXTRAS[package]}"
-                             ) from error
+            extra = EXTRAS[package]
+            raise InputError(f"msv2 {command.name} needs {package}, which is not installed: make setup EXTRAS={extra}, or "
+                             f"pip install '.[{extra}]' in the checkout") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
