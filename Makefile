@@ -24,12 +24,12 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 machine = $(call option,CONFIG,config) $(foreach value,$(SET),--set $(value))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,metrics,cuda
+setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,cluster,metrics,cuda,docs
 	@$(PYTHON) msv2/cli/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
 
 base:
@@ -111,8 +111,11 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
 	@$(MSV2) cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-docs: tested ## the generated pages of docs/; SITE=1 builds the site in build/docs, too (EXTRAS=docs) OUT=
-	@$(MSV2) docs $(call switch,SITE,site) $(call option,OUT,out)
+documented:
+	@$(PYTHON) msv2/cli/setup_environment.py --extras docs
+
+docs: documented ## the generated pages of docs/, and the site of all pages and docstrings in build/docs; SITE=0: the pages alone; OUT=
+	@$(MSV2) docs $(if $(filter 0,$(SITE)),,--site) $(call option,OUT,out)
 
 check: tested ## what a change needs at once: ruff, and the tests of spec, commands and rooms
 	@$(RUN) -m ruff check .

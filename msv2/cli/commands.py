@@ -41,7 +41,7 @@ _COMMANDS = (
     Command("study", "list or run the experiments and reports", "msv2.studies.__main__"),
     Command("verilog", "write the machine or one unit as Verilog", "msv2.verilog.command"),
     Command("demo", "the embedded scene from model to RTL frame, with pictures", "msv2.cli.demo"),
-    Command("docs", "write the generated pages of docs/", "msv2.cli.docs"),
+    Command("docs", "write the generated pages of docs/, and the site", "msv2.document.__main__"),
     Command("setup", "make or extend the virtual environment of a checkout", "msv2.cli.setup_environment"),
     Command("doctor", "say what is missing on this machine and how to get it", "msv2.cli.doctor"),
 )
