@@ -88,7 +88,7 @@
 #define MSV2_CONTROL_ENABLE_ERROR_SHIFT 9
 #define MSV2_CONTROL_ENABLE_ERROR_MASK 0x00000200u
 
-/* how far the frame is (read) */
+/* state of the frame (read) */
 #define MSV2_STATUS 0x024u
 #define MSV2_STATUS_BUSY_SHIFT 0
 #define MSV2_STATUS_BUSY_MASK 0x00000001u
@@ -99,23 +99,23 @@
 #define MSV2_STATUS_PHASE_SHIFT 8
 #define MSV2_STATUS_PHASE_MASK 0x00000F00u
 
-/* why (read) */
+/* why the last frame ended early (read) */
 #define MSV2_ERROR 0x028u
 #define MSV2_ERROR_CODE_SHIFT 0
 #define MSV2_ERROR_CODE_MASK 0x000000FFu
 
-/* of BAD_SETTING: which setting, counted from 0 in their order; the first that is out of its limits
-   (read) */
+/* with BAD_SETTING: number of the first setting that is out of its limits, counted from 0 in their
+   order (read) */
 #define MSV2_BAD_SETTING 0x02Cu
 
-/* whose accesses memory answered with an error (read) */
+/* clients whose accesses memory answered with an error (read) */
 #define MSV2_ERROR_CLIENTS 0x030u
 #define MSV2_ERROR_CLIENTS_READ_SHIFT 0
 #define MSV2_ERROR_CLIENTS_READ_MASK 0x0000003Fu
 #define MSV2_ERROR_CLIENTS_WRITE_SHIFT 16
 #define MSV2_ERROR_CLIENTS_WRITE_MASK 0x001F0000u
 
-/* why the interrupt line is high, whether or not enabled (read, write 1 to clear) */
+/* pending causes of an interrupt, whether or not enabled (read, write 1 to clear) */
 #define MSV2_INTERRUPT 0x034u
 #define MSV2_INTERRUPT_DONE_SHIFT 0
 #define MSV2_INTERRUPT_DONE_MASK 0x00000001u
@@ -172,40 +172,40 @@
    write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_ROTATION_8 0x12Cu
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 0 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 0 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_0 0x130u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 1 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 1 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_1 0x134u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 2 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 2 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_2 0x138u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 3 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 3 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_3 0x13Cu
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 4 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 4 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_4 0x140u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 5 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 5 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_5 0x144u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 6 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 6 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_6 0x148u
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 7 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 7 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_7 0x14Cu
 
-/* the same over EXPONENT_SCALE in the work format, for the Jacobian, number 8 of 9 (read, write):
-   26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
+/* `rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian, number 8 of 9 (read,
+   write): 26-bit float: sign, 8 exponent bits of bias 127, 17 fraction bits; exponent 0 is zero */
 #define MSV2_TURN_8 0x150u
 
 /* cx, cy in pixels, number 0 of 2 (read, write): 25-bit signed, value * 2^-10 */
@@ -230,12 +230,12 @@
    28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_LIMITS_3 0x168u
 
-/* near plane; must be positive (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19
-   fraction bits; exponent 0 is zero */
+/* z of the near plane in world units; must be positive (read, write): 28-bit float: sign, 8
+   exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_NEAR 0x16Cu
 
-/* reciprocal of the z that saturates depth; must be not negative (read, write): 28-bit float: sign,
-   8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* reciprocal of the z at which depth saturates; must be not negative (read, write): 28-bit float:
+   sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
 #define MSV2_DEPTH_SCALE 0x170u
 
 /* frame width in pixels; must be 1..row_width (read, write): 14-bit unsigned */
@@ -253,23 +253,24 @@
 /* r, g, b, number 2 of 3 (read, write): 10-bit unsigned, value * 2^-9 */
 #define MSV2_BACKGROUND_2 0x184u
 
-/* points of the model (read, write): 24-bit unsigned */
+/* number of Gaussians of the model (read, write): 24-bit unsigned */
 #define MSV2_GAUSSIANS 0x188u
 
-/* degree of the colour records (read, write): 2-bit unsigned */
+/* SH degree of the colour records (read, write): 2-bit unsigned */
 #define MSV2_SH_DEGREE 0x18Cu
 
-/* views of a Gaussian: 1 << view_shift, no fewer than the highest tile level + 1; must be 0..2
-   (read, write): 2-bit unsigned */
+/* each Gaussian has space for 1 << view_shift splat records; at least the highest tile level + 1;
+   must be 0..2 (read, write): 2-bit unsigned */
 #define MSV2_VIEW_SHIFT 0x190u
 
-/* merge threshold in entries; 0 merges nothing (read, write): 24-bit unsigned */
+/* merge threshold in intersections; 0 merges nothing (read, write): 24-bit unsigned */
 #define MSV2_BETA 0x194u
 
-/* twice the mean count instead of beta (read, write): 1-bit unsigned */
+/* 1: twice the mean number of intersections of a tile replaces beta (read, write): 1-bit unsigned */
 #define MSV2_AUTO_BETA 0x198u
 
-/* bounding boxes instead of the exact tile test (read, write): 1-bit unsigned */
+/* 1: the tile test uses oriented bounding boxes instead of exact ellipses (read, write): 1-bit
+   unsigned */
 #define MSV2_OBB 0x19Cu
 
 /* beat address (read, write): 27-bit unsigned */
@@ -290,27 +291,27 @@
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_ENTRIES_BASE 0x1B4u
 
-/* room for entries (read, write): 27-bit unsigned */
+/* size of the region of intersections in beats (read, write): 27-bit unsigned */
 #define MSV2_ENTRIES_BEATS 0x1B8u
 
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_SPILL_BASE 0x1BCu
 
-/* room for spilled runs (read, write): 27-bit unsigned */
+/* size of the region of spilled runs in beats (read, write): 27-bit unsigned */
 #define MSV2_SPILL_BEATS 0x1C0u
 
-/* the frame is of DisplayPixels instead of FramePixels; must be 1 where `stereo` is (read, write):
-   1-bit unsigned */
+/* 1: the frame consists of DisplayPixels; 0: of FramePixels; must be 1 where `stereo` is (read,
+   write): 1-bit unsigned */
 #define MSV2_DISPLAY 0x1C4u
 
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_FRAME_BASE 0x1C8u
 
-/* two eyes; 0: an ordinary frame, and the settings below mean nothing (only with stereo) (read,
-   write): 1-bit unsigned */
+/* 1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below (only with
+   stereo) (read, write): 1-bit unsigned */
 #define MSV2_STEREO 0x1CCu
 
-/* the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
+/* 1: the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
 #define MSV2_SOURCE_RIGHT 0x1D0u
 
 /* the target eye's centre relative to the model's origin, number 0 of 3 (only with stereo) (read,
@@ -502,40 +503,40 @@
 /* Gaussians read (read) */
 #define MSV2_POINTS 0x4D8u
 
-/* points in front of the near plane (read) */
+/* Gaussians culled because they lie at or before the near plane (read) */
 #define MSV2_CULLED_NEAR 0x4DCu
 
-/* points too faint to be seen at any level (read) */
+/* Gaussians culled because they are too faint to be seen at any level (read) */
 #define MSV2_CULLED_FAINT 0x4E0u
 
-/* points whose projection is degenerate or touches no tile of the frame (read) */
+/* Gaussians culled because their projection is degenerate or touches no tile of the frame (read) */
 #define MSV2_CULLED_OUTSIDE 0x4E4u
 
-/* points with an entry (read) */
+/* Gaussians with at least one intersection (read) */
 #define MSV2_SURVIVORS 0x4E8u
 
-/* tile entries written (read) */
+/* intersections written to the tile lists (read) */
 #define MSV2_ENTRIES 0x4ECu
 
-/* pairs of point and tile that the foveation filter dropped (read) */
+/* intersections that the foveation filter dropped (read) */
 #define MSV2_FILTERED 0x4F0u
 
 /* groups of merged tiles (read) */
 #define MSV2_GROUPS 0x4F4u
 
-/* entries written to memory once more, in sorted runs (read) */
+/* intersections written to memory a second time, in sorted runs (read) */
 #define MSV2_SPILLED_ENTRIES 0x4F8u
 
-/* views found in the splat cache (read) */
+/* splat records found in the splat cache (read) */
 #define MSV2_FETCH_HITS 0x4FCu
 
-/* views read from memory (read) */
+/* splat records read from memory (read) */
 #define MSV2_FETCH_MISSES 0x500u
 
 /* ops of the array: splats at a level and backgrounds, once for every block of a tile (read) */
 #define MSV2_OPS 0x504u
 
-/* entries that the array skipped because their tile's pixels had all stopped (read) */
+/* intersections that the array skipped because all pixels of their tile had stopped (read) */
 #define MSV2_SKIPPED 0x508u
 
 /* pixels written (read) */
@@ -559,7 +560,7 @@
 /* busy cycles in which stage warp had one but could not take it (only with stereo) (read) */
 #define MSV2_WARP_BLOCKED 0x524u
 
-/* pixels of the target eye that a pixel of the source eye was warped to, background included (only
+/* pixels of the target eye to which a pixel of the source eye was warped, background included (only
    with stereo) (read) */
 #define MSV2_WARPED 0x528u
 
@@ -572,7 +573,7 @@
 /* tiles of the target eye that were rendered (only with stereo) (read) */
 #define MSV2_TARGET_TILES 0x534u
 
-/* splats with a coordinate of the projected mean at its least or largest (read) */
+/* splats whose projected mean has a coordinate at its least or largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
 
 /* splats with the largest depth (read) */
@@ -581,31 +582,31 @@
 /* splats with the largest depth key (read) */
 #define MSV2_SATURATED_KEYS 0x608u
 
-/* views with a channel of either level at its largest (read) */
+/* splat records with a channel of either level at its largest value (read) */
 #define MSV2_SATURATED_COLOURS 0x60Cu
 
 /* What the machine is doing. */
 enum msv2_phase {
-    MSV2_PHASE_IDLE = 0, /* Nothing; ready for `start`. */
-    MSV2_PHASE_CLEAR = 1, /* Forgetting the frame before. */
-    MSV2_PHASE_TABLE = 2, /* Reading the table of tiles. */
-    MSV2_PHASE_GEOMETRY = 3, /* Culling, conversion, tile test, colours. */
-    MSV2_PHASE_RENDER = 4, /* Merging, sorting, blending. */
-    MSV2_PHASE_DRAIN = 5, /* The frame has failed: waiting for what memory still owes. */
-    MSV2_PHASE_RESET = 6, /* The frame has failed: starting all units anew. */
+    MSV2_PHASE_IDLE = 0, /* The machine is ready for `start`. */
+    MSV2_PHASE_CLEAR = 1, /* The units clear their state of the frame before. */
+    MSV2_PHASE_TABLE = 2, /* The machine reads the table of tiles. */
+    MSV2_PHASE_GEOMETRY = 3, /* Projection, tile test, and colours of all Gaussians. */
+    MSV2_PHASE_RENDER = 4, /* Merging, sorting and blending of all tiles. */
+    MSV2_PHASE_DRAIN = 5, /* The frame has failed; the machine waits for outstanding answers of memory. */
+    MSV2_PHASE_RESET = 6, /* The frame has failed; the machine resets all units. */
 };
 
 /* Why a frame ended early, or did not begin. */
 enum msv2_error {
     MSV2_ERROR_NONE = 0, /* No error. */
     MSV2_ERROR_BAD_SETTING = 1, /* A setting is out of its limits; `bad_setting` says which. The frame did not begin. */
-    MSV2_ERROR_READ_ERROR = 2, /* Memory answered a read with an error; `error_clients` says whose. */
-    MSV2_ERROR_WRITE_ERROR = 3, /* Memory answered a write with an error; `error_clients` says whose. */
-    MSV2_ERROR_ENTRIES_FULL = 4, /* The tiles' entries need more than `entries_beats`. */
-    MSV2_ERROR_SPILL_FULL = 5, /* The spilled runs need more than `spill_beats`. */
-    MSV2_ERROR_COUNT_SATURATED = 6, /* A tile, or a group of tiles, has more entries than can be counted or addressed. */
+    MSV2_ERROR_READ_ERROR = 2, /* Memory answered a read with an error; `error_clients` names the client. */
+    MSV2_ERROR_WRITE_ERROR = 3, /* Memory answered a write with an error; `error_clients` names the client. */
+    MSV2_ERROR_ENTRIES_FULL = 4, /* The intersections of all tiles need more beats than `entries_beats`. */
+    MSV2_ERROR_SPILL_FULL = 5, /* The spilled runs need more beats than `spill_beats`. */
+    MSV2_ERROR_COUNT_SATURATED = 6, /* A tile, or a group of tiles, has more intersections than can be counted or addressed. */
     MSV2_ERROR_ABORTED = 7, /* `control.abort` ended the frame. */
-    MSV2_ERROR_WATCHDOG = 8, /* Nothing moved for too long. */
+    MSV2_ERROR_WATCHDOG = 8, /* No beat of memory moved for 2^24 cycles. */
 };
 
 /* number of each client in ERROR_CLIENTS */

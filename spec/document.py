@@ -1,9 +1,9 @@
-"""Writes docs/formats.md from the formats, records, constants, tables and configurations as they are.
+"""Writes docs/formats.md from the formats, records, constants, tables and configurations of `spec`.
 
-    python -m spec.document             writes the page, and those of `spec.document_registers`
-    python -m spec.document --check     fails if one is stale
+    python -m spec.document             writes the page, and those of `spec.document_registers` and `spec.document_effects`
+    python -m spec.document --check     fails if a page is stale
 
-The words are the docstrings': a format, field or constant is explained once, where it is defined.
+The page quotes the docstrings, so that each format, field or constant is explained once, where it is defined.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
 
 
 def attribute_docs(source: str) -> dict[str, str]:
-    """Docstrings that stand under assignments, anywhere in `source`, by name; each on one line."""
+    """Docstrings under assignments, anywhere in `source`, by the assigned name; each is joined into one line."""
     docs = {}
     for node in ast.walk(ast.parse(source)):
         body = getattr(node, "body", None)
@@ -45,7 +45,7 @@ def attribute_docs(source: str) -> dict[str, str]:
 
 
 def listed_docs(docstring: str) -> dict[str, str]:
-    """What the "Attributes:" of a docstring say, by name; attributes listed together share their text."""
+    """The entries of the "Attributes:" section of a docstring, by name; attributes listed together share their text."""
     _, _, listed = docstring.partition("Attributes:\n")
     items = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
     return {name: one_line(text) for names, text in items for name in names.split(", ")}
@@ -62,19 +62,19 @@ def one_line(text: str) -> str:
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
-    """A Markdown table and the empty line after it."""
+    """The lines of a Markdown table and an empty line after it."""
     head = list(head)
     lines = [head, ["---"] * len(head), *rows]
     return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines] + [""]
 
 
 def number(x: float) -> str:
-    """A number for reading: integers in full, others to ten digits."""
+    """A number as text: integers in full, others with ten digits."""
     return str(int(x)) if float(x).is_integer() and abs(x) < 1e9 else f"{x:.10g}"
 
 
 def format_range(f: Format) -> tuple[str, str]:
-    """The range, and the distance between neighbours, of a format."""
+    """The range of a format, and the distance between neighbouring numbers."""
     if isinstance(f, SmallFloat):
         low = f"0, ±{f.min:.4g}..±{f.max:.4g}" if f.signed else f"0, {f.min:.4g}..{f.max:.4g}"
         return low, f"2^-{f.sig_bits - 1}, relative"
@@ -118,9 +118,9 @@ def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[
 
 
 def stereo_section() -> list[str]:
-    """What records hold, and which there are, in machines with stereo alone."""
+    """The fields and records that only machines with stereo have."""
     both = PAPER.with_(stereo=True)
-    lines = ["## Records of machines with stereo", "", f"Of `{PAPER.name}` with `stereo`.", ""]
+    lines = ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", ""]
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
         plain, record = make(PAPER), make(both)
         added = record.fields[len(plain.fields):]
@@ -139,7 +139,7 @@ def stereo_section() -> list[str]:
 
 
 def records_section() -> list[str]:
-    """Every record, and the widths that depend on a parameter."""
+    """Every record, and a table of the widths that depend on a parameter."""
     lines = ["## Records", "", "Field 0 sits in the lowest bits; the numbers of one field follow each other upwards. "
              f"Layouts are those of `{PAPER.name}` and of SH degree 3.", ""]
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
@@ -152,7 +152,7 @@ def records_section() -> list[str]:
 
 
 def constants_section() -> list[str]:
-    """Constants with value and derivation, then the integers derived from them."""
+    """Constants with their values and derivations, then the integers derived from them."""
     lines = ["## Constants", ""]
     for module in (constants, harmonics, tables, records, memory, stereo, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
@@ -170,7 +170,7 @@ def constants_section() -> list[str]:
 
 
 def _module_docs(module: ModuleType) -> dict[str, str]:
-    """The documented numbers of a module."""
+    """The docstrings of a module's numbers, by name."""
     docs = attribute_docs(inspect.getsource(module))
     return {name: doc for name, doc in docs.items() if np.issubdtype(np.asarray(getattr(module, name, None)).dtype, np.number)}
 
@@ -180,7 +180,7 @@ def _values(value: float | tuple[float, ...]) -> str:
 
 
 def tables_section() -> list[str]:
-    """ROM contents."""
+    """The contents of the ROMs."""
     n = DEFAULT.formats
     base, slope = tables.exp2_segments(n)
     one = 1 << n.cut.frac_bits
@@ -221,21 +221,21 @@ def page() -> str:
 
 
 def write(path: Path = PAGE, make: Callable[[], str] = page) -> None:
-    """Writes what `make` gives, whole or not at all."""
+    """Writes the text that `make` returns, whole or not at all."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     partial.write_text(make(), encoding="utf-8")
     partial.replace(path)
 
 
 def check(path: Path = PAGE, make: Callable[[], str] = page) -> None:
-    """Raises InputError unless `path` holds what `make` gives now."""
+    """Raises InputError unless `path` holds the text that `make` returns."""
     if not path.is_file() or path.read_text(encoding="utf-8") != make():
         raise InputError(f"{path} is stale: run `python -m spec.document`")
 
 
 def main() -> None:
     """The command line."""
-    from spec import document_effects, document_registers  # the latter uses the functions above
+    from spec import document_effects, document_registers  # document_registers imports functions of this module
 
     parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/ from spec/.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if a page is stale")

@@ -1,4 +1,4 @@
-"""docs/effects.md: the effects of `spec.effects`, and what becomes of those that a frame does not call for."""
+"""Makes docs/effects.md: the effects of `spec.effects`, and what happens to those that a frame does not call for."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from spec import effects
 from spec.effects import EFFECTS, GIVEN
 
 _COMMANDS = """
-`python golden/render.py` and `make frame` find out what the model and the request call for, print a line for each effect
-with the reason, and keep that in their JSON. `--effects` (`EFFECTS=`) is `auto`, `all`, `none`, or names with commas between
-them. The golden renderer has kernels without depth sums, tile tests without levels, and colours of any degree. `make frame`
-builds the machine without the units of absent effects and keeps its simulator; `--machine full` (`MACHINE=full`) builds all
-of the configuration, where they idle. A forced second eye is rendered and dropped: through the RTL in frames for displays,
-as no other frames have two eyes. `make table-effects` measures what each effect costs, with `AREA=1` in area, too.
+`python golden/render.py` and `make frame` find out what the model and the request call for, print one line per effect
+with the reason, and write the same into their JSON. `--effects` (`EFFECTS=`) is `auto`, `all`, `none`, or names separated by
+commas. The golden renderer has kernels without depth sums, tile tests without levels, and colours of every degree. `make frame`
+builds the machine without the units of absent effects and caches its simulator; `--machine full` (`MACHINE=full`) builds the
+whole configuration, in which those units idle. A forced second eye is rendered and dropped; the RTL does this in frames for
+displays only, as no other frames have two eyes. `make table-effects` measures what each effect costs in cycles, and with
+`AREA=1` in area, too.
 """
 
 

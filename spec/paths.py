@@ -1,7 +1,7 @@
-"""Where files are: the project's own, what commands write, and what may be thrown away. One place knows it.
+"""Where files are: the project's own, what commands write, and what is kept to save time. No other file derives a folder.
 
 The project runs from a checkout or from an installed wheel. A checkout keeps its outputs in its own `build/` and its reports in
-`reports/`; an installed wheel writes to `build/` below the current folder, and brings the reports' numbers with it.
+`reports/`. An installed wheel writes to `build/` below the current folder, and it brings the reports' numbers with it.
 Caches are in the user's cache folder in both cases, so that checkouts share them and site-packages stays as it was installed.
 """
 
@@ -18,17 +18,17 @@ IN_CHECKOUT = (ROOT / "pyproject.toml").is_file()
 """Whether the project runs from a checkout."""
 
 BUILD = (ROOT if IN_CHECKOUT else Path.cwd()) / "build"
-"""What commands write unless they are told otherwise; everything in it can be made again."""
+"""The folder that commands write to unless they are told otherwise. Everything in it can be made again."""
 
 REPORTS = ROOT / "reports" if IN_CHECKOUT else ROOT / "msv2" / "reports"
-"""What studies wrote and the project keeps; an installed wheel has the numbers (`*.json`) only."""
+"""The reports that studies wrote and the project keeps. An installed wheel has their numbers (`*.json`) only."""
 
 DOCS = ROOT / "docs"
-"""Pages, some of them generated; only a checkout has them."""
+"""The pages of the documentation, some of which are generated. Only a checkout has them."""
 
 
 def cache_folder(*parts: str) -> Path:
-    """A folder of things that are kept to save time: compiled kernels, emitted Verilog, traces. It need not exist.
+    """The folder of one kind of cache, such as compiled kernels, emitted Verilog or traces. It need not exist.
 
     It lies in the folder that the variable MSV2_CACHE names, else in `msv2` below XDG_CACHE_HOME or ~/.cache.
     """
