@@ -157,6 +157,12 @@ def compile_seconds() -> float:
     return _compile_time.seconds
 
 
+def compile_note() -> str:
+    """What a command's last line says of compilation: nothing where nothing was compiled."""
+    seconds = compile_seconds()
+    return f"; kernels were compiled in {seconds:.1f} s, which is not counted" if seconds else ""
+
+
 def work_clock() -> float:
     """Seconds of a clock that stands still while kernels are compiled; only differences mean something."""
     return time.perf_counter() - _compile_time.seconds
