@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
+from golden.kernels import compile_note, compile_seconds
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments, write_json
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
@@ -83,11 +84,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         beta=None if args.beta == "auto" else int(args.beta), display=None if args.pixels is None else args.pixels == "display")
     settings = {"config": config.name, "merge": args.merge == "1", "pipeline": args.pipeline == "1", "memory": args.memory,
                 "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency}
-    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds})
+    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
+                                   "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
     print(f"{out}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, traced in "
-          f"{trace.golden_seconds:.2f} s")
+          f"{trace.golden_seconds:.2f} s{compile_note()}")
     return 0
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from golden.host.quantise import GaussianWords
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
 from golden.msv2_ref.warp import FILLED
@@ -150,7 +150,7 @@ def trace_of(
     """The trace of a golden frame."""
     eyes = [frame.source, frame.target] if isinstance(frame, StereoFrame) else [frame]
     source = eyes[0]
-    r, begin = source.registers, time.perf_counter()
+    r, begin = source.registers, work_clock()
     traces = tuple(eye_trace(eye) for eye in eyes)
     shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
     holes, right = np.zeros((0, 0), np.uint8), False
@@ -158,7 +158,7 @@ def trace_of(
         holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + time.perf_counter() - begin, dict(record or {}), right)
+        seconds + work_clock() - begin, dict(record or {}), right)
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def trace_frame(
     Raises:
         InputError: what the golden renderer does not accept.
     """
-    settings, begin = settings or TraceSettings(), time.perf_counter()
+    settings, begin = settings or TraceSettings(), work_clock()
     if settings.pair is not None:
         golden = render_stereo(
             scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
@@ -203,7 +203,7 @@ def trace_frame(
     else:
         golden = pipeline.render(
             scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
-    return trace_of(golden, seconds=time.perf_counter() - begin)
+    return trace_of(golden, seconds=work_clock() - begin)
 
 
 def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
@@ -221,14 +221,14 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
-    begin = time.perf_counter()
+    begin = work_clock()
     request = resolve(args)
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
             request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    trace = trace_of(golden, seconds=time.perf_counter() - begin, record=request.record)
+    trace = trace_of(golden, seconds=work_clock() - begin, record=request.record)
     if kept:
         save_trace(trace, kept)
     return trace
