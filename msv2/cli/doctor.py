@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spec.command_line import command_parser
-from spec.paths import ROOT
+from spec.paths import BUILD, ROOT, cache_folder
 
 EXAMPLES = """\
 Exit status 0 when everything that the base needs is there, 1 otherwise. The base is what draws scenes and simulates the RTL;
@@ -105,7 +105,7 @@ def _package(name: str, needed_by: str, remedy: str, base: bool) -> Finding:
 
 
 def folders() -> Iterator[Finding]:
-    """Folders of liberty files and of scenes, and the one that commands write to."""
+    """Folders of liberty files and of scenes, and those that commands write to."""
     pdk = os.environ.get("MSV2_PDK")
     whole = bool(pdk) and Path(pdk or "").is_dir()
     library = find_spec("lambdapdk") is not None
@@ -116,9 +116,12 @@ def folders() -> Iterator[Finding]:
     yield Finding("captured scenes", data.is_dir(), str(data) if data.is_dir() else "MSV2_DATA is not set to a folder",
                   "studies of captured scenes; the embedded scene needs none",
                   "set MSV2_DATA to a folder with trained/NAME (a model each)")
-    build = ROOT / "build"
-    wrong = unwritable(build)
-    yield Finding("output folder", wrong is None, wrong or str(build), "everything", f"make {build} writable", True)
+    for name, folder, remedy in (
+        ("output folder", BUILD, f"make {BUILD} writable"),
+        ("cache folder", cache_folder(), "make it writable, or set MSV2_CACHE to a folder that is"),
+    ):
+        wrong = unwritable(folder)
+        yield Finding(name, wrong is None, wrong or str(folder), "everything", remedy, True)
 
 
 def unwritable(folder: Path) -> str | None:
