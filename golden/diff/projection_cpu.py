@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from golden.diff.slices import run_slices
+from golden.kernels import compiled
 from golden.oracle.ellipse import smallest_exponent
 from golden.scenes.camera import Camera
 from spec.constants import ALPHA_MIN, AMP_MAX, FRUSTUM_MARGIN, LOW_PASS, SH_C0
@@ -24,7 +24,7 @@ FRAME_SLACK = 1e-5
 FARTHEST = 1e30
 """Pixels from the frame, and px^2 of area, beyond which a splat is left out: its conic would leave float32."""
 
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+_kernel = compiled(nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 
 
 class View(NamedTuple):

@@ -9,9 +9,9 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.vectors import LANES, any_lane, choose, load, lookup, ramp, store
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -78,18 +78,18 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
     )
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _nearest(x):
     return np.floor(x + 0.5)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _power(exponent):
     """2^exponent, float64."""
     return np.int64(np.int64(exponent + 1023) << 52).view(np.float64)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _row_range(falloff, v, k3, k):
     """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8."""
     reach = np.sqrt(max(falloff * _power(-k.cut_frac) + _ROW_MARGIN, 0.0)) * _power(k.offset_frac)
@@ -98,7 +98,7 @@ def _row_range(falloff, v, k3, k):
     return min(max(first, 0.0), TILE), max(min(last, TILE - 1.0), -1.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _set_up(pairs, k):
     """Setup steps 1-6 for the _BLOCK columns of `pairs`: from L1..FALLOFF what FIRST..YY hold.
 
@@ -131,7 +131,7 @@ def _set_up(pairs, k):
         pairs[_XX + j], pairs[_XY + j], pairs[_YY + j] = curve_xx, curve_xy, curve_yy
 
 
-@numba.njit(cache=True)
+@compiled
 def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
     """Fills columns of `pairs` with the entries from `taken` on that `bank` uses: their number, and the entries then taken.
 
@@ -155,7 +155,7 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
     return count, taken
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _composite(state, pairs, j, least, segments, k, far):
     """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`; `far`: depth, too.
 
@@ -193,13 +193,13 @@ def _composite(state, pairs, j, least, segments, k, far):
             _add(state, at + _FAR, ((before >> k.depth_drop) - (after >> k.depth_drop)) * depth, k.depth_shift)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _add(state, at, product, shift):
     """Adds rs(product, shift) to the row at `at`."""
     store(state, at, load(state, at) + (product + (1 << shift >> 1) >> shift))
 
 
-@numba.njit(cache=True)
+@compiled
 def _composite_background(state, background, k):
     for at in range(0, _STATE, _PLANES * TILE):
         weight = load(state, at + _T) >> k.weight_drop
@@ -208,7 +208,7 @@ def _composite_background(state, background, k):
         _add(state, at + _BLUE, weight * background[2], k.colour_shift)
 
 
-@numba.njit(cache=True)
+@compiled
 def _stopped(state, k):
     """Whether no pixel of the tile takes more light."""
     for at in range(0, _STATE, _PLANES * TILE):
@@ -217,7 +217,7 @@ def _stopped(state, k):
     return True
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, far):
     """The pass of one level bank over one tile, into `state`. `pairs` is room for a block, finite numbers to begin with."""
     rows = state.reshape(TILE, _PLANES * TILE)
@@ -235,17 +235,17 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
     _composite_background(state, background, k)
 
 
-@numba.njit(cache=True)
+@compiled
 def _deep_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
     _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, True)
 
 
-@numba.njit(cache=True)
+@compiled
 def _flat_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
     _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, False)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _blend_weight(t, smoothstep, k):
     """Weight of the outer level from the raw blend parameter."""
     if t < 0:
@@ -255,7 +255,7 @@ def _blend_weight(t, smoothstep, k):
     return smoothstep[t >> (k.plane_frac - tables.BLEND_INDEX_BITS)]
 
 
-@numba.njit(cache=True)
+@compiled
 def _blend(rows, outer_rows, plane, smoothstep, k):
     """Blends the second bank's rows into the first's."""
     for y in range(TILE):
@@ -266,7 +266,7 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
                 rows[y, c + x] = a + (((b - a) * weight + (1 << k.blend_frac - 1)) >> k.blend_frac)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     pairs, state, outer_state = np.ones(_PAIR_ROWS * _BLOCK), np.empty(_STATE, np.int32), np.empty(_STATE, np.int32)
     rows, outer_rows = state.reshape(TILE, _PLANES * TILE), outer_state.reshape(TILE, _PLANES * TILE)
@@ -282,13 +282,13 @@ def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smo
         colour[tile, :, :, 2] = rows[:, _BLUE : _BLUE + TILE]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """Tiles begin..end of `work`, a `vrc_array.TileWork`, into colour, depth and transmittance, as `vrc_array.Pixels`."""
     _render_tiles(_deep_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def render_tiles_flat(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """The same without depth sums, which are 0."""
     _render_tiles(_flat_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.frame_memory import displayed
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -87,7 +87,7 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _scatter(x, key, keep, source):
     """The column of the source pixel that each of the target's shows, -1: none. Equal keys move equally: they never meet."""
     for row in range(x.shape[0]):
@@ -112,7 +112,7 @@ def scatter(config: AcceleratorConfig, moved: np.ndarray) -> np.ndarray:
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _fill(colour, valid, filled, majority):
     """Fills holes in `colour`, whose neighbours are looked at only where `valid`; marks them in `filled`."""
     height, width = valid.shape

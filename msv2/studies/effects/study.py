@@ -10,10 +10,7 @@ and of each effect, the machine with it less the same machine without it.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -29,6 +26,7 @@ from golden.scenes.files import atomic_output
 from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from msv2.studies.rtl_frame import simulate
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
@@ -150,12 +148,8 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
         InputError: the simulation fails.
     """
     view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
-    command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, *config_options(args),
-               "--machine", "scene", "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-    if done.returncode:
-        raise InputError(f"{' '.join(command[1:])} failed with exit status {done.returncode}")
-    row = json.loads((out / "frame.json").read_text())
+    row = simulate(frame.scene, ["--size", args.rtl, *view, *config_options(args), "--machine", "scene", "--effects", effects,
+                                 "--seed", str(args.seed)], make_folder(out))
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
     spent = frame_energy(counter_counts(row), row["cycles"], config_from(args, "default"), load_table())
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
