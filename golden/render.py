@@ -26,8 +26,9 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
+from spec.command_line import choice
 from spec.errors import run_command_line
-from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.overrides import add_config_arguments, config_from, config_record
 
 EXAMPLES = """examples:
   python golden/render.py                                        the embedded scene

@@ -21,14 +21,14 @@ never meet those of another machine.
 from __future__ import annotations
 
 import argparse
-import difflib
 import hashlib
 import tomllib
 import typing
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
+from spec.command_line import choice, nearest
 from spec.config import CONFIGS, WARP_FILLS, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import NOTATION, Fixed, SmallFloat, parse_format
@@ -47,25 +47,6 @@ NAMES = tuple(_KINDS)
 """Every name that `--set` and a TOML file take."""
 
 
-def nearest(name: str, accepted: Collection[str]) -> str:
-    """`; did you mean ...?` for a wrong name that resembles an accepted one, otherwise nothing."""
-    inside = [other for other in accepted if len(name) > 2 and (name in other or other in name)]
-    format_name = f"{FORMATS}.{name}"
-    found = [format_name] if format_name in accepted else inside or difflib.get_close_matches(name, accepted, n=1)
-    return f"; did you mean {found[0]!r}?" if found else ""
-
-
-def choice(kind: str, name: str, accepted: Collection[str]) -> str:
-    """`name` where it is accepted.
-
-    Raises:
-        InputError: it is not; the message lists what is accepted and the nearest of it.
-    """
-    if name not in accepted:
-        raise InputError(f"{kind} {name!r} is not accepted: choose one of {', '.join(accepted)}{nearest(name, accepted)}")
-    return name
-
-
 def _refused(name: str, value: object, accepted: str) -> InputError:
     return InputError(f"{name} {value!r} is not accepted: {accepted}")
 
@@ -77,7 +58,9 @@ def _known(name: str) -> str:
     if name == FORMATS:
         raise InputError(f"parameter {name!r} is not accepted: name one format, as in {FORMATS}.colour=UQ1.8")
     accepted = tuple(_FORMATS) if name.startswith(f"{FORMATS}.") else ("name", *_PARAMETERS, f"{FORMATS}.NAME")
-    raise InputError(f"parameter {name!r} is not accepted: choose one of {', '.join(accepted)}{nearest(name, NAMES)}")
+    likely = [other for other in NAMES if other == f"{FORMATS}.{name}" or (len(name) > 2 and name in other)]
+    hint = nearest(name, likely[:1] or NAMES)
+    raise InputError(f"parameter {name!r} is not accepted: choose one of {', '.join(accepted)}{hint}")
 
 
 def _format(name: str, value: object, kind: type[Fixed] | type[SmallFloat]) -> Fixed | SmallFloat:

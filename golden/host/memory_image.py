@@ -22,9 +22,7 @@ from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
-    DIRECTORY_SLOTS,
     DISPLAY_PIXEL_BYTES,
-    FIRST_PAGE_ENTRIES,
     PIXEL_BYTES,
     TILE_SETTING_BYTES,
     colour_beats,
@@ -121,21 +119,6 @@ class MemoryImage:
         """All that holds pixels in the end."""
         first = self.regions["frame"]
         return Region(first.base, self.regions.get("target_frame", first).end - first.base)
-
-
-def page_beats(counts: np.ndarray) -> int:
-    """Beats that the pages of tiles with so many entries take, first pages of empty tiles included.
-
-    Raises:
-        ValueError: a tile has more entries than its pages can hold.
-    """
-    counts = np.asarray(counts, np.int64)
-    most = (FIRST_PAGE_ENTRIES << (DIRECTORY_SLOTS + 1)) - FIRST_PAGE_ENTRIES
-    if len(counts) and counts.max() > most:
-        raise ValueError(f"counts must be at most {most} entries a tile, not {int(counts.max())!r}")
-    pages = np.arange(1, DIRECTORY_SLOTS + 1)
-    begun = counts[:, None] + FIRST_PAGE_ENTRIES > FIRST_PAGE_ENTRIES << pages  # page k follows (1 << k) - 1 first pages
-    return (FIRST_PAGE_ENTRIES * len(counts) + int((begun * (FIRST_PAGE_ENTRIES << pages)).sum())) // BEAT_ENTRIES
 
 
 def view_shift(*registers: FrameRegisters) -> int:

@@ -19,9 +19,10 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
+from spec.command_line import choice
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
-from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import ROOT
 from spec.records import COUNT_BITS
 from tb.common.runner import SimulationError, Waves, parse_window

@@ -27,10 +27,11 @@ from golden.scenes.request import make_folder, parse_numbers, parse_size, resolv
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
 from msv2.studies.rtl_frame import simulate
+from spec.command_line import choice
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
-from spec.overrides import add_config_arguments, choice, config_from, config_options
+from spec.overrides import add_config_arguments, config_from, config_options
 from spec.paths import ROOT
 
 EXAMPLES = """examples:
