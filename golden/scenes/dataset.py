@@ -52,11 +52,6 @@ class Dataset:
         """Indices of the held-out views."""
         return tuple(range(0, len(self), TEST_EVERY))
 
-    @property
-    def train_views(self) -> tuple[int, ...]:
-        """Indices of the other views."""
-        return tuple(i for i in range(len(self)) if i % TEST_EVERY)
-
     def photograph(self, index: int) -> np.ndarray:
         """(height, width, 3) float32 in 0..1, sRGB as stored, read from disk at each call; alpha goes over white as in 3DGS.
 
