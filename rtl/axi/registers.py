@@ -8,7 +8,6 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
 from rtl.axi.lite import LiteSlave
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.host_settings import limits, settings
@@ -207,8 +206,3 @@ def _packed(register: Register, parts: dict[str, Value]) -> Value:
     for name, part in parts.items():
         value = value | (Value.cast(part)[: places[name].width] << places[name].low)
     return value
-
-
-def emit_register_file(config: AcceleratorConfig) -> str:
-    """Verilog of module `register_file`."""
-    return to_verilog(RegisterFile(config), "register_file")

@@ -31,7 +31,6 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -277,8 +276,3 @@ class EntryWriter(wiring.Component):
         ]
         inside = reduce(or_, (valid.at(stage) for stage in range(1, end + 1)))
         return room, ~inside & ~self.writes.valid & self.writes_idle
-
-
-def emit_entry_writer(config: AcceleratorConfig) -> str:
-    """Verilog of module `entry_writer`."""
-    return to_verilog(EntryWriter(config), "entry_writer")

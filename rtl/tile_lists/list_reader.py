@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -117,8 +116,3 @@ class ListReader(wiring.Component):
             m.d.sync += self.error.eq(0)
         with m.Elif(taken & beat.error):
             m.d.sync += self.error.eq(1)
-
-
-def emit_list_reader(config: AcceleratorConfig) -> str:
-    """Verilog of module `list_reader`."""
-    return to_verilog(ListReader(config), "list_reader")
