@@ -32,7 +32,11 @@ def port_notes(component: wiring.Component, config: AcceleratorConfig, ports: li
     notes = list(_notes(component.signature, "", docs, records))
     if any(is_stream for is_stream, _ in notes):
         lines += ["", *HANDSHAKE]
-    return [*lines, "", *(line for _, group in notes for line in group)]
+    together = {pattern[:-1]: text for pattern, text in docs.items() if pattern.endswith("*")}
+    lines.append("")
+    for start, text in together.items():
+        lines += [f"{start}*: {text}", *(f"    {line}" for _, group in notes for line in group if line.startswith(start)), ""]
+    return [*lines, *(line for _, group in notes for line in group if not line.startswith(tuple(together)))]
 
 
 def _documented(component: wiring.Component) -> dict[str, str]:
@@ -53,9 +57,7 @@ def _records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]
 
 
 def _doc(name: str, docs: dict[str, str]) -> str:
-    fitting = [text for pattern, text in docs.items() if pattern.endswith("*") and name.startswith(pattern[:-1])]
-    text = docs.get(name, fitting[0] if fitting else "")
-    return f": {text}" if text else ""
+    return f": {docs[name]}" if docs.get(name) else ""
 
 
 def _notes(
