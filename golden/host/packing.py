@@ -1,4 +1,5 @@
-"""Whole arrays of records to the words of memory and back: millions of rows, a number at a time instead of a bit."""
+"""Converts whole arrays of records to words of memory and back, one field of all rows at a time, which is fast for millions
+of rows."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ _WORD = 64
 
 
 def _places(record: Record) -> Iterator[tuple[str, int, Format, int, int]]:
-    """Field, number within it, format, word and bit within the word of every number."""
+    """For every number of a record: its field, its place in the field, its format, its word, and its lowest bit in that
+    word."""
     offset = 0
     for f in record.fields:
         for number in range(f.count):
@@ -22,12 +24,12 @@ def _places(record: Record) -> Iterator[tuple[str, int, Format, int, int]]:
 
 
 def pack(record: Record, rows: np.ndarray | Mapping[str, np.ndarray], size: int) -> np.ndarray:
-    """(N, size) uint8, little-endian bit patterns of rows of `record`'s dtype; the bits above the record are 0.
+    """(N, size) uint8, little-endian bit patterns of N rows of `record`; the bits above the record are 0.
 
     Args:
         record: the layout.
-        rows: (N,) records, or an array of N by field.
-        size: bytes of a row, a multiple of 8 that holds the record.
+        rows: (N,) records of the record's dtype, or a mapping from field to an array of N rows.
+        size: number of bytes of a row, a multiple of 8 that holds the record.
 
     Raises:
         ValueError: a raw value does not fit its field, or the size is no such number.
@@ -52,7 +54,7 @@ def pack(record: Record, rows: np.ndarray | Mapping[str, np.ndarray], size: int)
 
 
 def unpack(record: Record, patterns: np.ndarray) -> np.ndarray:
-    """(N,) rows of `record`'s dtype from (N, size) uint8 little-endian bit patterns; `size` a multiple of 8."""
+    """(N,) rows of `record`'s dtype from (N, size) uint8 little-endian bit patterns; `size` must be a multiple of 8."""
     words = np.ascontiguousarray(patterns).view("<u8")
     rows = np.empty(len(patterns), record.dtype)
     for name, number, form, word, shift in _places(record):
