@@ -1,7 +1,17 @@
-"""Number formats: fixed point (Q notation of Amaranth RFC 41) and small floating point.
+"""Number formats: fixed point and small floating point.
 
-A format turns real numbers into raw integers and back; it holds no arithmetic. Rounding and overflow are named, so
-that golden and RTL can say which one they implement:
+A format turns real numbers into raw integers and back; it holds no arithmetic. It is written the same way everywhere, in
+tables, configuration files and on the command line:
+
+    UQ1.8             unsigned fixed point: 1 integer bit and 8 fraction bits, 9 bits in all
+    SQ5.14            signed fixed point: a sign bit, 5 integer bits and 14 fraction bits, 20 bits in all
+    float18e8b127     small float: a sign bit, 8 exponent bits of bias 127, 18 significand bits (17 stored), 26 bits in all
+    ufloat12e6b40     the same without a sign bit: 6 exponent bits of bias 40, 12 significand bits (11 stored), 17 bits in all
+
+The sign bit of `SQ` is not counted among the integer bits, so that `SQ5.14` reaches from -32 up to 32 less an ulp. Amaranth's
+RFC 41 counts the sign bit in `i_bits` and writes the same format SQ(6, 14).
+
+Rounding and overflow are named, so that golden and RTL can say which one they implement:
 
     FLOOR       towards minus infinity: drop the low bits
     HALF_UP     nearest, ties towards plus infinity: add half an ulp, then drop the low bits
@@ -13,10 +23,13 @@ normal to zero; there are no subnormals, infinities or NaNs, and no negative zer
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+
+from spec.errors import InputError
 
 
 class Rounding(Enum):
@@ -45,12 +58,12 @@ def _check_count(name: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Fixed:
-    """A fixed-point format, SQ or UQ of RFC 41: `int_bits` integer bits (sign apart) and `frac_bits` fraction bits.
+    """A fixed-point format: `int_bits` integer bits, `frac_bits` fraction bits and, where it is signed, a sign bit besides.
 
     Attributes:
-        int_bits: integer bits without the sign.
+        int_bits: integer bits; the sign bit is not one of them.
         frac_bits: fraction bits; the ulp is 2**-frac_bits.
-        signed: two's complement with one more bit.
+        signed: two's complement, with a sign bit above the integer bits.
     """
 
     int_bits: int
@@ -58,7 +71,7 @@ class Fixed:
     signed: bool
 
     def __post_init__(self) -> None:
-        # No wider than float64's significand: every value is exact as a real number.
+        # No format is wider than float64's significand, so float64 holds every value exactly.
         _check_count("int_bits", self.int_bits, 0, 53)
         _check_count("frac_bits", self.frac_bits, 0, 53)
         _check_count("int_bits + frac_bits", self.int_bits + self.frac_bits, 1, 53)
@@ -82,7 +95,7 @@ class Fixed:
         return (1 << (self.int_bits + self.frac_bits)) - 1
 
     def quantise(self, x: np.ndarray | float, rounding: Rounding = Rounding.HALF_UP) -> np.ndarray:
-        """Raw int64 of real `x` (any shape), saturating; NaN raises ValueError."""
+        """Raw int64 of real `x` (any shape), saturated to the format's range. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be quantised to {self}, not {x!r}")
@@ -104,12 +117,12 @@ class Fixed:
 
 
 def SQ(int_bits: int, frac_bits: int) -> Fixed:
-    """Signed fixed point; the sign is not counted in `int_bits`."""
+    """Signed fixed point of 1 + `int_bits` + `frac_bits` bits: the sign bit is not one of the integer bits."""
     return Fixed(int_bits, frac_bits, True)
 
 
 def UQ(int_bits: int, frac_bits: int) -> Fixed:
-    """Unsigned fixed point."""
+    """Unsigned fixed point of `int_bits` + `frac_bits` bits."""
     return Fixed(int_bits, frac_bits, False)
 
 
@@ -121,9 +134,9 @@ class SmallFloat:
     number zero. Value: (1 + fraction / 2**(sig_bits - 1)) * 2**(exponent - bias).
 
     Attributes:
-        sig_bits: significand bits, the hidden one counted; at most 25, so that one operation in float64 followed by
-            one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand of
-            a sum is longer than its result.
+        sig_bits: significand bits, including the hidden one. There are at most 25, so that one operation in float64 followed
+            by one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand
+            of a sum is longer than its result.
         exp_bits: exponent bits.
         bias: exponent bias.
         signed: whether negative numbers exist; unsigned formats clamp them to zero.
@@ -140,7 +153,7 @@ class SmallFloat:
         _check_count("bias", self.bias, -1000, 1000)
 
     def __str__(self) -> str:
-        return f"{'' if self.signed else 'u'}float(sig {self.sig_bits}, exp {self.exp_bits}, bias {self.bias})"
+        return f"{'' if self.signed else 'u'}float{self.sig_bits}e{self.exp_bits}b{self.bias}"
 
     @property
     def width(self) -> int:
@@ -168,7 +181,7 @@ class SmallFloat:
         return float(np.ldexp(1.0, self.exp_min))
 
     def round(self, x: np.ndarray | float) -> np.ndarray:
-        """float64 of `x` (any shape) rounded into the format, HALF_EVEN; NaN raises ValueError."""
+        """float64 of `x` (any shape), rounded into the format by HALF_EVEN. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be rounded to {self}, not {x!r}")
@@ -179,7 +192,7 @@ class SmallFloat:
         return np.clip(rounded, -self.max, self.max) + 0.0
 
     def quantise(self, x: np.ndarray | float) -> np.ndarray:
-        """Bit patterns, uint64, of real `x` (any shape), HALF_EVEN."""
+        """Bit patterns, uint64, of real `x` (any shape), rounded by HALF_EVEN. Raises ValueError for NaN."""
         value = self.round(x)
         mantissa, exponent = np.frexp(np.abs(value))
         zero = value == 0
@@ -200,7 +213,7 @@ class SmallFloat:
     def fields(self, bits: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
         """(significand, exponent), int64, of bit patterns: value = significand * 2**(exponent - sig_bits + 1).
 
-        The significand is signed and carries the hidden one; zero gives (0, exp_min).
+        The significand is signed and includes the hidden one; zero gives (0, exp_min).
         """
         value = self.to_float(bits)
         exponent = np.where(value == 0, self.exp_min, np.frexp(value)[1] - 1)
@@ -208,3 +221,22 @@ class SmallFloat:
 
 
 Format = Fixed | SmallFloat
+
+NOTATION = "UQ1.8, SQ5.14, float18e8b127 or ufloat12e6b40"
+"""One example of each way to write a format, for messages."""
+
+_FIXED = re.compile(r"([US])Q(\d{1,3})\.(\d{1,3})")
+_FLOAT = re.compile(r"(u?)float(\d{1,3})e(\d{1,3})b(-?\d{1,4})")
+
+
+def parse_format(text: str) -> Format:
+    """The format that `text` writes as `str(format)` does; InputError for anything else."""
+    fixed, small = _FIXED.fullmatch(text.strip()), _FLOAT.fullmatch(text.strip())
+    try:
+        if fixed:
+            return Fixed(int(fixed[2]), int(fixed[3]), fixed[1] == "S")
+        if small:
+            return SmallFloat(int(small[2]), int(small[3]), int(small[4]), not small[1])
+    except ValueError as error:
+        raise InputError(f"format {text!r} is not accepted: {error}") from error
+    raise InputError(f"format {text!r} is not accepted: write it as in {NOTATION}")

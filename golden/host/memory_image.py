@@ -35,7 +35,7 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
-from spec.records import ENTRY_BYTES, gaussian_colour, gaussian_geometry
+from spec.records import gaussian_colour, gaussian_geometry
 
 REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
 """The regions in the order in which they lie in memory. The host fills those before `views` (the splat records), and the
@@ -255,7 +255,7 @@ def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:
 
     One half of the region holds runs while they are sorted, the other half the runs of one group while they are merged.
     """
-    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    chunk = config.sort_chunk
     largest = int(np.max(group_counts, initial=0))
     runs = -(-largest // chunk) if largest > chunk else 1
     return 4 * runs * chunk // BEAT_ENTRIES

@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
@@ -30,6 +29,7 @@ from golden.scenes.load import load_scene
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import write_json
 from msv2.studies.results.tables import fill_readme
+from msv2.studies.rtl_frame import kept_frame
 from spec.errors import InputError
 from spec.paths import ROOT
 
@@ -50,12 +50,6 @@ SPEED_FRAMES = (
 
 BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
-
-FRAME_SOURCES = (
-    "spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "golden/oracle/harmonics.py", "golden/metrics/image.py",
-    "golden/render_*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/[cdimp]*.py", "tb/top/memory.sv", "tb/common/__init__.py",
-    "tb/common/emission.py", "tb/common/library_objects.py", "tb/common/runner.py")
-"""Whatever a frame through the machine and its numbers are made of."""
 
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
@@ -128,20 +122,10 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if scene_path(frame[0])]))
 
 
-def frame_sources(root: Path = ROOT) -> list[Path]:
-    """The files of FRAME_SOURCES."""
-    return sorted({path for pattern in FRAME_SOURCES for path in root.glob(pattern)})
-
-
 def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> dict[str, object]:
-    """What is kept of one frame through the machine; one that these sources have given already is not simulated again."""
-    sources = b"".join(path.read_bytes() for path in frame_sources())
-    key = hashlib.sha256(repr((scene, size, gaze, options)).encode() + sources).hexdigest()[:12]
-    out = ROOT / "build" / "results" / f"frame-{key}"
+    """What is kept of one frame through the machine; one that the same sources have given is not simulated again."""
     view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
-    if not (out / "frame.json").exists():
-        run("-m", "tb.frame", scene_path(scene), "--machine", "full", "--out", str(out), *view, *options)
-    row = json.loads((out / "frame.json").read_text())
+    row = kept_frame(ROOT / "build" / "results", scene_path(scene), ["--machine", "full", *view, *options])
     return {"scene": Path(scene).stem, **{key: row[key] for key in FRAME_KEYS}}
 
 
