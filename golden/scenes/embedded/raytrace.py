@@ -2,7 +2,7 @@
 
 Every primitive is one of five unit shapes that an affine map brings to its place. A ray is transformed into the shape's own
 frame without normalising its direction, so its parameter t is the same number in both frames. The float operations of
-a ray depend on that ray alone, so results are bit-identical from run to run and for any number of threads.
+a ray depend on that ray alone: results are bit-identical from run to run and for any number of threads.
 """
 
 from __future__ import annotations
