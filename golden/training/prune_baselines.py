@@ -1,4 +1,4 @@
-"""What pruning is compared with: the field's criteria in the same loop."""
+"""Baselines of pruning: the field's criteria in the same loop."""
 
 from __future__ import annotations
 
@@ -13,16 +13,23 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 BASELINES = ("count", "importance", "random")
-"""Criteria of efficiency.CRITERIA that look at points, not at what they cost."""
+"""Those of efficiency.CRITERIA that do not consider what a point costs."""
 
 
 def baseline_stage(
     criterion: str, scene: TrainingScene, dense: Gaussians, variant: str = "H", options: PruneOptions | None = None, *,
     seed: int = 0, rates: Mapping[str, float] | None = None,
 ) -> PruneStage:
-    """The loop of `PruneStage`, its gates and its budget, with a baseline's criterion and no scale decay.
+    """The loop of `PruneStage`, with its gates and its budget, but with a baseline's criterion and without scale decay.
 
-    So that models are compared at equal PSNR, and by nothing but how their points were chosen.
+    So models are compared at equal PSNR and differ only in how their points were chosen.
+
+    Args:
+        criterion: one of BASELINES.
+        scene, dense, variant, options, seed, rates: see `PruneStage`.
+
+    Raises:
+        ValueError: the criterion is none of these.
     """
     if criterion not in BASELINES:
         raise ValueError(f"criterion must be one of {BASELINES}, not {criterion!r}")
