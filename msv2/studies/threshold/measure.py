@@ -122,7 +122,7 @@ def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
 
 def eye_cycles(eye: Frame) -> int:
     """Cycles of an eye rendered alone, as a whole, by a machine that warps nothing."""
-    return simulate(trace_of(eye), PAPER, display=True).total
+    return simulate(trace_of(eye), eye.config.with_(stereo=False), display=True).total
 
 
 def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
@@ -132,7 +132,7 @@ def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
     work of the rendering stages on what is rendered, `busiest` the most of it; `overhead`: all cycles over those that the
     frame would take if warping were free, which are `geometry` and `busiest`. All as in frame.json of `python -m tb.frame`.
     """
-    found = simulate(trace_of(frame), CONFIG)
+    found = simulate(trace_of(frame), frame.source.config)
     render = found.phases["render"]
     geometry = found.total - render
     beats = (sum(moved[name] for name in names) // BEAT_BYTES
