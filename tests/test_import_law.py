@@ -230,4 +230,4 @@ def test_the_reader_of_imports_sees_every_form(tmp_path):
 
 
 def test_started_processes_are_seen():
-    assert "tb.frame" in started(Path("msv2/studies/results/study.py"))
+    assert "tb.frame" in started(Path("msv2/studies/rtl_frame.py"))
