@@ -77,7 +77,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_request_arguments(parser, size="256x144")
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
-    parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
     parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
     parser.add_argument("--machine", default="scene", metavar="scene|full",
                         help="units for active effects only, or all of the configuration's (default: scene)")
@@ -94,7 +93,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--waves", action="store_true", help="record waves (FST)")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
     args = parser.parse_args(argv)
-    args.scene = args.scene_option or args.scene
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     return args
 
