@@ -6,14 +6,15 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from golden.diff import import_torch
 from golden.scenes.request import add_scene_argument, parse_size
 from spec.command_line import add_out_argument, command_parser
-from spec.errors import InputError, run_command_line
+from spec.errors import run_command_line
 
 EXAMPLES = """\
 examples:
   %(prog)s                                         the embedded scene, some minutes
-  %(prog)s fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 %% of the PSNR
+  %(prog)s fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 % of the PSNR
   %(prog)s truck/ --from truck.ply                 prune and foveate a trained model; photographs judge
   %(prog)s --baseline smfr --out build/train/smfr  random subsets of the same sizes, to compare with
   %(prog)s fern/ --resume                          go on after Ctrl-C or a crash
@@ -43,18 +44,6 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")
     add_out_argument(parser, "build/train/NAME")
     return parser.parse_args(argv)
-
-
-def import_torch() -> None:
-    """Checks that torch is there before anything is read.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import torch  # noqa: F401
-    except ImportError as error:
-        raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:

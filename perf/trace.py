@@ -9,28 +9,23 @@ from __future__ import annotations
 import argparse
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from golden.host.quantise import GaussianWords
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection
-from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
+from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
-from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
-from golden.scenes.gaze import FoveationMap
-from golden.scenes.model import GaussianModel
-from golden.scenes.request import resolve
-from golden.scenes.stereo import StereoPair
+from golden.scenes.request import Request, resolve
 from perf import geometry
 from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
-from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
 VERSION = 1
@@ -161,58 +156,19 @@ def trace_of(
         seconds + work_clock() - begin, dict(record or {}), right)
 
 
-@dataclass(frozen=True)
-class TraceSettings:
-    """What a frame's trace depends on besides scene, camera and machine.
-
-    Attributes:
-        foveation: tile levels and blend planes; None: level 1 everywhere.
-        background: r, g, b in [0, 1].
-        obb: bounding boxes instead of the exact tile test.
-        pair: the eyes, of a frame of two; the camera is then the source eye's, and means nothing.
-        threshold_deg, gaze_target: as `golden.msv2_ref.eyes.render_stereo`.
-    """
-
-    foveation: FoveationMap | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    obb: bool = False
-    pair: StereoPair | None = None
-    threshold_deg: float = ECC_THRESHOLD_DEG
-    gaze_target: tuple[float, float] | None = None
-
-
-def trace_frame(
-    scene: GaussianModel | GaussianWords, camera: Camera, settings: TraceSettings | None, config: AcceleratorConfig,
+def trace_request(
+    args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
+    render: Callable[[], pipeline.Frame | StereoFrame] | None = None,
 ) -> FrameTrace:
-    """Renders a frame with the golden renderer and traces it.
-
-    Args:
-        scene: the Gaussians, or their words when several frames share them.
-        camera: the view.
-        settings: see `TraceSettings`; None: its defaults.
-        config: the machine; formats, levels, row width and stereo matter here.
-
-    Raises:
-        InputError: what the golden renderer does not accept.
-    """
-    settings, begin = settings or TraceSettings(), work_clock()
-    if settings.pair is not None:
-        golden = render_stereo(
-            scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
-            gaze_target=settings.gaze_target, background=settings.background, obb=settings.obb)
-    else:
-        golden = pipeline.render(
-            scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
-    return trace_of(golden, seconds=work_clock() - begin)
-
-
-def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
         args: parsed, and of two eyes taken (`take_stereo_arguments`).
-        config: the machine.
+        config: the machine, as it is built; what the frame does not call for is not left out here.
         cache: folder in which traces are kept; None: nothing is.
+        request: the resolved arguments, where they are known.
+        render: makes the frame where it is not kept, from the arguments and the machine alone; None: the request is rendered
+            as it is, without a plan of effects.
 
     Raises:
         InputError: see `resolve`.
@@ -222,8 +178,10 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     if found:
         return found
     begin = work_clock()
-    request = resolve(args)
-    if getattr(args, "stereo", False):
+    request = request or resolve(args)
+    if render is not None:
+        golden = render()
+    elif getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
@@ -235,7 +193,7 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
 
 
 _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target")
+            "source", "gaze_target", "effects", "depth", "machine", "pixels")
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
@@ -243,7 +201,8 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
-    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width, config.warp_columns)
+    machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
+               config.support_sigma, config.row_width, config.warp_columns)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 
