@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from spec.config import CONFIGS
 from spec.command_line import command_parser
+from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from synth import timing
