@@ -137,11 +137,13 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_ports_are_explained(tmp_path: Path) -> None:
-    head = export(TINY, tmp_path, "tile_merge_unit").folder.joinpath("tiny_tile_merge_unit.v").read_text().partition("module ")[0]
+    export(TINY, tmp_path, "tile_merge_unit")
+    head = (tmp_path / "tiny_tile_merge_unit.v").read_text().partition("module ")[0]
     assert "// hits: input stream of TileHit, 11 bits" in head and "// groups: output stream of TileGroup, 45 bits" in head
     assert re.search(r"// +\[9:0\] +tile +u10", head) and re.search(r"// +\[44\] +last +u1 ", head)
-    head = export(TINY, tmp_path, "pixel_writer").folder.joinpath("tiny_pixel_writer.v").read_text().partition("module ")[0]
-    assert "// begin_: input, 1 bit" in head and "input begin_;" in (tmp_path / "tiny_pixel_writer.v").read_text()
+    export(TINY, tmp_path, "pixel_writer")
+    head, _, body = (tmp_path / "tiny_pixel_writer.v").read_text().partition("module ")
+    assert "// begin_: input, 1 bit" in head and "input begin_;" in body
 
 
 @pytest.mark.parametrize("options, message", [
