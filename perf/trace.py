@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
@@ -145,7 +145,7 @@ def trace_of(
     """The trace of a golden frame."""
     eyes = [frame.source, frame.target] if isinstance(frame, StereoFrame) else [frame]
     source = eyes[0]
-    r, begin = source.registers, time.perf_counter()
+    r, begin = source.registers, work_clock()
     traces = tuple(eye_trace(eye) for eye in eyes)
     shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
     holes, right = np.zeros((0, 0), np.uint8), False
@@ -153,11 +153,12 @@ def trace_of(
         holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + time.perf_counter() - begin, dict(record or {}), right)
+        seconds + work_clock() - begin, dict(record or {}), right)
 
 
 def trace_request(
     args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
+    render: Callable[[], pipeline.Frame | StereoFrame] | None = None,
 ) -> FrameTrace:
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
@@ -166,6 +167,8 @@ def trace_request(
         config: the machine, as it is built; what the frame does not call for is not left out here.
         cache: folder in which traces are kept; None: nothing is.
         request: the resolved arguments, where they are known.
+        render: makes the frame where it is not kept, from the arguments and the machine alone; None: the request is rendered
+            as it is, without a plan of effects.
 
     Raises:
         InputError: see `resolve`.
@@ -174,21 +177,23 @@ def trace_request(
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
-    begin = time.perf_counter()
+    begin = work_clock()
     request = request or resolve(args)
-    if getattr(args, "stereo", False):
+    if render is not None:
+        golden = render()
+    elif getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
             request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    trace = trace_of(golden, seconds=time.perf_counter() - begin, record=request.record)
+    trace = trace_of(golden, seconds=work_clock() - begin, record=request.record)
     if kept:
         save_trace(trace, kept)
     return trace
 
 
 _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target")
+            "source", "gaze_target", "effects", "depth", "machine", "pixels")
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
@@ -196,7 +201,8 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
-    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width, config.warp_columns)
+    machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
+               config.support_sigma, config.row_width, config.warp_columns)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 

@@ -1,18 +1,22 @@
-"""Writes the generated pages of docs/: formats, effects and registers.
-
-    python -m msv2.document             writes them
-    python -m msv2.document --check     fails if one is stale
-"""
+"""Writes the generated pages of docs/ (formats, effects and registers), and the site of all pages and docstrings."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from msv2.document import effects, formats, registers
+from msv2.document import effects, formats, registers, site
 from msv2.document.files import write_whole
+from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
+from spec.paths import ROOT
+
+EXAMPLES = """\
+examples:
+  %(prog)s            the generated pages
+  %(prog)s --check    write nothing; exit status 2 if one is stale
+  %(prog)s --site     the pages, and build/docs/site/index.html, which needs the extra `docs`
+"""
 
 PAGES: dict[Path, Callable[[], str]] = formats.PAGES | effects.PAGES | registers.PAGES
 """What is generated, by path."""
@@ -31,11 +35,17 @@ def check(path: Path, make: Callable[[], str]) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.document", description="Writes the generated pages of docs/.")
+    parser = command_parser("python -m msv2.document", __doc__, EXAMPLES)
     parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if a page is stale")
-    act = check if parser.parse_args(argv).check else write
+    parser.add_argument("--site", action="store_true", help="build the site, too")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "docs", metavar="DIR",
+                        help="folder of the site (default: build/docs)")
+    args = parser.parse_args(argv)
+    act = check if args.check else write
     for path, make in PAGES.items():
         act(path, make)
+    if args.site:
+        print(site.build(args.out))
 
 
 if __name__ == "__main__":
