@@ -7,13 +7,13 @@ references.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, T_STOP, TILE
 
-kernel = numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-inlined = numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
+kernel = compiled(nogil=True, fastmath=True, error_model="numpy")
+inlined = compiled(forceinline=True, fastmath=True, error_model="numpy")
 F = np.float32
 
 ONE, HALF, ZERO, _T_STOP = F(1), F(0.5), F(0), F(T_STOP)

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from golden.diff.slices import run_slices
+from golden.kernels import compiled
 from golden.threads import SLICES
 from spec.constants import TILE
 
@@ -21,7 +21,7 @@ SLACK = 1e-5
 """Added to the exponent's bound: it covers the rounding of the pixels' own float32 tests, so that no tile misses a splat."""
 
 _RADIX_BITS = 11
-_kernel = njit(cache=True, nogil=True, error_model="numpy")
+_kernel = compiled(nogil=True, error_model="numpy")
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from golden.diff.slices import run_slices
+from golden.kernels import compiled
 from golden.oracle.ellipse import smallest_exponent
 from golden.scenes.camera import Camera
 from spec.constants import ALPHA_MIN, AMP_MAX, FRUSTUM_MARGIN, LOW_PASS, SH_C0
@@ -26,7 +26,7 @@ FARTHEST = 1e30
 """A splat is left out if it is farther than this many pixels from the frame, or its area is larger than this many px^2,
 because its conic would not fit float32."""
 
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+_kernel = compiled(nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 
 
 class View(NamedTuple):

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from golden.host.packing import pack
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
@@ -35,6 +34,7 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
+from spec.packing import pack
 from spec.records import gaussian_colour, gaussian_geometry
 
 REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")

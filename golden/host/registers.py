@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from golden.host.quantise import GaussianWords
 from golden.host.rounding import pattern, round_to
+from golden.kernels import compiled
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
 from spec.config import AcceleratorConfig
@@ -72,7 +72,7 @@ class FrameRegisters:
         return -(-self.height // TILE)
 
 
-@numba.njit(cache=True)
+@compiled
 def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, height):
     """The z of the points in front of the camera that project into the frame widened by DEPTH_FRAME_MARGIN on every side.
 

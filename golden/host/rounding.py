@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from spec.formats import SmallFloat
 
 _FRACTION = 52
 
-operation = numba.njit(cache=True, forceinline=True, error_model="numpy")
+operation = compiled(forceinline=True, error_model="numpy")
 """For the parts of a kernel that LLVM is to vectorise: no calls, and no branch that raises at a division."""
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.vectors import LANES, any_lane, choose, load, lookup, ramp, store
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -80,18 +80,18 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
     )
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _nearest(x):
     return np.floor(x + 0.5)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _power(exponent):
     """2^exponent, float64."""
     return np.int64(np.int64(exponent + 1023) << 52).view(np.float64)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@compiled(inline="always", error_model="numpy")
 def _row_range(falloff, v, k3, k):
     """First and last row (inclusive) where v^2 alone is within `falloff` (raw, with the fraction of `cut`); `v` is at row 8."""
     reach = np.sqrt(max(falloff * _power(-k.cut_frac) + _ROW_MARGIN, 0.0)) * _power(k.offset_frac)
@@ -100,7 +100,7 @@ def _row_range(falloff, v, k3, k):
     return min(max(first, 0.0), TILE), max(min(last, TILE - 1.0), -1.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _set_up(pairs, k):
     """Setup steps 1-6 of docs/array.md for the _BLOCK columns of `pairs`: computes FIRST..YY from L1..FALLOFF.
 
@@ -133,7 +133,7 @@ def _set_up(pairs, k):
         pairs[_XX + j], pairs[_XY + j], pairs[_YY + j] = curve_xx, curve_xy, curve_yy
 
 
-@numba.njit(cache=True)
+@compiled
 def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
     """Fills columns of `pairs` with those intersections from `taken` on that `bank` uses.
 
@@ -159,7 +159,7 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
     return count, taken
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _composite(state, pairs, j, least, segments, k, far):
     """Composites intersection `j` over the rows of pixels that it reaches; with `far`, also into the depth sums.
 
@@ -197,13 +197,13 @@ def _composite(state, pairs, j, least, segments, k, far):
             _add(state, at + _FAR, ((before >> k.depth_drop) - (after >> k.depth_drop)) * depth, k.depth_shift)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _add(state, at, product, shift):
     """Adds `product`, shifted right by `shift` and rounded, to the row at `at`."""
     store(state, at, load(state, at) + (product + (1 << shift >> 1) >> shift))
 
 
-@numba.njit(cache=True)
+@compiled
 def _composite_background(state, background, k):
     for at in range(0, _STATE, _PLANES * TILE):
         weight = load(state, at + _T) >> k.weight_drop
@@ -212,7 +212,7 @@ def _composite_background(state, background, k):
         _add(state, at + _BLUE, weight * background[2], k.colour_shift)
 
 
-@numba.njit(cache=True)
+@compiled
 def _stopped(state, k):
     """Whether every pixel of the tile has stopped."""
     for at in range(0, _STATE, _PLANES * TILE):
@@ -221,7 +221,7 @@ def _stopped(state, k):
     return True
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, far):
     """Composites one level of one tile into `state`. `pairs` is memory for a block and must hold finite numbers at first."""
     rows = state.reshape(TILE, _PLANES * TILE)
@@ -239,17 +239,17 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
     _composite_background(state, background, k)
 
 
-@numba.njit(cache=True)
+@compiled
 def _deep_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
     _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, True)
 
 
-@numba.njit(cache=True)
+@compiled
 def _flat_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
     _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, False)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _blend_weight(t, smoothstep, k):
     """Weight of the tile's second level, from the raw blend parameter."""
     if t < 0:
@@ -259,7 +259,7 @@ def _blend_weight(t, smoothstep, k):
     return smoothstep[t >> (k.plane_frac - tables.BLEND_INDEX_BITS)]
 
 
-@numba.njit(cache=True)
+@compiled
 def _blend(rows, outer_rows, plane, smoothstep, k):
     """Blends the rows of the second level into those of the first."""
     for y in range(TILE):
@@ -270,7 +270,7 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
                 rows[y, c + x] = a + (((b - a) * weight + (1 << k.blend_frac - 1)) >> k.blend_frac)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     pairs, state, outer_state = np.ones(_PAIR_ROWS * _BLOCK), np.empty(_STATE, np.int32), np.empty(_STATE, np.int32)
     rows, outer_rows = state.reshape(TILE, _PLANES * TILE), outer_state.reshape(TILE, _PLANES * TILE)
@@ -286,13 +286,13 @@ def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smo
         colour[tile, :, :, 2] = rows[:, _BLUE : _BLUE + TILE]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """Renders tiles begin..end of `work`, an `array.TileWork`, into colour, depth and transmittance as in `array.Pixels`."""
     _render_tiles(_deep_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def render_tiles_flat(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """As `render_tiles`, without depth sums, which are 0."""
     _render_tiles(_flat_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)

@@ -11,12 +11,12 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.rounding import RoundTo, operation, rnd, round_to
+from golden.kernels import compiled
 from golden.threads import for_slices
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
@@ -74,7 +74,7 @@ def _scaled_root(n, k):
     return np.floor((2.0 * root + step) * (0.25 if large else 0.5))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _directions(block, k):
     """Converts the offsets in rows X, Y and Z of the block to scaled directions; a zero offset stays zero."""
     for j in range(_BLOCK):
@@ -86,7 +86,7 @@ def _directions(block, k):
         block[_X + j], block[_Y + j], block[_Z + j] = _product(x, root, k), _product(y, root, k), _product(z, root, k)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _basis(block, degree, k):
     """Writes the basis functions beyond the first, in 3DGS order, from row BASIS of the block on."""
     f = k.factor
@@ -118,7 +118,7 @@ def _basis(block, degree, k):
         block[at + 6 * _BLOCK] = _product(_product(xx - 3.0 * yy, x, k), f.cubic, k)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _colours(_slice, begin, end, rows, mean, dc, rest, position, degree, k, colour):
     """Colours of the splats `rows[begin:end]`, in blocks; LLVM vectorises the loops over j, the splats of a block."""
     V = k.to_view

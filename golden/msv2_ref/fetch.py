@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from spec.constants import MAX_LEVELS
 
 
-@numba.njit(cache=True)
+@compiled
 def find_misses(index: np.ndarray, level: np.ndarray, lines: int, ways: int, keep_used: bool, fold: bool) -> np.ndarray:
     """Which of the accesses, in order, miss in a splat cache that is empty at the start.
 

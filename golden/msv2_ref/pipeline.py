@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from golden.host.quantise import GaussianWords, quantise_model
 from golden.host.registers import FrameRegisters, frame_registers
+from golden.kernels import work_clock
 from golden.msv2_ref import array, projection, sort, tile_merge, tile_test
 from golden.msv2_ref.colour import splat_colours
 from golden.scenes.camera import Camera
@@ -151,7 +151,7 @@ def render(
     if not (1 <= camera.width <= config.row_width and 1 <= camera.height <= config.row_width):
         size = f"{camera.width}x{camera.height}"
         raise InputError(f"frame size {size} is not accepted: config {config.name!r} takes 1..{config.row_width} pixels")
-    seconds, clock = {}, time.perf_counter
+    seconds, clock = {}, work_clock
 
     begin = clock()
     words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
@@ -182,7 +182,7 @@ def render_frame(
         rendered: (tiles,) bool: tiles to render; None renders all.
         seconds: wall time of the stages before this; the times of this function's stages are added.
     """
-    seconds, clock = {} if seconds is None else seconds, time.perf_counter
+    seconds, clock = {} if seconds is None else seconds, work_clock
     begin = clock()
     projected = projection.project(config, words, registers)
     seconds["culling"] = seconds.get("culling", 0.0) + clock() - begin

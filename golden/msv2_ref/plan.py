@@ -8,12 +8,12 @@ below 0.
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from golden.host.quantise import GaussianWords, quantise_model
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import StereoFrame, render_stereo
 from golden.scenes.gaze import FoveationMap
@@ -130,9 +130,9 @@ def work_for(
     print("\n".join(plan.lines()))
     if plan.sh_degree > config.sh_degree:
         print(f"config {config.name!r} has harmonics up to degree {config.sh_degree}: those beyond are left out")
-    begin = time.perf_counter()
+    begin = work_clock()
     words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
     machine = plan.machine(config)
     if full:
         machine = config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth)
-    return Work(request, plan, machine, words, foveation, time.perf_counter() - begin)
+    return Work(request, plan, machine, words, foveation, work_clock() - begin)

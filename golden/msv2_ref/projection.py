@@ -14,12 +14,12 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.rounding import RoundTo, dot3, operation, pattern, rnd, round_to
+from golden.kernels import compiled
 from golden.threads import for_slices
 from spec import tables
 from spec.config import AcceleratorConfig
@@ -189,7 +189,7 @@ def _relative(x, y, z, px, py, pz, V):
     return rnd(x - px, V), rnd(y - py, V), rnd(z - pz, V)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _view_depth(_slice, begin, end, mean, cam, k, depth):
     """Writes the camera z of the Gaussians begin..end."""
     V, rot = k.to_view, cam.rotation
@@ -205,7 +205,7 @@ _MEAN, _SCALE, _QUAT, _LIMIT, _CONIC, _MEAN2D, _EXTENT, _DEPTH = (_BLOCK * row f
 _BLOCK_ROWS = 19
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _project_block(block, cam, k):
     """Mean, conic, extent and depth of _BLOCK Gaussians. One array and no branches, so that LLVM vectorises the loop."""
     V, W = k.to_view, k.to_work
@@ -240,7 +240,7 @@ def _project_block(block, cam, k):
         block[_DEPTH + j] = min(np.floor(rnd(z * cam.depth_scale, V) * k.depth_one + 0.5), k.depth_max)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _project(
     _slice, begin, end, rows, view_depth, mean, scale, quat, opacity, cam, k, reason, mean2d, conic, depth, depth_key, box,
 ):

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
+from spec.packing import pack
 from spec.records import chunk_entry, tile_entry
 
 
@@ -88,12 +90,8 @@ def tile_lists(tile: np.ndarray, tiles: int, entries_beats: int, slots: int = DI
 
 
 def entry_words(config: AcceleratorConfig, entries: np.ndarray) -> np.ndarray:
-    """(E, 2) uint32, the words in memory of TileEntry records or of records that begin like one."""
-    bits, offset = np.zeros(len(entries), np.uint64), 0
-    for f in tile_entry(config).fields:
-        bits |= entries[f.name].astype(np.uint64) << np.uint64(offset)
-        offset += f.width
-    return np.stack([bits & np.uint64(0xFFFFFFFF), bits >> np.uint64(32)], 1).astype(np.uint32)
+    """(entries, 2) uint32: TileEntry records, or records that begin as one, as they lie in memory."""
+    return pack(tile_entry(config), entries, ENTRY_BYTES).view("<u4")
 
 
 def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from golden.host.registers import FrameRegisters
 from golden.host.rounding import operation, rnd
+from golden.kernels import compiled
 from golden.msv2_ref.projection import Projected, culling_constants, falloff_limit
 from golden.threads import SLICES, for_slices
 from spec.config import AcceleratorConfig
@@ -97,7 +97,7 @@ def _reach(y, narrow, l2, l3, limit, k):
     return min(max(np.floor(reach * k.mean_one + 0.5), 2 * k.mean_min), 2 * k.mean_max + 1)  # one bit more than `mean2d`
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _columns(block, scene, k):
     """For each run of a block, the first and last tile column whose pixel centres the ellipse meets; 1, 0 if there is none.
 
@@ -123,7 +123,7 @@ def _columns(block, scene, k):
 
 
 # The arrays are taken out of `scene` outside the loops: within, numba would count references to them.
-@numba.njit(cache=True)
+@compiled
 def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered):
     """Writes the intersections of `count` runs from position `at` on and returns the position after them."""
     header, bound, rendered, obb = scene.header, scene.bound, scene.rendered, scene.obb
@@ -151,7 +151,7 @@ def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, cou
     return at
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, counts, passed, filtered):
     """Writes the intersections of a slice of the splats, in the splats' order, from `room[begin]` on."""
     header, opacity, bound, box, mean2d, conic = scene.header, scene.opacity, scene.bound, scene.box, scene.mean2d, scene.conic
@@ -185,7 +185,7 @@ def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, 
     passed[part] = _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered) - room[begin]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor, splat, use):
     """Moves a slice's intersections to their tiles' places; its cursors start where those of the slices before it end."""
     for e in range(room[begin], room[begin] + passed[part]):

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.frame_memory import displayed
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -91,7 +91,7 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _scatter(x, key, keep, source):
     """Finds the column of the source pixel that each target pixel shows; -1 for none.
 
@@ -119,7 +119,7 @@ def scatter(config: AcceleratorConfig, moved: np.ndarray) -> np.ndarray:
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _fill(colour, valid, filled, majority):
     """Fills holes in `colour` from those of their neighbours that are `valid`, and marks them in `filled`."""
     height, width = valid.shape

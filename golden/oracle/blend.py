@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from golden.kernels import compiled
 from golden.oracle.ellipse import exponent
 from golden.oracle.project import Splats
 from golden.oracle.tiles import TileLists
@@ -49,7 +50,7 @@ def blend_tiles(
     )
 
 
-@njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def _blend(start, entries, tile_level, blend, tile, weight, alpha_max, background, fields):
     height, width = weight.shape
     tiles_x = tile_level.shape[1]
@@ -74,7 +75,7 @@ def _blend(start, entries, tile_level, blend, tile, weight, alpha_max, backgroun
     return image, depth_sum, transmittance
 
 
-@njit(cache=True)
+@compiled
 def _composite(x, y, entries, level, alpha_max, mean2d, factor, depth, opacity, colour, quality_bound, q_support):
     """Composites one level of one pixel with centre (x, y).
 

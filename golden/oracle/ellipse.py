@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from golden.kernels import compiled
 
 SLACK = 1e-7
 """Added to the exponent's bound in the rectangle tests, because they round differently from a pixel's own test. They may
 accept an ellipse that passes very close to the rectangle, but they never miss one that meets it."""
 
 
-@njit(cache=True)
+@compiled
 def exponent(dx: float, dy: float, factor: np.ndarray) -> float:
     """Falloff exponent q >= 0 at the offset (dx, dy), in pixels, from the splat's mean."""
     u = factor[0] * dx + factor[1] * dy
@@ -24,7 +25,7 @@ def exponent(dx: float, dy: float, factor: np.ndarray) -> float:
     return 0.5 * (u * u + v * v)
 
 
-@njit(cache=True)
+@compiled
 def smallest_exponent(x0: float, y0: float, x1: float, y1: float, factor: np.ndarray) -> float:
     """Smallest q over the closed rectangle [x0, x1] x [y0, y1], whose corners are given relative to the splat's mean.
 
@@ -45,13 +46,13 @@ def smallest_exponent(x0: float, y0: float, x1: float, y1: float, factor: np.nda
     return smallest
 
 
-@njit(cache=True)
+@compiled
 def ellipse_meets(x0: float, y0: float, x1: float, y1: float, factor: np.ndarray, q_max: float) -> bool:
     """Whether the ellipse q <= q_max meets the closed rectangle, given relative to the splat's mean. The test is exact."""
     return smallest_exponent(x0, y0, x1, y1, factor) <= q_max + SLACK
 
 
-@njit(cache=True)
+@compiled
 def box_meets(x0: float, y0: float, x1: float, y1: float, cov2d: np.ndarray, factor: np.ndarray, q_max: float) -> bool:
     """Whether the ellipse's oriented bounding box meets the rectangle (GSCore, Lee et al. 2024, section 4.1).
 
@@ -81,7 +82,7 @@ def box_meets(x0: float, y0: float, x1: float, y1: float, cov2d: np.ndarray, fac
     )
 
 
-@njit(cache=True)
+@compiled
 def meets_frame(
     mean2d: np.ndarray, factor: np.ndarray, q_max: np.ndarray, width: int, height: int
 ) -> np.ndarray:

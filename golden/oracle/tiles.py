@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from golden.kernels import compiled
 from golden.oracle.ellipse import box_meets, ellipse_meets
 from golden.oracle.project import Splats
 from golden.scenes.gaze import FoveationMap
@@ -59,7 +59,7 @@ def tile_lists(splats: Splats, foveation: FoveationMap, tile_test: str = "exact"
     return TileLists(start, entries)
 
 
-@njit(cache=True)
+@compiled
 def _visit(
     order, mean2d, cov2d, factor, q_max, tile_level, blend, tile, width, height, exact, slot, entries
 ) -> None:
@@ -91,7 +91,7 @@ def _visit(
                     slot[t] += 1
 
 
-@njit(cache=True)
+@compiled
 def _tile_range(centre: float, reach: float, tile: int, count: int) -> tuple[int, int]:
     """First and last tile along one axis that [centre - reach, centre + reach] overlaps, clipped to the frame."""
     first = math.floor(max((centre - reach) / tile, 0.0))

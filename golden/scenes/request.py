@@ -48,6 +48,23 @@ class Request:
     record: dict[str, object]
 
 
+class _Given(argparse.Action):
+    """Of a positional argument that an option can give, too: its absence leaves the option's value alone."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option_string: str | None = None,
+    ) -> None:
+        if values is not self.default:
+            setattr(namespace, self.dest, values)
+
+
+def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds the scene, as `SCENE` or `--scene SCENE`; `what` says what is accepted besides 'embedded', the default."""
+    parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
+                        help=f"{what}, or 'embedded' (default)")
+    parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
+
+
 def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None) -> None:
     """Adds the arguments that `resolve` reads.
 
@@ -56,8 +73,7 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
         size: the default frame size as "WxH"; None means the size that the camera has.
     """
     default_size = size or "the camera's; 640x360 on an orbit"
-    parser.add_argument("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
-                        help="model file or folder, or 'embedded' (default)")
+    add_scene_argument(parser, "model file or folder")
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
                         help="an orbit (default), one of the scene's cameras (an orbit view if it has none), a JSON file")
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
@@ -90,7 +106,7 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
                        help=f"eccentricity beyond which tiles may be warped (default: {ECC_THRESHOLD_DEG:g})")
     group.add_argument("--ipd", type=float, metavar="M", help=f"distance between the eyes in metres (default: {IPD_METRES})")
     group.add_argument("--units-per-metre", type=float, metavar="S",
-                       help="scale of the scene; msv2/studies/metric_scale/study.py computes it (default: the scene's, else 1)")
+                       help="scale of the scene; `msv2 study metric_scale` computes it (default: the scene's, else 1)")
     group.add_argument("--source", metavar="left|right", help="the eye that is rendered as a whole (default: left)")
     group.add_argument("--gaze-right", metavar="X,Y",
                        help="where the right eye looks (default: both eyes look at one point)")

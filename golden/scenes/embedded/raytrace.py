@@ -11,8 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from golden.kernels import compiled
 from golden.scenes.embedded.textures import add, axpy, dot, normalise, scale, sky, texture
 
 RECT, DISC, BALL, BOX, TUBE = range(5)
@@ -71,7 +72,7 @@ class World(NamedTuple):
     ambient: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _to_local(world, p, v, w):
     """Vector `v` in the frame of primitive `p`; w = 1 for a point, 0 for a direction."""
     m = world.to_local[p]
@@ -82,7 +83,7 @@ def _to_local(world, p, v, w):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_flat(world, p, o, d):
     """Ray parameter at the plane z = 0 inside the rectangle or disc, inf without a hit."""
     t = -o[2] / d[2]
@@ -96,7 +97,7 @@ def _hit_flat(world, p, o, d):
     return t
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_box(o, d):
     """Ray parameter at the unit box by the slab test, inf without a hit; a ray from inside hits the far side."""
     near, far = -math.inf, math.inf
@@ -108,7 +109,7 @@ def _hit_box(o, d):
     return near if near > 0.0 else far
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_quadric(world, p, o, d):
     """Ray parameter at the unit sphere or the open frustum x^2 + y^2 = (1 + k z)^2, 0 <= z <= 1; inf without a hit."""
     tube = world.shape[p] == TUBE
@@ -134,7 +135,7 @@ def _hit_quadric(world, p, o, d):
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _misses_bound(world, g, o, d):
     """True if the ray from `o` along unit `d` cannot meet group `g`."""
     m = (world.bound[g, 0] - o[0], world.bound[g, 1] - o[1], world.bound[g, 2] - o[2])
@@ -143,7 +144,7 @@ def _misses_bound(world, g, o, d):
     return m2 - along * along > r2 or (along < 0.0 and m2 > r2)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _nearest(world, o, d, limit, any_hit):
     """(t, primitive) of the first hit along unit `d` within `limit`, or with `any_hit` of any; (limit, MISS) without one."""
     best, found = limit, MISS
@@ -166,7 +167,7 @@ def _nearest(world, o, d, limit, any_hit):
     return best, found
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _local_surface(world, p, q):
     """(outward normal, u, v) at local point `q`: normal in the local frame, texture coordinates in metres."""
     shape, s = world.shape[p], world.size[p]
@@ -185,7 +186,7 @@ def _local_surface(world, p, q):
     return (0.0, 0.0, math.copysign(1.0, q[2])), q[0] * s[0], q[1] * s[1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _surface(world, p, at, d):
     """(unit normal facing the viewer, texture colour) of primitive `p` at world point `at` seen along `d`."""
     n, u, v = _local_surface(world, p, _to_local(world, p, at, 1.0))
@@ -205,7 +206,7 @@ def _surface(world, p, at, d):
     return normal, base
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _lighting(world, at, normal, d, shine):
     """(light that arrives at a diffuse point, Phong highlight towards the viewer)."""
     up = 0.5 + 0.5 * normal[2]
@@ -238,7 +239,7 @@ def _lighting(world, at, normal, d, shine):
     return total, highlight
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _shade(world, p, at, d):
     """(colour without mirror reflection, normal, mirror reflectance) of primitive `p` at `at` seen along unit `d`."""
     normal, base = _surface(world, p, at, d)
@@ -254,7 +255,7 @@ def _shade(world, p, at, d):
     return colour, normal, mirror
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _radiance(world, o, d):
     """(t, primitive, normal, colour) along the unit ray `d`, with one mirror bounce whose hit does not reflect again."""
     t, p = _nearest(world, o, d, math.inf, False)
@@ -271,7 +272,7 @@ def _radiance(world, o, d):
     return t, p, normal, colour
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@compiled(parallel=True, error_model="numpy")
 def _trace(world, origin, direction, distance, primitive, normal, colour):
     for i in prange(len(origin)):
         o = (origin[i, 0], origin[i, 1], origin[i, 2])
