@@ -1,4 +1,4 @@
-"""Train a foveated model: from posed photographs, or a trained 3DGS model, to four levels and a report."""
+"""Train a foveated model of four levels, with a report, from posed photographs or a trained 3DGS model."""
 
 from __future__ import annotations
 

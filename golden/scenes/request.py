@@ -49,7 +49,8 @@ class Request:
 
 
 class _Given(argparse.Action):
-    """Of a positional argument that an option can give, too: its absence leaves the option's value alone."""
+    """Stores a positional argument that can also be given as an option: without the argument, the option's value is left as
+    it is."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option_string: str | None = None,
@@ -59,7 +60,7 @@ class _Given(argparse.Action):
 
 
 def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
-    """Adds the scene, as `SCENE` or `--scene SCENE`; `what` says what is accepted besides 'embedded', the default."""
+    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides 'embedded', the default."""
     parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
                         help=f"{what}, or 'embedded' (default)")
     parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
