@@ -14,7 +14,7 @@ from spec.errors import run_command_line
 EXAMPLES = """\
 examples:
   %(prog)s                                         the embedded scene, some minutes
-  %(prog)s fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 %% of the PSNR
+  %(prog)s fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 % of the PSNR
   %(prog)s truck/ --from truck.ply                 prune and foveate a trained model; photographs judge
   %(prog)s --baseline smfr --out build/train/smfr  random subsets of the same sizes, to compare with
   %(prog)s fern/ --resume                          go on after Ctrl-C or a crash

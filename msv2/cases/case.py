@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -189,6 +190,7 @@ class Case:
         checks: by column: whatever else is run; gives the worst error or None.
         absent: by column: why the case has no part there.
         rtl: the integer renderer's frames are played through the machine.
+        eyes: frames of two eyes by name (`msv2.cases.eyes.TwoEyes`), which the machine plays; None for cases without.
     """
 
     number: int
@@ -202,6 +204,7 @@ class Case:
     checks: Mapping[str, Callable[[], float | None]] = field(default_factory=dict)
     absent: Mapping[str, str] = field(default_factory=dict)
     rtl: bool = True
+    eyes: Callable[[], Mapping[str, Any]] | None = None
 
     @property
     def id(self) -> str:

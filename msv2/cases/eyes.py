@@ -56,13 +56,6 @@ class TwoEyes:
                            -1 if self.source_eye == "left" else 1, reach=reach(STEREO_MACHINE))
 
 
-@dataclass(frozen=True)
-class StereoCase(Case):
-    """A case of frames of two eyes, which the machine plays, too: `eyes` makes them by name."""
-
-    eyes: Callable[[], Mapping[str, TwoEyes]] | None = None
-
-
 def _covered(renderer: Renderer) -> Shots:
     return {"thin": Shot(splats((0, 0, 2), scale=3.0, opacity=0.45), view()),
             "solid": Shot(splats((0, 0, 2), scale=3.0, opacity=0.55), view())}
@@ -274,10 +267,10 @@ def GAZE(album, renderer, shots):
 
 
 def _stereo(number: int, name: str, what: str, expected: str, check: Callable[[str], None],
-            eyes: Callable[[], Mapping[str, TwoEyes]] | None, *, rtl: str = "") -> StereoCase:
+            eyes: Callable[[], Mapping[str, TwoEyes]] | None, *, rtl: str = "") -> Case:
     absent = {"gradient": "one eye is trained"} | ({} if eyes else {"rtl": rtl})
     checks = {column: partial(check, column) for column in ("oracle", "golden")}
-    return StereoCase(number, name, what, expected, checks=checks, absent=absent, rtl=eyes is not None, eyes=eyes)
+    return Case(number, name, what, expected, checks=checks, absent=absent, rtl=eyes is not None, eyes=eyes)
 
 
 AT_INFINITY = _stereo(47, "at-infinity", "a wall at depth 1e6, seen by eyes 0.1 apart, either one the source",

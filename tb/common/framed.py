@@ -10,13 +10,11 @@ IDLE_AFTER = 9
 
 
 def frame_by_frame(m: Module, bench: wiring.Component, unit: wiring.Component) -> None:
-    """Joins `rows` and `writes` of a bench and its unit, and gives the unit frames and a memory.
+    """Gives the unit of a bench, whose `rows` and `writes` are joined, frames and a memory.
 
     `begin` is high for a cycle where the setting `frame` changes. The memory is idle IDLE_AFTER cycles after a write. `early`
     stays high once `finished` was high before that: it then came too soon, as the memory was not idle, or a row too soon.
     """
-    wiring.connect(m, wiring.flipped(bench.rows), unit.rows)
-    wiring.connect(m, unit.writes, wiring.flipped(bench.writes))
     before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
     written = bench.writes.valid & bench.writes.ready
     m.d.comb += [unit.begin.eq(before != bench.frame), unit.writes_idle.eq(wait == 0)]

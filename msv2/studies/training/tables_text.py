@@ -61,8 +61,8 @@ def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:
 
 
 def scene_title(scene: Mapping[str, Any]) -> str:
-    """Name and size, and the note that a report may carry, of numbers that another recipe made."""
-    return "{}, {}x{}".format(scene["scene"], *scene["size"]) + (f" ({scene['note']})" if "note" in scene else "")
+    """Name and size."""
+    return "{}, {}x{}".format(scene["scene"], *scene["size"])
 
 
 def _scene(scene: Mapping[str, Any]) -> list[str]:
