@@ -35,7 +35,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned by opacity or by importance")
     add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="keep opacities below 1, as in the v1 model")
     add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
-    add("--iterations", type=int, metavar="N", help="number for the whole chain, including dense training (default: the scene's)")
+    add("--iterations", type=int, metavar="N", help="for the whole chain, including dense training (default: the scene's)")
     add("--max-points", type=int, metavar="N", help="largest number of points in the dense model (default: the scene's)")
     add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames of this width; 1237 gives the paper's 1, 3, 7 "
         "and 12 pixels (default: the frame's width, as if the frame were shown as large as the paper's)")
