@@ -1,4 +1,4 @@
-"""`python -m tb.sim --test vrc`: a unit's RTL against the golden renderer."""
+"""`python -m tb.sim --test vrc`: simulates a unit's RTL and compares it with the golden renderer."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ UNITS = {
     "axi": {"axi": axi},
     "top": {"top": top},
 }
-"""What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
-unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the
-machine."""
+"""The suites of each test. float: the float units; culling: near test and projection, tile test, colours; lists: tile lists in
+memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 
 
 def _variants(test: str) -> list[str]:
-    """Names of the machines that a unit, or any, can be tested in."""
+    """Names of the configurations in which the test, or any test for "all", can run."""
     suites = [suite for name, units in UNITS.items() if test in ("all", name) for suite in units.values()]
     return list(dict.fromkeys(name for suite in suites for name in suite.VARIANTS))
 
@@ -60,7 +60,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the unit's suite; 1 when anything differs."""
+    """Runs the suites of the chosen test; returns 1 when anything differs."""
     args = _arguments(argv)
     if args.test not in ("all", *UNITS):
         raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(UNITS)}")
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_variant(unit: str, suite: ModuleType, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
-    """One unit in one machine: 1 when anything differs; None when no run is chosen."""
+    """Runs one unit in one configuration. Returns 1 when anything differs, and None when no run is chosen."""
     name = f"{unit} {variant}"
     config, folder = suite.VARIANTS[variant], ROOT / "build" / unit / variant
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]

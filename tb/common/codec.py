@@ -1,4 +1,4 @@
-"""Whole arrays of records to bit patterns and back, and to files that Verilog reads and writes."""
+"""Converts whole arrays of records to bit patterns and back, and to files that Verilog reads and writes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def decode(record: Record, patterns: np.ndarray) -> np.ndarray:
 
 
 def write_hex(path: Path, patterns: np.ndarray) -> None:
-    """One line of hexadecimal digits, highest first, for each of (N, bytes) little-endian bit patterns."""
+    """Writes (N, bytes) little-endian bit patterns as N lines of hexadecimal digits, highest digit first."""
     count, size = patterns.shape
     text = np.full((count, 2 * size + 1), ord("\n"), np.uint8)
     backward = patterns[:, ::-1]

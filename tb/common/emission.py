@@ -1,5 +1,5 @@
-"""Emitted Verilog, kept: emission takes seconds, and its text decides whether a simulator must be built."""
-
+"""A cache of emitted Verilog. Emission takes seconds, and the emitted text is needed in every session because it decides
+whether a simulator must be rebuilt."""
 from __future__ import annotations
 
 import hashlib
@@ -15,8 +15,8 @@ FOLDER = ROOT / "build" / "emitted"
 
 
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str]) -> str:
-    """`emit(config)`, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were."""
-    parameters = config.with_(name="any")  # equal machines of different names share everything
+    """The text of `emit(config)`, read from build/emitted if rtl/, spec/, Amaranth and the configuration have not changed."""
+    parameters = config.with_(name="any")  # machines that differ only in their name share one entry
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():

@@ -1,7 +1,8 @@
-"""The colour unit between files, and a memory that keeps its answers back until they are due.
+"""The colour unit in a test bench whose memory delays its answers.
 
-`reads` and `writes` go to files, and `data` come from one: as the requests are compared with the golden ones, what is in the
-data file is what the memory holds there. A beat is shown `delay` + 1 cycles after its request left, no sooner.
+`reads` and `writes` go to files and `data` comes from a file. The file can stand for the memory because the requests are
+compared with the golden ones, so it is known in advance which beats they read. The bench delivers a beat `delay` + 1 cycles
+after its request left, and not earlier.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream
 
 MOST_DELAY = COLOUR_LOOKAHEAD - 1
-"""Cycles from a request to its beat."""
+"""Largest `delay`, in cycles from a request to its beat."""
 
 _SETTINGS = (("sh_degree", 2), ("colour_base", BEAT_BITS), ("views_base", BEAT_BITS), ("view_shift", 2))
 _OBSERVED = (("finished", 1), ("error", 1))
 
 
 class ColourBench(wiring.Component):
-    """The unit, its `data` delayed.
+    """The colour unit with delayed `data`.
 
     Parameters:
-        config: the machine.
-        sh_degree: the unit's.
+        config: the machine's configuration.
+        sh_degree: the highest degree of spherical harmonics that the unit supports.
     """
 
     def __init__(self, config: AcceleratorConfig, sh_degree: int = 3) -> None:
@@ -64,7 +65,7 @@ class ColourBench(wiring.Component):
             unit.data.valid.eq(self.data.valid & due.any()),
             self.data.ready.eq(unit.data.ready & due.any()),
         ]
-        # A request that leaves is 0 cycles old at the next edge; a shift register counts the others' age.
+        # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
         m.d.sync += [age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
         return m
 
@@ -75,7 +76,7 @@ def _emit(config: AcceleratorConfig, sh_degree: int) -> str:
 
 @cache
 def playback(config: AcceleratorConfig, sh_degree: int = 3) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     name = f"colour-{splat_interval(config)}-{sh_degree}"
     return Playback(
         name=name, module="colour_bench", verilog=emitted(f"{name}-bench", config, partial(_emit, sh_degree=sh_degree)),

@@ -33,10 +33,11 @@ from tb.top.memory import MemorySpeed
 PARTS = ("machine", "array")
 
 MACHINES = ("scene", "full")
-"""What the frame calls for and no more, or all of the configuration with the rest idle."""
+"""`scene` builds only the units that the frame needs. `full` builds all units of the configuration, and those that the frame
+does not need stay idle."""
 
 PIXELS = ("wide", "display")
-"""Formats of the frame in memory: `spec.memory` FramePixel, DisplayPixel."""
+"""Formats of the frame in memory: FramePixel and DisplayPixel in `spec.memory`."""
 
 EPILOG = """\
 Writes OUT/frame.png (of two eyes left.png, right.png, right_source.png) and OUT/frame.json; exit status 1 where a bit or a
@@ -98,7 +99,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def parse_beta(text: str, merge: bool) -> int | None:
-    """The threshold; None for automatic, 0 where nothing is merged."""
+    """The merge threshold in intersections; None for the automatic one, 0 where nothing is merged."""
     most = (1 << COUNT_BITS) - 1
     if text != "auto" and not (text.isdigit() and int(text) <= most):
         raise InputError(f"beta {text!r} is not accepted: 0..{most} or 'auto' are")
@@ -108,7 +109,7 @@ def parse_beta(text: str, merge: bool) -> int | None:
 
 
 def parse_speed(bandwidth: str, latency: int) -> MemorySpeed:
-    """The memory's speed."""
+    """The memory's speed. Raises InputError for values that are not accepted."""
     try:
         return MemorySpeed(latency, None if bandwidth == "unlimited" else float(bandwidth))
     except ValueError as error:
@@ -116,14 +117,14 @@ def parse_speed(bandwidth: str, latency: int) -> MemorySpeed:
 
 
 def parse_switch(name: str, text: str) -> bool:
-    """Of "0" or "1"."""
+    """Whether a switch is on, from "0" or "1"."""
     if text not in ("0", "1"):
         raise InputError(f"{name} {text!r} is not accepted: 0 or 1 is")
     return text == "1"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a bit or a counter differs."""
+    """Runs the command line; returns 1 when a bit or a counter differs."""
     args = _arguments(argv)
     choices = (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS), ("pixels", args.pixels, PIXELS),
                ("machine", args.machine, MACHINES))
@@ -155,9 +156,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _one_eye(
     args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
-    """The frame's numbers; its picture is saved. A second eye is forced on frames for displays, as no other machine's are."""
+    """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
+    so with a forced second eye that machine is simulated only for display pixels."""
     golden = work.render(beta=beta)
-    (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
+    (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
         numbers, rtl = simulate_frame(work.config, golden, out / "sim", waves)
         image = rtl.image
@@ -177,7 +179,7 @@ def _one_eye(
 def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, beta: int | None, speed: MemorySpeed, waves: Waves | None,
 ) -> dict[str, object]:
-    """Both eyes' numbers; their pictures are saved."""
+    """Simulates both eyes, saves their pictures and returns their numbers."""
     golden = render_request(args, work.request, work.config, beta=beta, words=work.words, foveation=work.foveation)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
@@ -187,7 +189,7 @@ def _two_eyes(
 
 
 def _verdict(numbers: dict, out: str) -> int:
-    """Prints what came of the frame; 1 when a bit or a counter differs."""
+    """Prints the frame's results; returns 1 when a bit or a counter differs."""
     for mismatch in numbers["first_mismatches"]:
         place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
         place += f" of the {mismatch['eye']} eye" if "eye" in mismatch else ""

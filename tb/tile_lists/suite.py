@@ -1,4 +1,4 @@
-"""The tile lists' test: entries to memory, and groups, headers and points back from it, in one simulation a configuration."""
+"""The tests of the tile lists: intersections are written to memory; groups, headers and points are read back and compared."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from tb.tile_lists.device import OBSERVED, emit_list_device, inputs, outputs, se
 from tb.tile_lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Smallest and largest frames; DEFAULT's lie between."""
+"""Configurations with the smallest and the largest frames; DEFAULT's are between."""
 
 PORTS = ("load", "entries", "written", "groups", "headers", "uses", "levels", "points")
 
 _SETTLING = 700
-"""Cycles of a frame beyond those that its entries, pages and tiles take: latencies of memory, one behind the other."""
+"""Most cycles of a frame in addition to those of its intersections, pages and tiles: several latencies of the memory in
+sequence."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The device of a configuration, emitted, with files at its streams."""
+    """The device of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
         name=f"lists-{config.row_width}", module="list_device", verilog=emit_list_device(config),
         inputs=tuple(Stream(*item) for item in inputs(config).items()),
@@ -47,7 +48,8 @@ def plan_of(config: AcceleratorConfig, item: Case, name: str | None = None, **op
 
 
 def most_cycles(item: Case) -> int:
-    """Most cycles of a case, memory clear from the start: an entry, a page, a tile a cycle, there and back."""
+    """Most cycles of a case with memory clear from the start: one per intersection, page and tile, for writing and again for
+    reading."""
     loads = len(item.geometry) + item.tiles // 4 + 2
     return loads + sum(
         len(where.tile) + len(where.page_beat) + max(int(where.written.sum()), item.tiles) + item.tiles + _SETTLING
@@ -55,7 +57,8 @@ def most_cycles(item: Case) -> int:
 
 
 def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
-    """Hand-made: pages' ends, one tile, no entries, no room, groups that are a row, tiles outside, errors of memory."""
+    """Cases by hand: ends of pages, one tile, no intersections, no free space, whole rows as groups, tiles outside the frame,
+    memory errors."""
     widest, none = -(-config.row_width // TILE), np.empty(0, np.int64)
     ends = mixed_tiles(rng, BOUNDARIES)
     one = np.zeros(3000, np.int64)
