@@ -86,7 +86,8 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """By hand and at random; every pattern on every port; slow memories; cut off by resets; back to back at full rate."""
+    """Cases by hand and at random, every pattern on every port, slow memories, runs cut off by resets, and runs back to back at
+    full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(config, item) for item in corner_cases(config, rng)]
     streams = case(config, rng, "streams", 6, 4, [mixed_tiles(rng, random_counts(rng, 24)) for _ in range(2)])
@@ -110,7 +111,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Whole frames at full rate: long tiles, tiles of about two pages, tiles that the look-ahead just covers."""
+    """Whole frames at full rate: long tiles, tiles of about two pages, and tiles that the look-ahead just covers."""
     rng, plan = np.random.default_rng(seed), []
     for name, counts in (
             ("long tiles", rng.integers(500, 3000, 8)), ("tiles of two pages", rng.integers(33, 97, 80)),
@@ -124,7 +125,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """Scenes' frames at full rate."""
+    """Real scenes' frames at full rate."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         item = traced_case(config, frame, f"traced {name}", 200)
@@ -133,12 +134,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the frames at full rate, a line each."""
+    """One line per frame at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         entries, written = len(item.expected["groups"]), len(item.expected["written"])
@@ -152,4 +153,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

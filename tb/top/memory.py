@@ -1,4 +1,4 @@
-"""The Verilog memory's parameters, in the units of its users."""
+"""The parameters of the Verilog memory in memory.sv, in units that suit its users."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ ERRORS = {
     4: "an address lies outside memory",
     8: "a write lies in what the host filled",
 }
-"""Bits of the memory's `errors`."""
+"""Meanings of the bits of the memory's output `errors`."""
 
 LEAST_LOG2 = 18
-"""Memories have 1 << LEAST_LOG2 beats (8 MiB) or more: frames of small models and of the embedded scene share a build."""
+"""Memories have at least 1 << LEAST_LOG2 beats (8 MiB), so that the frames of small models and of the embedded scene share a
+build."""
 
-_FINEST = 1000  # denominators of bandwidths
+_FINEST = 1000  # largest denominator of a bandwidth
 
 
 @dataclass(frozen=True)
 class MemorySpeed:
-    """How fast memory is, and how it fails.
+    """The speed of the memory, and the addresses at which it fails.
 
     Attributes:
-        latency: cycles from a request to its answer, where nothing is in the way; at least 1.
-        bytes_per_cycle: reads and writes together; None: a beat read and a beat written in every cycle.
-        pauses: of 256 cycles, how many every channel of the bus pauses, at random.
-        failing: first byte and the one behind the last that answer with an error; none by default.
+        latency: cycles from a request to its answer when nothing else delays it; at least 1.
+        bytes_per_cycle: the bandwidth of reads and writes together; None for one beat read and one written in every cycle.
+        pauses: in how many of 256 cycles each channel of the bus pauses; these cycles are random.
+        failing: the first byte address that answers with an error, and the one after the last; by default there is none.
     """
 
     latency: int = 100
@@ -52,7 +53,7 @@ class MemorySpeed:
 
     @property
     def signals(self) -> dict[str, int]:
-        """Values of the memory's ports."""
+        """Values of the memory's input ports."""
         rate = Fraction(0) if self.bytes_per_cycle is None else Fraction(str(self.bytes_per_cycle)).limit_denominator(_FINEST)
         return {
             "latency": self.latency, "gain": rate.numerator, "cost": BEAT_BYTES * rate.denominator if rate else 0,
@@ -60,10 +61,10 @@ class MemorySpeed:
 
 
 def beats_log2(beats: int) -> int:
-    """Size of the smallest memory of so many beats."""
+    """The size, as a power of two, of the smallest memory of at least `beats` beats."""
     return max(LEAST_LOG2, (beats - 1).bit_length())
 
 
 def broken_rules(errors: int) -> tuple[str, ...]:
-    """The memory's `errors` in words."""
+    """The violated rules that the memory's output `errors` stands for, in words."""
     return tuple(text for bit, text in ERRORS.items() if errors & bit)

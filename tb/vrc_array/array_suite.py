@@ -1,4 +1,4 @@
-"""The array's unit test: every case against the golden renderer, in one simulation a configuration."""
+"""The rendering array's tests: every case is compared with the golden renderer."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "default": DEFAULT,
     "paper": PAPER,
 }
-"""Arrays that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = tuple(name for name in VARIANTS if name != "paper")
-"""All but PAPER's, which is DEFAULT's: they differ outside the array."""
+"""All configurations but PAPER, which differs from DEFAULT only outside the array."""
 
 PORTS = ("tiles", "entries", "pixels")
 
@@ -46,13 +46,13 @@ class Planned:
 
 @dataclass
 class Outcome:
-    """Of one configuration.
+    """The outcome of a plan in one configuration.
 
     Attributes:
-        failures: problems by run's name; empty when all is well.
-        runs, pixels, cycles: how much was simulated.
-        seconds: wall time, the build included.
-        recordings: what every run gave, by name.
+        failures: descriptions of problems by the run's name; empty when all is well.
+        runs, pixels, cycles: the numbers of compared runs, compared pixels and simulated cycles.
+        seconds: wall time, including the build.
+        recordings: the outputs of every run that was not aborted, by name.
     """
 
     failures: dict[str, list[str]] = field(default_factory=dict)
@@ -64,17 +64,17 @@ class Outcome:
 
     @property
     def amount(self) -> str:
-        """What was compared."""
+        """The amount of compared data, in words."""
         return f"{self.pixels} pixels"
 
 
 def corner_plan(config: AcceleratorConfig) -> list[Planned]:
-    """The hand-made cases, streams at full speed."""
+    """The hand-made cases, without pauses."""
     return [Planned(case.name, case, run_of(config, case)) for case in (make(config) for make in CORNERS)]
 
 
 def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Planned]:
-    """Random frames, streams at full speed and pausing at random."""
+    """Random frames, in turn without pauses and with random pauses."""
     plan = []
     for k in range(count):
         case = random_case(config, f"random {k}", seed * 1000 + k)
@@ -84,7 +84,7 @@ def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Pl
 
 
 def stream_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """One small frame under every pattern on every port, alone and together."""
+    """One small frame with every pause pattern, on each port alone and on all ports together."""
     case = random_case(config, "streams", seed, tiles=8, mean_count=8)
     plan = []
     for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY):
@@ -95,7 +95,8 @@ def stream_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Frames cut off by a reset and followed by a whole one; frames back to back without a reset, backgrounds changing."""
+    """Frames that are cut off by a reset and followed by a whole one, and frames back to back without a reset but with changing
+    backgrounds."""
     case = random_case(config, "frames", seed + 1, tiles=6, mean_count=10)
     rng = np.random.default_rng(seed)
     plan = []
@@ -109,7 +110,7 @@ def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     traced = [Planned(case.name, case, run_of(config, case)) for case in traced_cases(config, seed)]
     return [
         *corner_plan(config), *random_plan(config, seed), *traced, *stream_plan(config, seed), *frame_plan(config, seed)]
@@ -118,7 +119,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def run_plan(
     config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
 ) -> Outcome:
-    """Plays a plan and compares every pixel; raises SimulationError when there is nothing to compare."""
+    """Plays a plan and compares every pixel. Raises SimulationError when the simulation itself fails."""
     begin = time.perf_counter()
     recordings = play(vrc_playback(config), [p.run for p in plan], folder, waves=waves, progress=progress)
     outcome = Outcome()
@@ -139,5 +140,5 @@ def run_plan(
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds worth a line each: none, the plan holds no frame that shows the array's own."""
+    """No lines: no run of the plan measures the array's own speed."""
     return []

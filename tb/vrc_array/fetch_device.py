@@ -1,8 +1,8 @@
-"""Splat fetch between files, and a memory that keeps its answers back until they are due.
+"""Splat fetch in a test bench whose memory delays its answers.
 
-The unit's own `reads` go to a file, and `data` come from one: as the requests are compared with the golden ones, what is in
-the data file is what the memory holds there. Between them stands only the memory's latency: a beat is shown `delay` + 1 cycles
-after its request left, no sooner. `frame` is a setting; where it changes, `clear` is high for a cycle.
+`reads` go to a file and `data` comes from a file. The file can stand for the memory because the requests are compared with the
+golden ones, so it is known in advance which beats they read. The bench delivers a beat `delay` + 1 cycles after its request
+left, and not earlier. When the setting `frame` changes, `clear` is high for one cycle.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from spec.records import array_entry, chunk_entry, tile_use
 from tb.common.playback import Playback, Stream
 
 MOST_DELAY = 127
-"""Cycles from a request to its beat."""
+"""Largest `delay`, in cycles from a request to its beat."""
 
 _SETTINGS = (("views_base", BEAT_BITS), ("view_shift", 2))
 _OBSERVED = (("hits", COUNTER_BITS), ("misses", COUNTER_BITS), ("error", 1), ("busy", 1))
 
 
 class FetchBench(wiring.Component):
-    """The unit, its `data` delayed and its `clear` made of a setting that changes."""
+    """Splat fetch with delayed `data`, and with a `clear` strobe that a changed setting causes."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
@@ -62,7 +62,7 @@ class FetchBench(wiring.Component):
             unit.data.valid.eq(self.data.valid & due.any()),
             self.data.ready.eq(unit.data.ready & due.any()),
         ]
-        # A request that leaves is 0 cycles old at the next edge; a shift register counts the others' age.
+        # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
         m.d.sync += [
             before.eq(self.frame), age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
         return m
@@ -70,7 +70,7 @@ class FetchBench(wiring.Component):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
         name=f"fetch-{config.splat_cache_lines}", module="fetch_bench",
         verilog=to_verilog(FetchBench(config), "fetch_bench"),

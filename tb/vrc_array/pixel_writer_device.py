@@ -1,4 +1,5 @@
-"""The pixel writer between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle."""
+"""The pixel writer in a test bench that supplies what files of items cannot: the strobe that begins a frame, and a memory that
+becomes idle."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def _settings(config: AcceleratorConfig) -> tuple[tuple[str, int], ...]:
 
 
 class WriterBench(wiring.Component):
-    """The unit, given frames and a memory by `frame_by_frame`."""
+    """The pixel writer, with frames and a memory supplied by `frame_by_frame`."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
@@ -52,7 +53,7 @@ class WriterBench(wiring.Component):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
         name=f"writer-{config.cores_x}", module="writer_bench", verilog=to_verilog(WriterBench(config), "writer_bench"),
         inputs=(Stream("rows", pixel_row(config)),), outputs=(Stream("writes", write_request(config)),),
