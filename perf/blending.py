@@ -1,4 +1,4 @@
-"""Splat fetch, array and pixel writer, a cycle a step (rtl/vrc_array/)."""
+"""Splat fetch, the array and the pixel writer, stepped cycle by cycle (rtl/vrc_array/)."""
 
 from __future__ import annotations
 
@@ -38,12 +38,13 @@ PENDING = layout.ring(VIEWS_PENDING)
 ASKED = layout.ring(8)
 LEAVES, DRAINS = layout.ring(8), layout.ring(64)
 
-_SETUP = SETUP_LATENCY - 1  # before the output buffer
+_SETUP = SETUP_LATENCY - 1  # the stages before the output buffer
 
 
 @step
 def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, tile_counts):
-    """SplatFetch: what memory or the cache gives, what is asked for, what is wanted; whether an entry is wanted."""
+    """Steps SplatFetch: its output, the answers of memory or cache, its requests, its input. Returns whether it takes an item
+    from the handover."""
     if array_takes:
         s[ENTRY] = 0
     if s[ENTRY] == 0:
@@ -86,14 +87,14 @@ def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, til
 
 @step
 def _slot(s, t, valid, drain):
-    """A slot into the setup unit's pipeline."""
+    """Moves a slot into the setup unit's pipeline."""
     s[SLOT_VALID] = (s[SLOT_VALID] << 1 | valid) & (1 << _SETUP) - 1
     s[SLOT_DRAIN] = (s[SLOT_DRAIN] << 1 | drain) & (1 << _SETUP) - 1
 
 
 @step
 def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
-    """SetupUnit: headers and entries to slots; whether an entry is taken."""
+    """Steps SetupUnit, which turns headers and entries into slots. Returns whether it takes an entry."""
     while s[LEAVE_OUT] != s[LEAVE_IN] and s[LEAVES + (s[LEAVE_OUT] & 7)] <= t:
         s[LEAVE_OUT] += 1
         s[IN_FLIGHT] -= 1
@@ -150,7 +151,7 @@ def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
 
 @step
 def step_issue(s, t):
-    """BlockSequencer and the claims of the buffer behind the array."""
+    """Steps BlockSequencer and reserves space in the buffer behind the array."""
     wait = s[WAIT]
     if wait:
         s[WAIT] = wait - 1
@@ -184,31 +185,31 @@ def step_issue(s, t):
 
 @step
 def load_issue(s, t):
-    """The sequencer's next op, out of the setup unit's buffer."""
+    """Loads the sequencer with the next operation from the setup unit's buffer."""
     if s[ISSUE] == 0 and s[BUFFER]:
         s[ISSUE], s[ISSUE_LEFT], s[ISSUE_DRAIN] = 1, s[BLOCKS], s[BUFFER_DRAIN] & 1
         s[BUFFER] -= 1
         s[BUFFER_DRAIN] >>= 1
-        s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 and s[ISSUED_AT] != t - 1 else 0)  # two stages, full while ops follow each other
+        s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 and s[ISSUED_AT] != t - 1 else 0)  # its two stages stay full between adjacent ops
 
 
 @step
 def buffered(s):
-    """Ops in the setup unit's buffer, of two; with several blocks the sequencer takes two more."""
+    """Number of operations in the setup unit's buffer, which holds two. With several blocks the sequencer holds two more."""
     waiting = s[BUFFER] + s[ISSUE]
     return max(0, waiting - 2) if s[BLOCKS] > 1 else waiting
 
 
 @step
 def rows_offered(s, t):
-    """The array offers a row of pixels."""
+    """Whether the array offers a row of pixels."""
     at = s[DRAIN_OUT]
     return at != s[DRAIN_IN] and s[DRAINS + (at & 63)] + s[DRAIN_ROW] <= t
 
 
 @step
 def take_row(s):
-    """The row on offer is gone."""
+    """Removes the offered row from the array's output."""
     row = s[DRAIN_ROW] + 1
     if s[sorter.INCREMENTAL]:
         s[ROWS_FREE] += 1
@@ -222,7 +223,7 @@ def take_row(s):
 
 @step
 def _row_beats(s, tile, row):
-    """Beats that a row of a tile takes, and its first pixel's word."""
+    """The number of beats that a row of a tile occupies in memory, and the address of the first."""
     cores = s[CORES_X]
     columns = TILE // cores
     block, line = row // s[CORES_Y], row % s[CORES_Y]
@@ -238,7 +239,7 @@ def _row_beats(s, tile, row):
 
 @step
 def step_pixels(s, t, granted, offered, tile_number, tile_times):
-    """PixelWriter; whether it takes the row on offer."""
+    """Steps PixelWriter. Returns whether it takes the offered row."""
     sends, packed = s[SENDS], s[PACKED]
     if granted:
         bus.write(s, W_FRAME, s[FRAME_BASE] + s[SEND_AT])
@@ -267,12 +268,12 @@ def step_pixels(s, t, granted, offered, tile_number, tile_times):
 
 @step
 def pixels_finished(s, t):
-    """All rows have come, and memory has their pixels."""
+    """Whether all rows have come and all their pixels are in memory."""
     return s[TILE_OUT] == s[RENDERED_TILES] and s[PACKED] == 0 and s[SENDS] == 0 and bus.writes_idle(s, t, W_FRAME)
 
 
 @step
 def count_rows(s, offered, taken):
-    """What the pixel writer's input did."""
+    """Counts a cycle of the pixel writer's input as busy or blocked."""
     s[BUSY_PIXELS] += taken
     s[BLOCKED_PIXELS] += offered and not taken

@@ -1,9 +1,9 @@
-"""The AXI master with its read queues, and the test bench's memory (tb/top/memory.sv), a cycle a step.
+"""The AXI master with its read queues, and the test bench's memory (tb/top/memory.sv), stepped cycle by cycle.
 
-A read that is granted in cycle c stands on AR in c + 1 and is in memory at the end of that cycle; its beat, answered at the end
-of cycle p, crosses R, the master's register and the read queue, and is offered to its client in cycle p + 4. A write's answer
-frees its place in p + 2. Reads and writes take turns in the order of their arrival, each turn costs credit, of which some comes
-in every cycle: that is the bandwidth.
+A read that is granted in cycle c is on AR in cycle c + 1 and is in memory at the end of that cycle. If it is answered at the
+end of cycle p, its beat passes R, the master's register and the read queue, and is offered to its client in cycle p + 4. A
+write's answer frees its place in cycle p + 2. Memory serves reads and writes in the order of their arrival. Serving one costs
+credit, of which every cycle brings some: this limits the bandwidth.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ GEOMETRY, TILES, COLOUR, ENTRIES, SPILL, VIEWS = range(READERS)
 W_ENTRIES, W_VIEWS, W_SPILL, W_FRAME, W_WARP = range(WRITERS)
 
 QUEUE = 256
-"""Requests that memory holds of each kind (QUEUE_LOG2 of memory.sv)."""
+"""Requests of each kind that memory can hold (QUEUE_LOG2 of memory.sv)."""
 
 COMPUTED, LPDDR3, STEPPED = range(3)
-"""Of memory: requests go by one by one in the order of their arrival, so that their answers' times are known at once; channels
-of DRAM; the bench's at more than a beat a cycle, where reads and writes may overtake each other."""
+"""The kinds of memory. COMPUTED: requests are served one by one in the order of their arrival, so that the times of their
+answers are known at once. LPDDR3: channels of DRAM. STEPPED: the bench's memory at more than a beat per cycle, where reads and
+writes may overtake each other."""
 
-RING = 512  # requests in memory and in the buffer before it
+RING = 512  # covers the requests in memory and those in the buffer before it
 _MASK, _DATA, _WRITES = RING - 1, 512, 256
-_TO_CLIENT = 4  # cycles from an answer to its offer
-_READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer to its place's next use
+_TO_CLIENT = 4  # cycles from an answer until its beat is offered
+_READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer until its place can be used again
 NEVER = 1 << 60
 
 layout = Layout()
@@ -41,14 +42,15 @@ layout = Layout()
     "w_out w_comes credit turn_at w_ready")
 CREDITS, D_IN, D_OUT, READS = (layout.ring(8) for _ in range(4))
 WRITES, WRITTEN = layout.ring(8), layout.ring(8)
-LOWEST = layout.ring(64)  # place of the lowest bit set
+LOWEST = layout.ring(64)  # a table of the position of a number's lowest set bit
 R_ID, R_DUE, R_ADDRESS, R_ANSWERS, W_ID, W_DUE, W_ADDRESS, W_ANSWERS = (layout.ring(RING) for _ in range(8))
 CLIENT_ANSWERS = layout.ring(8 * _WRITES)
 DATA = layout.ring(8 * _DATA)
 
 
 def prepare(s: np.ndarray, *, latency: int, gain: int, cost: int, dram: bool) -> None:
-    """An idle bus; memory gives `gain` of the `cost` of a beat in every cycle, cost 0: a read and a write each."""
+    """Makes an idle bus. A beat costs `cost` credits and every cycle brings `gain`; cost 0 serves a read and a write per
+    cycle."""
     s[: layout.size] = 0
     s[LATENCY], s[GAIN], s[COST], s[CREDIT] = latency, gain, cost, 2 * cost
     s[KIND] = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
@@ -63,14 +65,15 @@ def prepare(s: np.ndarray, *, latency: int, gain: int, cost: int, dram: bool) ->
 
 @step
 def _next(s, last, asking):
-    """Of those who ask, the next one after the last who was served."""
+    """The next client in turn after `last` among those that ask."""
     later = asking & (-2 << last)
     return s[LOWEST + (later if later else asking)]
 
 
 @step
 def grant_read(s, t, asking):
-    """Which of the clients that ask (a bit each, with a credit) is served in cycle t; -1: none. `read` must follow."""
+    """The client whose read is granted in cycle t, or -1. `asking` has a bit for each client that asks and has a credit. If a
+    client is granted, `read` must follow."""
     s[R_NEW] = 0
     if asking == 0 or s[R_ANSWERS + (s[R_PUSH] - IN_FLIGHT & _MASK)] > t - _READ_FREED:
         return -1
@@ -79,7 +82,7 @@ def grant_read(s, t, asking):
 
 @step
 def grant_write(s, t, asking):
-    """The same for writes."""
+    """The same as `grant_read`, for writes."""
     s[W_NEW] = 0
     if asking == 0 or s[W_PUSH] - s[W_IN] + s[W_COMES] > 1:
         return -1
@@ -94,7 +97,7 @@ def grant_write(s, t, asking):
 
 @step
 def read(s, client, address):
-    """The client that was granted a read sends it."""
+    """Sends the read of a client that was granted."""
     s[LAST_READ] = client
     s[CREDITS + client] -= 1
     at = s[R_PUSH] & _MASK
@@ -105,7 +108,7 @@ def read(s, client, address):
 
 @step
 def write(s, client, address):
-    """The client that was granted a write sends it."""
+    """Sends the write of a client that was granted."""
     s[LAST_WRITE] = client
     at, count = s[W_PUSH] & _MASK, s[WRITES + client]
     s[W_ID + at], s[W_ADDRESS + at] = client, address
@@ -117,27 +120,27 @@ def write(s, client, address):
 
 @step
 def writes_idle(s, t, client):
-    """All writes of a client are in memory."""
+    """Whether all writes of a client are in memory."""
     return s[CLIENT_ANSWERS + client * _WRITES + (s[WRITES + client] - 1 & _WRITES - 1)] <= t - _WRITE_FREED
 
 
 @step
 def offered(s, client, t):
-    """A beat is offered to the client."""
+    """Whether a beat is offered to the client."""
     at = s[D_OUT + client]
     return at != s[D_IN + client] and s[DATA + client * _DATA + (at & _DATA - 1)] <= t
 
 
 @step
 def take(s, client):
-    """The client takes the beat on offer."""
+    """The client takes the offered beat."""
     s[D_OUT + client] += 1
     s[CREDITS + client] += 1
 
 
 @step
 def _deliver(s, client, t):
-    """A read is, or will be, answered at the end of cycle t."""
+    """Schedules the beat of a read that is answered at the end of cycle t."""
     at = s[D_IN + client]
     s[DATA + client * _DATA + (at & _DATA - 1)] = t + _TO_CLIENT
     s[D_IN + client] = at + 1
@@ -146,7 +149,7 @@ def _deliver(s, client, t):
 
 @step
 def deliver(s, client, t):
-    """A read is answered at the end of cycle t."""
+    """Answers the oldest read at the end of cycle t."""
     _deliver(s, client, t)
     s[R_ANSWERS + (s[R_OUT] & _MASK)] = t
     s[R_OUT] += 1
@@ -154,7 +157,7 @@ def deliver(s, client, t):
 
 @step
 def written(s, client, t):
-    """A write is answered at the end of cycle t."""
+    """Answers a client's oldest write at the end of cycle t."""
     count = s[WRITTEN + client]
     s[CLIENT_ANSWERS + client * _WRITES + (count & _WRITES - 1)] = t
     s[WRITTEN + client] = count + 1
@@ -162,7 +165,8 @@ def written(s, client, t):
 
 @step
 def _turn(s, at):
-    """When a request that is in memory at the end of cycle `at` has its turn: once all before it have, and credit is there."""
+    """The cycle in which memory serves a request that arrives at the end of cycle `at`: after all earlier ones, and when there
+    is enough credit."""
     turn, credit, cost = s[TURN_AT], s[CREDIT], s[COST]
     if at > turn:
         credit = min(credit + s[GAIN] * (at - turn), 2 * cost)
@@ -177,7 +181,8 @@ def _turn(s, at):
 
 @step
 def compute_answers(s, t):
-    """What was granted in cycle t stands before memory in the next, a write perhaps longer: when they are answered."""
+    """Computes when the requests are answered that reach memory in the cycle after t. A granted read always does; a write may
+    have to wait longer."""
     if s[R_NEW]:
         at = s[R_PUSH] - 1
         answer = max(_turn(s, t + 1), t + s[LATENCY], s[R_ANSWERS + (at - 1 & _MASK)] + 1)
@@ -195,7 +200,7 @@ def compute_answers(s, t):
 
 @phase
 def step_memory(s, t):
-    """The clock edge at the end of cycle t in the bench's memory."""
+    """Steps the bench's memory over the clock edge at the end of cycle t."""
     at = s[R_IN]
     if at != s[R_PUSH] - s[R_NEW]:
         s[R_DUE + (at & _MASK)] = t + s[LATENCY] - 1
@@ -230,7 +235,7 @@ def step_memory(s, t):
 
 
 def rate(bytes_per_cycle: float | None) -> tuple[int, int]:
-    """`gain` and `cost` of a bandwidth, as tb.top.memory has them; None: a beat read and a beat written in every cycle."""
+    """`gain` and `cost` of a bandwidth, as in tb.top.memory; None for a beat read and a beat written in every cycle."""
     from fractions import Fraction
 
     if bytes_per_cycle is None:

@@ -1,7 +1,8 @@
-"""The phases TABLE and GEOMETRY, a cycle a step: rtl/top/geometry_phase.py and the units below it.
+"""The phases TABLE and GEOMETRY, stepped cycle by cycle (rtl/top/geometry_phase.py and the units below it).
 
-In a cycle units are stepped from the last to the first: each takes from the register before it, which may then be filled anew,
-as where `ready` passes through combinationally. What a `Buffer` holds is looked at before its consumer's step.
+Within a cycle, units are stepped from the last to the first. Each takes from the register before it, which can then be filled
+again in the same cycle, as in hardware where `ready` passes through combinationally. The content of a `Buffer` is read before
+its consumer is stepped.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from perf.kernel import phase, step
 from perf.layout import Layout
 
 NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
-"""Classes of points: behind the near plane or too faint; without a tile; projected."""
+"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected."""
 
 NOT_LAST, CLOSES, ENDS = range(3)
-"""Of a run: others of its splat follow; it is the last; it is the frame's end."""
+"""Kinds of runs of tiles: others of the same splat follow; the last one of its splat; the end of the frame."""
 
 layout = Layout(memory.layout.size)
 _RING = 128
@@ -25,7 +26,8 @@ _MASK = _RING - 1
  BUSY_ENTRIES, BLOCKED_ENTRIES) = layout.words("geometry . projection . tile_test . colour . entry_write .")
 WATCHED = BUSY_GEOMETRY
 
-# A datapath: length and interval, slots entered and fetched, free rows, whether its output register is full, a ring of times.
+# The state of a datapath: length, interval, slots entered, slots fetched, free rows, whether the output register is full,
+# times.
 _LENGTH, _INTERVAL, _IN, _OUT, _FREE, _FULL, _TIMES = range(7)
 _PATH = 8 + _RING
 NEAR, PROJECTION, ELLIPSE, HARMONICS = (layout.size + i * _PATH for i in range(4))
@@ -45,13 +47,13 @@ C_RING = layout.ring(_RING)
 
 
 def set_path(s, p, length, interval, rows):
-    """An empty datapath at p."""
+    """Initialises an empty datapath whose state begins at p."""
     s[p + _LENGTH], s[p + _INTERVAL], s[p + _FREE] = length, interval, rows
 
 
 @step
 def _fetch(s, p, t):
-    """A finished slot into the output register, where that is free."""
+    """Moves a finished slot into the output register if that is free."""
     if s[p + _FULL] == 0:
         at = s[p + _OUT]
         if at != s[p + _IN] and s[p + _TIMES + (at & _MASK)] <= t:
@@ -74,7 +76,7 @@ def _enter(s, p, t):
 
 @step
 def _write_views(s, granted, views, view_of):
-    """ViewWriter: a beat for every level of the splat whose sums are there."""
+    """Steps ViewWriter, which writes one beat for every level of the splat whose sums are complete."""
     if granted:
         bus.write(s, W_VIEWS, s[C_VIEW])
         s[C_WRITE] = 0
@@ -94,7 +96,7 @@ def _write_views(s, granted, views, view_of):
 
 @step
 def _sum_colour(s, t, steps):
-    """ColourSum: a step of a record where its beats are at hand, two at most."""
+    """Steps ColourSum, which makes a step of a record once its beats, at most two, are present."""
     lasts, place, count, number = s[C_LASTS], s[C_PLACE], s[C_COUNT], s[C_NUMBER]
     sums_free = lasts == 0 and s[C_SUM] == 0
     last = number == len(steps) - 1
@@ -118,7 +120,7 @@ def _sum_colour(s, t, steps):
 
 @step
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
-    """ColourUnit."""
+    """Steps ColourUnit."""
     _write_views(s, granted_write, views, view_of)
     at = s[C_WAIT_OUT]
     waits = at != s[C_IN] and s[C_RING + (at & _MASK)] <= t
@@ -156,7 +158,7 @@ def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of)
 
 @step
 def _finish_colour(s):
-    """Ends of the colour unit, a cycle behind."""
+    """Updates the flags for the end of the colour unit's work, which follow one cycle later."""
     s[C_SETTLED] = s[C_ENDED] and s[C_FINISHED]
     if s[C_ENDING] and s[C_INSIDE] == 0 and s[C_PLACE] == 0 and s[C_WRITE] == 0:
         s[C_FINISHED], s[C_ENDING] = 1, 0
@@ -164,7 +166,7 @@ def _finish_colour(s):
 
 @step
 def _write_entries(s, t, granted, begins, entry_writes):
-    """EntryWriter but for its input; whether its slots advance."""
+    """Steps EntryWriter except its input. Returns whether its slots advance."""
     buffered = s[E_BUFFER]
     room = buffered < 2
     quiet = s[E_PIPE] == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)
@@ -196,7 +198,8 @@ def _write_entries(s, t, granted, begins, entry_writes):
 
 @step
 def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
-    """TileExpand: an entry a cycle of each run, a cycle of each run without; what the entry writer takes: 0, 1 or 2 (end)."""
+    """Steps TileExpand, which takes one cycle for each intersection of a run, and one cycle for a run without. Returns what the
+    entry writer gets: 0 for nothing, 1 for an intersection, 2 for the end."""
     given, load = 0, s[EXPANDING] == 0
     if s[EXPANDING]:
         run = s[RUN]
@@ -234,7 +237,7 @@ def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
 
 @step
 def _walk(s, t, step_runs, splat_steps):
-    """TileRuns: runs to the ellipse test, from the box of one splat after the other."""
+    """Steps TileRuns, which cuts the boxes of the splats, one after the other, into runs for the ellipse test."""
     if s[RUN_FULL] and _accepts(s, ELLIPSE, t):
         _enter(s, ELLIPSE, t)
         s[RUN_FULL] = 0
@@ -254,7 +257,7 @@ def _walk(s, t, step_runs, splat_steps):
 
 @step
 def _project(s, t, point_class, passed_class, splat_steps):
-    """From memory's points to the tile test's input."""
+    """Steps the units from memory's points to the input of the tile test."""
     _walks = s[WALKING]
     if s[PROJECTION + _FULL]:
         at = s[PASSED]
@@ -299,7 +302,7 @@ def geometry_phase(
     s, point_class, passed_class, splat_steps, step_runs, run_entries, run_closes, views, view_of, colour_of, geometry_base,
     begins, entry_writes, colour_step, limit,
 ):
-    """The phase GEOMETRY; gives its cycles and the one in which the frame's last entry was in memory."""
+    """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last intersection was in memory."""
     points, t, counted = s[POINTS], 0, -1
     while t < limit:
         asked = s[ASKED]
@@ -339,7 +342,8 @@ def geometry_phase(
 
 @phase
 def table_phase(s, tiles, base, limit):
-    """The phase TABLE: the table's beats, four tiles each, to the tile test, a tile a cycle; gives its cycles."""
+    """Simulates the phase TABLE, in which the table's beats, four tiles each, go to the tile test at one tile per cycle.
+    Returns its cycles."""
     beats, asked, left, valid, taken, t = (tiles + 3) // 4, 0, 0, False, 0, 0
     while t < limit:
         reader = bus.grant_read(s, t, 1 << TILES if asked < beats and s[CREDITS + TILES] else 0)
@@ -357,5 +361,5 @@ def table_phase(s, tiles, base, limit):
         memory.end_cycle(s, t)
         t += 1
         if taken == tiles:
-            return t + 2  # `done` a cycle later, seen in the cycle after that
+            return t + 2  # `done` rises one cycle later and is seen in the cycle after that
     return -1

@@ -1,7 +1,7 @@
-"""The decorator of the model's kernels.
+"""The decorators of the model's kernels.
 
-Their compiled code is kept in a folder of its own for every state of the model's sources, as golden/__init__.py does for the
-golden renderer's: numba notices an edit in a kernel's own file only, not in what it takes from others.
+Compiled code is kept in a separate folder for every state of the model's sources, as golden/__init__.py does for the golden
+renderer. The reason is that numba notices a change in a kernel's own file only, and not in the modules from which it imports.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ def kernel(function: Callable) -> Callable:
 
 
 def phase(function: Callable) -> Callable:
-    """A kernel that makes no array, so that none needs its references counted: that would take most of its time."""
+    """A kernel that creates no array, so that numba does not count references; counting them would take most of its time."""
     return _compiled(function, _nrt=False)
 
 
 def step(function: Callable) -> Callable:
-    """A part of a phase, compiled into it."""
+    """A part of a phase, which numba inlines into it."""
     return numba.njit(inline="always", error_model="numpy")(function)

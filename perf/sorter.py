@@ -1,4 +1,4 @@
-"""What is behind the chunk sorter, a cycle a step: spilling, merging, hand-over (rtl/sort_tmu/)."""
+"""The units behind the chunk sorter, stepped cycle by cycle: spilling, merging and the handover (rtl/sort_tmu/)."""
 
 from __future__ import annotations
 
@@ -24,22 +24,23 @@ CAPACITY, TAKEN, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED, ACT
     "back_last")
 (H_IN, H_OUT, HALVES, FILLING, FILLED, SHOWING, NEXT, SOURCE, SOURCE_LAST, SOURCE_HALF) = layout.words(
     "h_in h_out halves filling filled showing next source source_last source_half")
-H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the ring lies behind all others
+H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the line buffer follows all other words
 
 _WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE, _PENDING = 32, 32, 32, 8, 15
-"""RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output, merges not yet in memory."""
+"""RunWriter's depth, RunReader's `way_beats`, the most ways, the entries that the tree holds between its leaves and its output,
+and the most merge results that are not yet in memory."""
 Q_TIMES, Q_FENCE = layout.ring(_WRITER_QUEUE), layout.ring(_WRITER_QUEUE)
 WAY_LEFT, WAY_ROOM, WAY_IN, WAY_OUT, WAY_PLACE, WAY_ENTRIES, WAY_BASE = (layout.ring(_WAYS) for _ in range(7))
 WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
 FETCHED = layout.ring(_WAYS * _WAY_BEATS)
 TREE = layout.ring(_TREE)
 
-_TREE_LATENCY = 3  # of eight ways, the paper's; three cycles from a beat to its way, one from the tree's last node
+_TREE_LATENCY = 3  # with the paper's eight ways; a beat reaches its way after three cycles, the last node's output takes one
 
 
 @step
 def step_run_writer(s, t, granted):
-    """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
+    """Steps RunWriter: writes the oldest beat and waits at its fence. Merged beats enter its queue before others."""
     at = s[QUEUE_OUT]
     if at == s[QUEUE_IN] and s[BACK_FULL] == 0 and s[PACK_FULL] == 0:
         return
@@ -69,14 +70,14 @@ def step_run_writer(s, t, granted):
 
 @step
 def writer_asks(s, t):
-    """The run writer has a beat for memory."""
+    """Whether the run writer has a beat for memory."""
     at = s[QUEUE_OUT]
     return s[FENCED] == 0 and at != s[QUEUE_IN] and s[Q_TIMES + (at & _WRITER_QUEUE - 1)] <= t
 
 
 @step
 def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
-    """SpillDispatch: an entry of a chunk that is spilled to its run."""
+    """Steps SpillDispatch: moves an entry of a spilled chunk into its run."""
     chunk, place = s[CHUNK_OUT], s[PLACE_OUT]
     if not offers or chunk_spill[chunk] == 0 or s[PACK_FULL]:
         return
@@ -96,7 +97,7 @@ def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
 
 @step
 def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
-    """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each, two on their way there."""
+    """Steps MergePlan: plans the merges of a group that is in memory, and assigns runs to ways, in two cycles each."""
     job = s[PLANNED]
     if s[PLANNING] == 0:
         if s[OPEN_PART] == 0:
@@ -124,7 +125,7 @@ def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
 
 @step
 def _read_runs(s, t, ways, granted):
-    """RunReader: a way's next beat into the request register, beats into their ways."""
+    """Steps RunReader: requests the next beat of a way, and moves received beats into their ways."""
     if granted:
         bus.read(s, SPILL, s[SPILL_BASE] + s[READ_BEAT])
         s[READ_BEAT] += 1
@@ -152,7 +153,7 @@ def _read_runs(s, t, ways, granted):
 
 @step
 def _merge(s, t, way_of, job_start, job_length):
-    """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
+    """Steps MergeTree: takes the next entry in order from its way, once every way with entries left shows one."""
     if s[TREE_IN] - s[TREE_OUT] >= _TREE - 1:
         return
     if s[MERGE_LEFT] == 0:
@@ -193,7 +194,7 @@ def _merge(s, t, way_of, job_start, job_length):
 
 @step
 def _tree_gives(s, t, job_entries):
-    """The tree's oldest entry is there: what is left of its merge, itself included; 0: none."""
+    """How many entries of the current merge are left, including the oldest one at the tree's output; 0 if none is there."""
     if s[TREE_IN] == s[TREE_OUT] or s[TREE + (s[TREE_OUT] & _TREE - 1)] > t:
         return 0
     return s[OUT_LEFT] if s[OUT_LEFT] else job_entries[s[FINISHED]]
@@ -201,7 +202,7 @@ def _tree_gives(s, t, job_entries):
 
 @step
 def _take_merged(s, left):
-    """The tree's oldest entry leaves; `left` as `_tree_gives` says."""
+    """Removes the tree's oldest entry; `left` is the value from `_tree_gives`."""
     s[TREE_OUT] += 1
     s[OUT_LEFT] = left - 1
     s[FINISHED] += left == 1
@@ -209,7 +210,7 @@ def _take_merged(s, left):
 
 @step
 def _merge_back(s, t, job_entries, job_out):
-    """An entry of a merge that goes back to memory into its beat."""
+    """Moves an entry of a merge whose result goes back to memory into its beat."""
     left = _tree_gives(s, t, job_entries)
     if left == 0 or job_out[s[FINISHED]] or s[BACK_FULL]:
         return
@@ -222,7 +223,7 @@ def _merge_back(s, t, job_entries, job_out):
 
 @step
 def _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out):
-    """Whether an entry is offered: 0, -1 from the chunk sorter, else from the merge tree, as `_tree_gives`."""
+    """Which entry is offered: 0 for none, -1 for one of the chunk sorter, otherwise the value of `_tree_gives`."""
     if s[ACTIVE]:
         left = _tree_gives(s, t, job_entries)
         return left if left and job_out[s[FINISHED]] else 0
@@ -234,7 +235,7 @@ def step_sort_out(
     s, t, ways, granted, chunk_offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start, job_length,
     job_entries, job_out, job_waits, way_of,
 ):
-    """What leaves the sorter for the hand-over; whether something did. `chunk_offers`: the chunk sorter offers an entry."""
+    """Moves a sorted entry to the handover. Returns whether one moved. `chunk_offers`: the chunk sorter offers an entry."""
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
     freed, moves = s[FREEING], False
     s[FREEING] = 0
@@ -256,7 +257,7 @@ def step_sort_out(
                 s[FREEING] = part_runs[s[FREED]]
                 s[FREED] += 1
         s[SORTED] += 1
-    if freed:  # by what left a cycle before
+    if freed:  # by the entry that left one cycle earlier
         s[USED] -= freed
         s[ACTIVE] = s[USED] != 0
     if s[USED] or (s[RING_RUNS] and chunk_offers):
@@ -270,7 +271,7 @@ def step_sort_out(
 
 @step
 def _hand_over(s, t, ends):
-    """An entry offered to the line buffer or the double buffer; whether it is taken."""
+    """Offers an entry to the line buffer or the double buffer. Returns whether it is taken."""
     if s[INCREMENTAL]:
         at = s[H_IN]
         if at - s[H_OUT] >= s[LINE]:
@@ -285,13 +286,13 @@ def _hand_over(s, t, ends):
     if ends or s[FILLED] == s[CAPACITY]:
         s[H_ENDS + half] = s[FILLED]
         s[FILLING], s[FILLED] = 1 - half, 0
-        s[HALVES] |= 4 << half  # seen in the next cycle
+        s[HALVES] |= 4 << half  # takes effect in the next cycle
     return True
 
 
 @step
 def handover_offers(s, t):
-    """The hand-over offers an entry."""
+    """Whether the handover offers an entry."""
     if s[INCREMENTAL]:
         at = s[H_OUT]
         return at != s[H_IN] and s[s[H_TIMES] + (at & s[H_MASK])] <= t
@@ -300,11 +301,11 @@ def handover_offers(s, t):
 
 @step
 def step_handover(s, takes):
-    """The hand-over's output side."""
+    """Steps the output side of the handover."""
     if s[INCREMENTAL]:
         s[H_OUT] += takes
         return
-    halves = (s[HALVES] | s[HALVES] >> 2) & ~(s[HALVES] >> 4) & 3  # as the cycle before has left them
+    halves = (s[HALVES] | s[HALVES] >> 2) & ~(s[HALVES] >> 4) & 3  # the state that the previous cycle left
     s[HALVES] = halves
     if takes:
         s[SOURCE] = 0

@@ -1,11 +1,13 @@
-"""The warp unit, a cycle a step (rtl/warp_unit/).
+"""The warp unit, stepped cycle by cycle (rtl/warp_unit/).
 
-Rows wait in the queues of their lanes, whose pixels leave one by one into the ring of columns; a tile has settled some cycles
-after its last pixel has left. Tiles that no pixel can reach any more open to the scan, which goes down their columns group by
-group of `warp_lanes` pixels. A group takes a cycle, or one for each of its holes that are filled, and waits where the beats it
-completes find no room in the queue before memory, or where the columns behind it are not open. A tile is taken where the ring
-has room for all that it can reach. What pixels cost the scan when both want one memory is not modelled: places read ahead make
-up for it.
+Rows wait in the queues of their lanes. Their pixels leave one by one into the ring buffer of columns, and a tile has settled
+some cycles after its last pixel has left. A tile that no further pixel can reach opens to the scan. The scan goes down the
+columns in groups of `warp_lanes` pixels. A group takes one cycle, or one for each of its holes that is filled. It waits if the
+queue before memory has no free space for the beats that it completes, or if the following columns are not open. A tile is
+accepted if the ring buffer has free space for everything that the tile can reach.
+
+One effect is not modelled: the scan loses cycles when it needs the same memory as the pixels, but the places that it reads
+ahead make up for them.
 """
 
 from __future__ import annotations
@@ -27,22 +29,22 @@ layout = Layout(before.size)
     "opened take_column gone settle_in settle_out settled open_column starts scans written strip scan_at group freed "
     "slots q_in q_out q_left strips")
 LANE_ROWS, LANE_LEFT, LANE_IN, LANE_OUT, LANE_TILES = (layout.ring(TILE) for _ in range(5))
-_QUEUED = 128  # rows of a lane, at most
+_QUEUED = 128  # most rows in a lane's queue
 LANE_PIXELS = layout.ring(TILE * _QUEUED)
 Q_BEATS, Q_ADDRESS = layout.ring(16), layout.ring(16)
 SETTLES = layout.ring(64)
-OPEN_AT = layout.ring(512)  # by column of tiles
+OPEN_AT = layout.ring(512)  # by tile column, the cycle in which it opened
 
 
 @step
 def finished(s, t):
-    """All strips are in memory, or there is nothing to warp."""
+    """Whether all strips are in memory, or there is nothing to warp."""
     return s[PRESENT] == 0 or (s[WRITTEN] and bus.writes_idle(s, t, W_WARP))
 
 
 @step
 def _move_pixels(s, t):
-    """A pixel a lane into the ring; a tile that has left all lanes is on its way."""
+    """Moves a pixel of each lane into the ring buffer. A tile that has left all lanes begins to settle."""
     rows = TILE // s[LANES] * TILE // s[blending.CORES_X]
     every = True
     for lane in range(s[LANES]):
@@ -69,13 +71,13 @@ def _move_pixels(s, t):
 
 @step
 def _reached(s, column):
-    """By how many tiles the reach goes to the right of a tile, in its row."""
+    """The number of tiles by which the reach extends to the right of a tile, in its row."""
     return min(s[REACH], s[blending.TILES_X] - 1 - column)
 
 
 @step
 def _take_row(s, row):
-    """A row into its lane's queue; whether there is room."""
+    """Puts a row into the queue of its lane. Returns whether there was free space."""
     rows = TILE * TILE // s[blending.CORES_X]
     tile, place = row // rows, row % rows
     columns = TILE // s[blending.CORES_X]
@@ -95,7 +97,7 @@ def _take_row(s, row):
 
 @step
 def _take(s, offered, row):
-    """Whether the row on offer is taken."""
+    """Returns whether the offered row is taken."""
     room = s[HELD] + (_reached(s, s[TAKE_COLUMN]) if s[RIGHT] else 0) < s[RING]
     taken = offered and s[TO_TAKE] != 0 and s[OPENED] != 0 and _take_row(s, row)
     s[HELD] -= s[GONE]
@@ -113,7 +115,7 @@ def _take(s, offered, row):
 
 @step
 def _open(s, t):
-    """Tiles that have settled open to the scan, and strips begin."""
+    """Opens tiles that have settled to the scan, and begins strips."""
     opens = s[SCANS] and s[OPEN_COLUMN] < s[blending.TILES_X] and (
         s[SETTLED] > (0 if s[RIGHT] else _reached(s, s[OPEN_COLUMN])))
     if s[STARTS]:
@@ -136,14 +138,15 @@ def _open(s, t):
 
 @step
 def _there(s, t, group, later):
-    """Whether the scan can have read a strip's group `later` cycles ago."""
+    """Whether the scan could have read a group of a strip `later` cycles ago."""
     column = group // (TILE // s[LANES] * TILE)
     return column < s[OPEN_COLUMN] and s[OPEN_AT + (column & 511)] + later <= t
 
 
 @step
 def _group(s, fills):
-    """Of the group that is scanned: slots that it takes, whether beats are complete, those to write, the last one's address."""
+    """For the group that is being scanned: the cycles that it takes, whether it completes beats, the number of beats to write,
+    and the address of the last."""
     lanes, width = s[LANES], s[blending.WIDTH]
     groups = TILE // lanes
     x, first = s[GROUP] // groups, s[GROUP] % groups * lanes
@@ -164,7 +167,7 @@ def _group(s, fills):
 
 @step
 def _scan(s, t, fills):
-    """The next slot of the strip."""
+    """Scans the next slot of the strip."""
     groups = TILE // s[LANES]
     total, ahead = groups * s[blending.WIDTH], groups + 2
     if s[GROUP] == total:
@@ -194,7 +197,7 @@ def _scan(s, t, fills):
 
 @step
 def step_warp(s, t, granted, offered, row, fills):
-    """WarpUnit; whether the row on offer is taken."""
+    """Steps WarpUnit. Returns whether the offered row is taken."""
     if granted:
         bus.write(s, W_WARP, s[TARGET_BASE] + s[Q_ADDRESS + (s[Q_OUT] & 15)])
         s[WRITE] = 0

@@ -1,4 +1,4 @@
-"""The render phase's counters of its stages' input streams, and what was on the way when."""
+"""Counters of the rendering phase: the activity at each stage's input, and the times of groups in the stages."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ layout = Layout(memory.layout.size)
 WATCHED = BUSY_LIST
 
 SORTING, HANDING, FETCHING, BLENDING = range(4)
-"""Stages whose times by group are kept; those of rows of pixels are by tile."""
+"""Stages for which the times of each group are recorded. For rows of pixels the times are recorded by tile."""
 
 GROUP, OPEN = layout.ring(4), layout.ring(4)

@@ -73,7 +73,7 @@ def many_to_one(
     config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int, right: bool, every: int = 1,
 ) -> Source:
     """Rows in which runs of pixels are warped to the same place, ever nearer or ever farther. With `every` 2 the pixels of a
-    run go to several places, two to each."""
+    run go to two neighbouring places in turn."""
     x, length = np.arange(width) + np.zeros((height, 1), int), rng.integers(2, 12, (height, 1))
     start = x // length * length
     ahead = x - start if not right else start + length - 1 - x
