@@ -17,7 +17,7 @@ from golden import kernel_folder
 from spec.paths import ROOT
 
 _SOURCES = ("blending", "bus", "chunks", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs",
-            "sorter", "warp", "watch")  # modules of kernels, and of their constants
+            "sorter", "warp", "watch")  # the modules of kernels and of the constants that they use
 
 
 @cache

@@ -11,9 +11,9 @@ layout = dram.layout
 @step
 def end_cycle(s, t):
     """Steps the memory over the clock edge at the end of cycle t."""
-    if s[bus.KIND] == bus.COMPUTED:
+    if s.kind == bus.COMPUTED:
         bus.compute_answers(s, t)
-    elif s[bus.KIND] == bus.LPDDR3:
+    elif s.kind == bus.LPDDR3:
         dram.end_cycle(s, t)
     else:
         bus.step_memory(s, t)

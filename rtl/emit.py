@@ -6,9 +6,7 @@ adds a submodule that is emitted once and instantiated by name. In Amaranth's ow
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Hashable
-from pathlib import Path
 from typing import Any
 
 from amaranth._toolchain.yosys import find_yosys
@@ -68,22 +66,17 @@ def to_rtlil(component: wiring.Component, name: str) -> str:
 
 
 def to_verilog(component: wiring.Component, name: str) -> str:
-    """Verilog-2001 of a component, as module `name`, and of the shared modules below it. The text is deterministic.
+    """Verilog-2001 of a component as module `name` and of the shared modules below it; deterministic."""
+    return verilog_of(to_rtlil(component, name))
 
-    Yosys writes it after `proc`, because Amaranth's own `always @*` blocks leave signals X at time 0 in some simulators.
+
+def verilog_of(text: str, clean: str = "opt_clean") -> str:
+    """Verilog-2001 of RTLIL, written by Yosys after `proc` and the pass `clean`.
+
+    `proc` comes first because Amaranth's own `always @*` blocks leave signals X at time 0 in some simulators. Names of Yosys'
+    own are written as `_12_`: as `\\$12` they would need an escape, and Icarus takes the name of a function that begins with
+    a dollar sign for a system function even so.
     """
-    script = f"read_rtlil <<rtlil\n{to_rtlil(component, name)}\nrtlil\nproc\nopt_clean\nwrite_verilog -noattr -norename\n"
-    text = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
-    return text[text.index("module "):]  # drops the line with Yosys' version
-
-
-def write_verilog(component: wiring.Component, name: str, folder: Path) -> Path:
-    """Writes the Verilog of a component to `folder/name.v` and returns the path. An unchanged file keeps its time stamp."""
-    path = Path(folder) / f"{name}.v"
-    text = to_verilog(component, name)
-    if not path.exists() or path.read_text() != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_suffix(f".{os.getpid()}.tmp")
-        scratch.write_text(text)
-        scratch.replace(path)
-    return path
+    script = f"read_rtlil <<rtlil\n{text}\nrtlil\nproc\n{clean}\nwrite_verilog -noattr\n"
+    found = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
+    return found[found.index("module "):]  # without Yosys' version line

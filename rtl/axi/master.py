@@ -8,13 +8,11 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
 from rtl.axi.arbiter import RoundRobin, selected
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.memory import ADDRESS_BITS, BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, write_request
 from spec.queues import IN_FLIGHT
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS
 
 
 def id_bits(readers: int, writers: int) -> int:
@@ -154,8 +152,3 @@ class AxiMaster(wiring.Component):
             m.d.sync += flag.eq(1)
         with m.Elif(self.clear_errors):
             m.d.sync += flag.eq(0)
-
-
-def emit_axi_master(config: AcceleratorConfig) -> str:
-    """Verilog of module `axi_master` with the machine's clients."""
-    return to_verilog(AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS)), "axi_master")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal, Value, unsigned
+from amaranth.hdl import Cat, Const, Module, Signal, Value, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
 from rtl.axi.lite import LiteSlave
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.host_settings import limits, settings
@@ -172,7 +171,8 @@ class RegisterFile(wiring.Component):
         m.d.sync += illegal.eq(0)
         for limit in reversed(limits(self.config)):  # the first setting comes last, because the last assignment wins
             value = written[limit.setting]
-            outside = (value < limit.low) | (value > limit.high)
+            below = value < limit.low if limit.low else Const(0)  # patterns are unsigned: none is below 0
+            outside = below | (value > limit.high)
             with m.If(outside & written[limit.where] if limit.where else outside):
                 m.d.sync += [illegal.eq(1), first.eq(numbers[limit.setting])]
         return illegal, first
@@ -207,8 +207,3 @@ def _packed(register: Register, parts: dict[str, Value]) -> Value:
     for name, part in parts.items():
         value = value | (Value.cast(part)[: places[name].width] << places[name].low)
     return value
-
-
-def emit_register_file(config: AcceleratorConfig) -> str:
-    """Verilog of module `register_file`."""
-    return to_verilog(RegisterFile(config), "register_file")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
@@ -13,7 +11,6 @@ from rtl.culling.colour_sum import ColourSum, by_degree
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
 from rtl.culling.views import ViewWriter
-from rtl.emit import to_verilog
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.harmonics import terms
@@ -150,12 +147,3 @@ class ColourUnit(wiring.Component):
             m.d.sync += self.error.eq(0)
         with m.If(ending & (inside == 0) & self._sum.idle & ~self.writes.valid):
             m.d.sync += [self.finished.eq(1), ending.eq(0)]
-
-
-def emit_colour_unit(config: AcceleratorConfig, *, sh_degree: int = 3) -> str:
-    """Verilog of the unit."""
-    return to_verilog(ColourUnit(config, sh_degree=sh_degree), "colour_unit")
-
-
-emitters = {degree: partial(emit_colour_unit, sh_degree=degree) for degree in range(4)}
-"""For each SH degree, a function that gives the Verilog of the unit for records of at most that degree."""

@@ -10,7 +10,6 @@ from rtl.culling import near, projection
 from rtl.culling.frame import COUNTER_BITS, setting_ports
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.records import gaussian_point, projected_splat
@@ -62,8 +61,3 @@ class ProjectionUnit(wiring.Component):
             self.culled_near.eq(self.near_test.culled_near), self.culled_faint.eq(self.near_test.culled_faint),
             self.culled_outside.eq(self.projection.culled_outside)]
         return m
-
-
-def emit_projection_unit(config: AcceleratorConfig) -> str:
-    """Verilog of the unit as module `projection_unit`."""
-    return to_verilog(ProjectionUnit(config), "projection_unit")

@@ -6,7 +6,6 @@ from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
@@ -70,8 +69,3 @@ class SaturationCounters(wiring.Component):
             count.eq(count + step)]
         with m.If(self.clear):
             m.d.sync += count.eq(0)
-
-
-def emit_saturation_counters(config: AcceleratorConfig) -> str:
-    """Verilog of module `saturation_counters`."""
-    return to_verilog(SaturationCounters(config), "saturation_counters")

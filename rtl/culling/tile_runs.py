@@ -128,8 +128,8 @@ class TileRuns(wiring.Component):
     def _cut(self, m: Module, walked: _Stage, cut: _Stage) -> None:
         """Finds where the group's runs stop: at the end of the box, and where the next tile has another code."""
         item, out, codes = walked.payload, cut.payload, [Value.cast(code) for code in self.codes]
-        changes = Cat(*(a != b for a, b in pairwise(codes)), 0)
-        within = Cat((item.begin <= i) & (i < item.stop) for i in range(LEVEL_GROUP))
+        changes = Cat(a != b for a, b in pairwise(codes))
+        within = Cat((item.begin <= i) & (i < item.stop) for i in range(LEVEL_GROUP - 1))
         stops = (changes & within) | (1 << item.stop)
         m.d.comb += walked.ready.eq(cut.ready | ~cut.valid)
         passed_on = ("splat", "row", "group", "last", "end", "begin")

@@ -12,7 +12,6 @@ from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
 from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
-from rtl.emit import to_verilog
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -145,8 +144,3 @@ class TileTest(wiring.Component):
             ellipse.source.ready.eq(expand.runs.ready),
             *(expand.runs.payload[name].eq(ellipse.source.payload[name]) for name in ("first", "last", "none", "carried")),
         ]
-
-
-def emit_tile_test(config: AcceleratorConfig) -> str:
-    """Verilog of module `tile_test`."""
-    return to_verilog(TileTest(config), "tile_test")

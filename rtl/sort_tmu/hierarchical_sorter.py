@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.merge_plan import MergePlan, merge_layout, part_layout, run_beats
@@ -24,7 +23,7 @@ from spec.records import chunk_entry, tile_entry
 class HierarchicalSorter(wiring.Component):
     """Sorts each group by (native tile, depth key, index); groups keep their order.
 
-    A group of at most `chunk_capacity` intersections is sorted by the chunk sorter and leaves. A larger group is cut into
+    A group of at most `sort_chunk` intersections is sorted by the chunk sorter and leaves. A larger group is cut into
     chunks as it arrives. Each chunk is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time,
     as they are read back::
 
@@ -208,8 +207,3 @@ class HierarchicalSorter(wiring.Component):
                 self.sorted.valid.eq(dispatch.direct.valid), out.eq(dispatch.direct.payload),
                 dispatch.direct.ready.eq(self.sorted.ready),
             ]
-
-
-def emit_hierarchical_sorter(config: AcceleratorConfig) -> str:
-    """Verilog of module `hierarchical_sorter`."""
-    return to_verilog(HierarchicalSorter(config), "hierarchical_sorter")

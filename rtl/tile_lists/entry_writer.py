@@ -31,14 +31,14 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS, write_request
-from spec.records import ENTRY_BYTES, entry_item, frame_tiles, tile_entry, tile_hit
+from spec.records import entry_item, frame_tiles, tile_entry, tile_hit
 
 FIRST_PAGE_BEATS = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
 """Beats of the unit in which pages are allocated: the size of a page is a power of two of units, and it begins at a unit."""
@@ -277,8 +277,3 @@ class EntryWriter(wiring.Component):
         ]
         inside = reduce(or_, (valid.at(stage) for stage in range(1, end + 1)))
         return room, ~inside & ~self.writes.valid & self.writes_idle
-
-
-def emit_entry_writer(config: AcceleratorConfig) -> str:
-    """Verilog of module `entry_writer`."""
-    return to_verilog(EntryWriter(config), "entry_writer")

@@ -6,7 +6,6 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.tile_lists.beats import BeatRun, check_config, read_port
 from spec.config import AcceleratorConfig
@@ -67,8 +66,3 @@ class GeometryReader(wiring.Component):
         with m.Elif(self.data.valid & self.data.ready):
             m.d.sync += self.error.eq(self.error | words.error)
         return m
-
-
-def emit_geometry_reader(config: AcceleratorConfig) -> str:
-    """Verilog of module `geometry_reader`."""
-    return to_verilog(GeometryReader(config), "geometry_reader")

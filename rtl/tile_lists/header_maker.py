@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config, read_port
@@ -138,8 +137,3 @@ class HeaderMaker(wiring.Component):
                 m.d.sync += self.done.eq(0)
             with m.Elif(moves & tile.ends):
                 m.d.sync += self.done.eq(1)
-
-
-def emit_header_maker(config: AcceleratorConfig) -> str:
-    """Verilog of module `header_maker`."""
-    return to_verilog(HeaderMaker(config), "header_maker")

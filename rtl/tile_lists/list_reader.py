@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -15,9 +14,10 @@ from rtl.tile_lists.beats import check_config, read_port
 from rtl.tile_lists.entry_writer import UNIT_BITS
 from rtl.tile_lists.page_walk import ListedTiles, PageWalk
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, WORDS
 from spec.queues import LIST_BEATS
-from spec.records import ENTRY_BYTES, chunk_entry, tile_entry, tile_group
+from spec.records import chunk_entry, tile_entry, tile_group
 
 
 class ListReader(wiring.Component):
@@ -117,8 +117,3 @@ class ListReader(wiring.Component):
             m.d.sync += self.error.eq(0)
         with m.Elif(taken & beat.error):
             m.d.sync += self.error.eq(1)
-
-
-def emit_list_reader(config: AcceleratorConfig) -> str:
-    """Verilog of module `list_reader`."""
-    return to_verilog(ListReader(config), "list_reader")

@@ -6,7 +6,6 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.tile_lists.beats import BeatRun, check_config, read_port
 from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings, connect_mask, mask_port
@@ -81,8 +80,3 @@ class TableLoader(wiring.Component):
             with m.Elif(taken & table.rendered):
                 m.d.sync += self.rendered_tiles.eq(self.rendered_tiles + 1)
         return m
-
-
-def emit_table_loader(config: AcceleratorConfig) -> str:
-    """Verilog of module `table_loader`."""
-    return to_verilog(TableLoader(config), "table_loader")

@@ -1,5 +1,6 @@
-"""A cache of emitted Verilog. Emission takes seconds, and the emitted text is needed in every session because it decides
-whether a simulator must be rebuilt."""
+"""A cache of emitted Verilog. Emission takes seconds, and every run needs the emitted text to decide whether a simulator must
+be rebuilt."""
+
 from __future__ import annotations
 
 import hashlib
@@ -8,19 +9,23 @@ from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 
+from rtl import units
 from spec.config import AcceleratorConfig
 from spec.paths import ROOT
 
 FOLDER = ROOT / "build" / "emitted"
 
 
-def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str]) -> str:
-    """The text of `emit(config)`, read from build/emitted if rtl/, spec/, Amaranth and the configuration have not changed."""
+def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
+    """The Verilog of a unit, read from build/emitted if rtl/, spec/, Amaranth and the configuration have not changed.
+
+    It is emitted by `emit(config)` or, without `emit`, as the unit of this name in `rtl.units`.
+    """
     parameters = config.with_(name="any")  # machines that differ only in their name share one entry
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():
-        text = emit(config)
+        text = emit(config) if emit else units.emit(name, config)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
         scratch.write_text(text)

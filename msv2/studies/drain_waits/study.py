@@ -24,12 +24,12 @@ from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import CONFIGS, AcceleratorConfig
-from spec.constants import TILE
+from spec.constants import ENTRY_BYTES, TILE
 from spec.errors import InputError
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
 from spec.paths import ROOT
 from spec.queues import COUNTER_BITS
-from spec.records import ENTRY_BYTES, array_entry, frame_tiles, tile_header
+from spec.records import array_entry, frame_tiles, tile_header
 from tb.common.exact import Planned, planned, run_plan
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames

@@ -23,7 +23,6 @@ from golden.training.level_quality import Levels, centre_foveation
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DRAM_BYTES_PER_CYCLE, FIRST_PAGE_ENTRIES, PIXEL_BYTES, colour_beats
-from spec.records import ENTRY_BYTES
 
 LEVEL_BITS = 2
 """Bits of a level in the key of a splat's view."""
@@ -126,7 +125,7 @@ def _misses(views: np.ndarray, lines: int) -> int:
 
 def _spilled_beats(config: AcceleratorConfig, counts: np.ndarray, tiles_x: int) -> int:
     """Beats of the entries of groups larger than half the sort buffer, written once and read once."""
-    room = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    room = config.sort_chunk
     groups = np.bincount(tile_merge.merge_tiles(counts, tiles_x, tile_merge.auto_beta(counts, config)), counts)
     return int(2 * (-(-groups[groups > room] // BEAT_ENTRIES)).sum())
 

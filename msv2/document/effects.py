@@ -7,6 +7,7 @@ from pathlib import Path
 
 from spec import effects
 from spec.effects import EFFECTS, GIVEN
+from spec.paths import DOCS
 
 _COMMANDS = """
 `python golden/render.py` and `make frame` find out what the model and the request call for, print one line per effect
@@ -25,8 +26,8 @@ def page() -> str:
     rows += [f"| `{e.name}` | {e.doc} | {', '.join(f'`{need}`' for need in e.needs) or '-'} | {e.without} | "
              f"{'no' if e.name in GIVEN else 'yes'} |" for e in EFFECTS.values()]
     text = (effects.__doc__ or "").partition("\n\n")[2].strip()
-    head = ["# Effects", "", "Written by `python -m spec.document` from `spec/effects.py`.", ""]
+    head = ["# Effects", "", "Written by `python -m msv2.document` from `spec/effects.py`.", ""]
     return "\n".join([*head, text, _COMMANDS, *rows, ""])
 
 
-PAGES: dict[Path, Callable[[], str]] = {Path(__file__).parents[1] / "docs" / "effects.md": page}
+PAGES: dict[Path, Callable[[], str]] = {DOCS / "effects.md": page}
