@@ -223,7 +223,7 @@ def _eye(
 
 
 def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
-    s = dram.layout.new()
+    s = geometry.layout.new()
     _memory(s, memory)
     return _finished("TABLE", geometry.table_phase(s, len(eye.counts), base, LIMIT))
 

@@ -18,21 +18,16 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.host.quantise import GaussianWords
 from golden.msv2_ref import pipeline, projection
-from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
+from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
-from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
-from golden.scenes.gaze import FoveationMap
-from golden.scenes.model import GaussianModel
-from golden.scenes.request import resolve
-from golden.scenes.stereo import StereoPair
+from golden.scenes.request import Request, resolve
 from perf import geometry
 from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
-from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
 VERSION = 1
@@ -163,58 +158,16 @@ def trace_of(
         seconds + time.perf_counter() - begin, dict(record or {}), right)
 
 
-@dataclass(frozen=True)
-class TraceSettings:
-    """The inputs of a frame's trace besides scene, camera and machine.
-
-    Attributes:
-        foveation: the tiles' levels and blend planes; None for level 1 everywhere.
-        background: r, g, b in [0, 1].
-        obb: whether bounding boxes replace the exact tile test.
-        pair: the eyes of a frame of two eyes, whose source eye then replaces the camera.
-        threshold_deg, gaze_target: arguments of `golden.msv2_ref.eyes.render_stereo`.
-    """
-
-    foveation: FoveationMap | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    obb: bool = False
-    pair: StereoPair | None = None
-    threshold_deg: float = ECC_THRESHOLD_DEG
-    gaze_target: tuple[float, float] | None = None
-
-
-def trace_frame(
-    scene: GaussianModel | GaussianWords, camera: Camera, settings: TraceSettings | None, config: AcceleratorConfig,
+def trace_request(
+    args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
 ) -> FrameTrace:
-    """Renders a frame with the golden renderer and traces it.
-
-    Args:
-        scene: the Gaussians, or their quantised words when several frames share them.
-        camera: the camera.
-        settings: see `TraceSettings`; None for its defaults.
-        config: the machine's configuration; formats, levels, row width and stereo matter here.
-
-    Raises:
-        InputError: the golden renderer does not accept the input.
-    """
-    settings, begin = settings or TraceSettings(), time.perf_counter()
-    if settings.pair is not None:
-        golden = render_stereo(
-            scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
-            gaze_target=settings.gaze_target, background=settings.background, obb=settings.obb)
-    else:
-        golden = pipeline.render(
-            scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
-    return trace_of(golden, seconds=time.perf_counter() - begin)
-
-
-def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
     """The trace of the frame that a command line requests (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
         args: the parsed arguments; for two eyes, after `take_stereo_arguments`.
-        config: the machine's configuration.
+        config: the configuration of the machine as it is built. Units that the frame does not need are not removed here.
         cache: the folder in which traces are kept; None to keep none.
+        request: the resolved arguments, if they are known already.
 
     Raises:
         InputError: see `resolve`.
@@ -224,7 +177,7 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     if found:
         return found
     begin = time.perf_counter()
-    request = resolve(args)
+    request = request or resolve(args)
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:

@@ -30,7 +30,7 @@ from spec.records import COUNT_BITS, INDEX_BITS, Field, Record, gaussian_colour,
 from spec.stereo import DISPARITY_SCALE_BITS
 
 BEAT_BYTES = 32
-"""Bytes of a transaction: the AXI data width, and one LPDDR3 burst of eight transfers on a x32 channel."""
+"""Bytes of a transaction: the AXI data width, and one burst of 8 of an LPDDR3 x32 channel."""
 
 WORD_BITS = 32
 """Bits of a word, the unit in which the host sees memory."""

@@ -235,7 +235,7 @@ def config_record(config: AcceleratorConfig) -> dict[str, object]:
 
 
 def add_config_arguments(
-    parser: argparse.ArgumentParser, default: str | None = "paper", note: str = "", extra: Sequence[str] = (),
+    parser: argparse.ArgumentParser, default: str | None = "paper", note: str = "",
 ) -> None:
     """Adds `--config` and `--set`.
 
@@ -243,12 +243,15 @@ def add_config_arguments(
         parser: of the command.
         default: what `--config` is where it is not given; None where the command does something else without it.
         note: further words about the default.
-        extra: names that the command takes besides, which `config_from` is not given.
     """
-    names = ", ".join((*extra, *CONFIGS))
     said = f" (default: {default}{note})" if default else ""
     parser.add_argument("--config", default=default, metavar="NAME|FILE.toml",
-                        help=f"machine: {names}, or a TOML file of parameters{said}")
+                        help=f"machine: {', '.join(CONFIGS)}, or a TOML file of parameters{said}")
+    add_set_argument(parser)
+
+
+def add_set_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds `--set` alone, for commands whose `--config` names something else."""
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="NAME=VALUE",
                         help="change one parameter of the machine, as in splat_cache_lines=4096 or formats.colour=UQ1.8; "
                              f"may be given several times. Formats are written as in {NOTATION}")
@@ -269,3 +272,40 @@ def config_from(args: argparse.Namespace, default: str = "paper") -> Accelerator
     if is_file(args.config):
         return resolve_config(default, args.sets, Path(args.config))
     return resolve_config(args.config, args.sets)
+
+
+def config_options(args: argparse.Namespace) -> list[str]:
+    """`--config` and `--set` of parsed arguments, for another command that is run in another folder."""
+    config = str(Path(args.config).resolve()) if is_file(args.config) else args.config
+    return ["--config", config, *(part for text in args.sets for part in ("--set", text))]
+
+
+def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
+    """The machine that `config_record` described.
+
+    Raises:
+        InputError: a parameter is missing, unknown or not accepted.
+    """
+    formats = record.get(FORMATS)
+    if not isinstance(formats, Mapping):
+        raise InputError(f"{FORMATS} {formats!r} is not accepted in a configuration's record: one value for each format is")
+    given = {name: value for name, value in record.items() if name != FORMATS}
+    given |= {f"{FORMATS}.{name}": value for name, value in formats.items()}
+    missing = [name for name in NAMES if name not in given]
+    if missing:
+        raise InputError(f"a configuration's record without {', '.join(missing)} is not accepted: every parameter is needed")
+    values = {name: "none" if value is None else value for name, value in given.items()}
+    made = changed(AcceleratorConfig(name="recorded"), {name: convert(name, value) for name, value in values.items()})
+    return made.with_(name=record["name"])
+
+
+def recorded_config(result: Mapping[str, object]) -> AcceleratorConfig:
+    """The machine of a result: its `configuration`, or in files from before there was one the machine that `config` names.
+
+    Raises:
+        InputError: neither is there.
+    """
+    record = result.get("configuration")
+    if isinstance(record, Mapping):
+        return config_from_record(record)
+    return CONFIGS[choice("config", str(result.get("config")), CONFIGS)]

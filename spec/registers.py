@@ -58,7 +58,7 @@ SATURATIONS_BASE = 0x600
 """Byte address of the first counter of saturated values. It is the same in all machines, whatever other counters they have."""
 
 STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING)
-"""Prefixes of the counters of the stages' input streams."""
+"""Prefixes of the counters of the stages whose input streams are counted: busy, starved and blocked cycles."""
 
 READ_CLIENTS = ("geometry", "tiles", "colour", "entries", "spill", "views")
 """Clients that read memory, named by the region that they read; the position is the AXI read ID. The region `entries` includes
@@ -69,7 +69,7 @@ WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 includes the directory of its pages."""
 
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
-"""Stages more of machines with stereo: the rows that the warp unit takes."""
+"""Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
 
 STEREO_WRITE_CLIENTS = ("warp",)
 """Additional write clients of machines with stereo: `warp` writes the target eye's warped pixels. The client `frame` writes its

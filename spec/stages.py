@@ -108,7 +108,7 @@ STAGES = (
         "Sorted intersections pass to the array as they come, or group by group through a double buffer.",
         golden=(),
         rtl=("rtl.sort_tmu.handover",),
-        units=("line_buffer", "double_buffer"),
+        units=("line_buffer", "double_buffer", "handover"),
         suites=("tb.sort_tmu.handover_suite",), test="sort", counters=("handover",)),
     Stage(
         "fetch", "Splat fetch", StagePhase.RENDERING,

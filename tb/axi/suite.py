@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from spec.config import TINY, AcceleratorConfig
+from spec.overrides import config_record
 from tb.axi.device import DEPTH, IN_FLIGHT, READERS, WRITERS, master_design, register_design
 from tb.common.exact import Outcome
 from tb.common.patterns import Pattern
@@ -60,16 +61,17 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Registers:
-    """A simulation run of the register file: one of REGISTER_SCENARIOS with a host that pauses in the fraction `pauses` of the
-    cycles."""
+    """A simulation run of the register file: one of REGISTER_SCENARIOS with a host that pauses in the fraction `pauses` of
+    cycles.
+
+    `config` is the configuration as a record (`spec.overrides.config_record`), because the run is sent to another process.
+    """
 
     name: str
     scenario: str
     pauses: float
     seed: int
-    config: str
-    counters: bool
-    stereo: bool
+    config: dict[str, object]
 
 
 Planned = Scenario | Registers
@@ -142,8 +144,7 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
 def register_plan(config: AcceleratorConfig, seed: int) -> list[Registers]:
     """Every register scenario, once without pauses and once with."""
     return [
-        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, "tiny", config.counters,
-                  config.stereo)
+        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, config_record(config))
         for scenario in REGISTER_SCENARIOS for i, pauses in enumerate((0.0, 0.5))]
 
 

@@ -8,6 +8,9 @@ from golden.msv2_ref.pipeline import Frame
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 
+RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
+"""Clients of the memory that work in the rendering phase."""
+
 
 def array_ops(frame: Frame) -> int:
     """Upper bound on the operations of the array: one for each level that uses an intersection, and one per level for the

@@ -7,9 +7,11 @@ from importlib import import_module
 
 import pytest
 
+from rtl.units import UNITS
 from spec import registers
 from spec.sources import module_file
 from spec.stages import BY_NAME, STAGES, StagePhase, watched
+from tb.sim import UNITS as TESTS
 
 NAMES = ("projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read", "sort", "handover", "fetch",
          "array", "pixel_write", "warp")
@@ -35,12 +37,11 @@ def test_a_stage_without_a_golden_module_only_moves_data(stage):
 
 
 def test_units_are_registered_and_belong_to_one_stage():
-    UNITS = import_module("rtl.units").UNITS
     units = [unit for stage in STAGES for unit in stage.units]
     assert max(Counter(units).values()) == 1 and set(units) <= set(UNITS)
     arithmetic = {name for name in UNITS if name.startswith(("float_", "fixed_"))}
-    serve_all_stages = {"axi_master", "register_file", "frame_controller", "saturation_counters", "msv2_top"}
-    assert set(UNITS) - set(units) == arithmetic | serve_all_stages | {"handover"}  # the last is one of the two buffers
+    shared = {"axi_master", "register_file", "frame_controller", "saturation_counters", "msv2_top"}
+    assert set(UNITS) - set(units) == arithmetic | shared  # they serve all stages
 
 
 def test_counters_are_those_of_the_table():
@@ -51,12 +52,10 @@ def test_counters_are_those_of_the_table():
 
 
 def test_suites_are_those_that_the_simulation_command_runs():
-    from tb.sim import UNITS
-
     for stage in STAGES:
-        assert {import_module(name) for name in stage.suites} <= set(UNITS[stage.test].values()), stage.name
-    tests = {name for name, suites in UNITS.items() for suite in suites.values()
+        assert {import_module(name) for name in stage.suites} <= set(TESTS[stage.test].values()), stage.name
+    tests = {name for name, suites in TESTS.items() for suite in suites.values()
              if suite.__name__ in {module for stage in STAGES for module in stage.suites}}
-    assert tests == {stage.test for stage in STAGES} == set(UNITS) - {"float", "axi", "top"}
+    assert tests == {stage.test for stage in STAGES} == set(TESTS) - {"float", "axi", "top"}
     listed = {module for stage in STAGES for module in stage.suites}
-    assert all(suite.__name__ in listed for name in tests for suite in UNITS[name].values())
+    assert all(suite.__name__ in listed for name in tests for suite in TESTS[name].values())
