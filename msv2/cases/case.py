@@ -47,15 +47,15 @@ def close(what: str, got: ArrayLike, wanted: ArrayLike, within: float) -> float:
 
 @dataclass(frozen=True)
 class Renderer:
-    """How exact a renderer is.
+    """A renderer and its accuracy.
 
     Attributes:
         name: one of COLUMNS.
-        error: largest error of a colour in 0..1 or of a coverage, away from rims of footprints.
-        ulp: relative step of a camera-space depth.
-        depth: largest relative error of a pixel's depth.
-        largest_colour: colours above are cut there.
-        weights: blend tiles weigh their levels by each pixel's `exact` eccentricity, or by the tile's `plane`.
+        error: the largest error of a colour in 0..1 or of a coverage, away from the rims of footprints.
+        ulp: the relative step of a camera-space depth.
+        depth: the largest relative error of a pixel's depth.
+        largest_colour: colours above this value are clamped to it.
+        weights: how blend tiles weigh their levels: by each pixel's `exact` eccentricity, or by the tile's `plane`.
     """
 
     name: str

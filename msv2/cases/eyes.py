@@ -58,7 +58,7 @@ class TwoEyes:
 
 @dataclass(frozen=True)
 class StereoCase(Case):
-    """A case of frames of two eyes, which the machine plays, too: `eyes` makes them by name."""
+    """A case of frames of two eyes, which the machine plays too. `eyes` makes the frames by name."""
 
     eyes: Callable[[], Mapping[str, TwoEyes]] | None = None
 

@@ -37,7 +37,7 @@ examples:
 
 
 def machine_z(frame: pipeline.Frame) -> np.ndarray:
-    """(N,) float64 camera z of every Gaussian, every operation rounded to the `view` format."""
+    """(N,) float64 camera z of every Gaussian, with every operation rounded to the `view` format."""
     V, r, mean = frame.config.formats.view, frame.registers, frame.words.decoded.mean
     product = [V.round(r.rotation[2, i] * V.round(mean[:, i] - r.position[i])) for i in range(3)]
     return V.round(V.round(product[0] + product[1]) + product[2])
@@ -49,14 +49,14 @@ def float64_z(model: GaussianModel, camera: Camera) -> np.ndarray:
 
 
 def neighbours(start: np.ndarray) -> np.ndarray:
-    """(entries - non-empty tiles,) first entry of every pair of neighbours that share a tile; `start` is (tiles + 1,)."""
+    """(intersections - non-empty tiles,) the first of every pair of neighbours that share a tile; `start` is (tiles + 1,)."""
     last = np.zeros(start[-1], bool)
     last[start[1:][np.diff(start) > 0] - 1] = True
     return np.flatnonzero(~last)
 
 
 def reordered(frame: pipeline.Frame, z: np.ndarray) -> pipeline.Frame:
-    """The frame with every tile's entries blended by (z, Gaussian index); `z` is (N,)."""
+    """The frame with every tile's intersections blended in the order of (z, Gaussian index); `z` is (N,)."""
     e, r = frame.entries, frame.registers
     tile = np.repeat(np.arange(len(r.header)), np.diff(e.start))
     order = np.lexsort((e.splat, z[e.splat], tile))

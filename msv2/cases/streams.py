@@ -25,7 +25,7 @@ _ELSEWHERE = dict.fromkeys(("oracle", "golden", "gradient"), "of the machine alo
 
 @dataclass(frozen=True)
 class MachineCase(Case):
-    """A case of the machine: `frames` makes what is played, `unit` is a run of a unit beside it, which gives failures."""
+    """A case of the machine: `frames` makes the frames to play; `unit` runs one unit besides and returns its failures."""
 
     frames: Callable[[], list[PlannedFrame]] | None = None
     unit: Callable[[Path], dict[str, list[str]]] | None = None
