@@ -190,10 +190,9 @@ def frame_energy(
     Args:
         counts: the frame's operations.
         cycles: the frame's length.
-        config: the machine's configuration. Clock energy and leakage of a unit are scaled with its size relative to the table's.
-        table: the energies of operations.
-        clock_hz: the clock, which gives the time for leakage and standby.
-        dram: the memory.
+        config: the machine's configuration. Clock energy and leakage of a unit are scaled with its size relative to the
+            table's. table: the energies of operations. clock_hz: the clock, which gives the time for leakage and standby. dram:
+            the memory.
 
     Raises:
         ValueError: cycles or clock are not positive, or there are operations but no cycles.
