@@ -69,7 +69,7 @@ def reordered(frame: pipeline.Frame, z: np.ndarray) -> pipeline.Frame:
 
 
 def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
-    """The numbers of order.json, of a frame and its Gaussians' float64 z (N,)."""
+    """The numbers of order.json for a frame, given the float64 z (N,) of its Gaussians."""
     first = neighbours(frame.entries.start)
     near, far = frame.entries.splat[first], frame.entries.splat[first + 1]
     key, own = frame.projected.depth_key, machine_z(frame)
@@ -100,7 +100,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def report(request: Request, config: AcceleratorConfig) -> dict[str, object]:
-    """order.json of a request."""
+    """The content of order.json for a request."""
     frame = pipeline.render(
         request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
     machine = {"config": config.name, "configuration": config_record(config)}
@@ -108,7 +108,7 @@ def report(request: Request, config: AcceleratorConfig) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when the machine's order is not that of its own z."""
+    """Runs the command line; returns 1 when the machine's order is not that of its own z."""
     args = _arguments(argv)
     config = config_from(args)
     request = resolve(args)
