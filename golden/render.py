@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from golden.kernels import compile_note, compile_seconds
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
@@ -53,7 +54,10 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, object]:
-    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage."""
+    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage.
+
+    The compilation of kernels is in `compile` alone: neither a stage nor the total has it.
+    """
     counts = np.diff(frame.entries.start)
     reason = np.bincount(frame.projected.reason, minlength=4)
     used = int((np.bincount(frame.entries.splat, minlength=1) > 0).sum())
@@ -75,7 +79,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
         "blend_tiles": int(request.foveation.blend.sum()),
         "groups": int(frame.groups[-1]) + 1,
         "coverage": float((1 - frame.transmittance).mean()),
-        "seconds": {**frame.seconds, "total": sum(frame.seconds.values())},
+        "seconds": {**frame.seconds, "total": sum(frame.seconds.values()), "compile": compile_seconds()},
     }
 
 
@@ -126,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     write_json(out / "stats.json", stats)
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
     print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
-                                 for key in shown if key in stats))
+                                 for key in shown if key in stats) + compile_note())
     if eyes:
         print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 

@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
+from golden.kernels import compile_note, compile_seconds
 from golden.scenes.probe import probe
 from golden.scenes.request import (
     add_request_arguments,
@@ -100,11 +101,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     settings = {"config": config.name, "machine": args.machine, "merge": args.merge == "1", "pipeline": config.incremental,
                 "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
                 "configuration": config_record(config), "effects": plan.record}
-    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds})
+    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
+                                   "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
     print(f"{out}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, traced in "
-          f"{trace.golden_seconds:.2f} s")
+          f"{trace.golden_seconds:.2f} s{compile_note()}")
     return 0
 
 

@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
 from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, ENTRY_BYTES, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
@@ -81,7 +81,7 @@ class GscoreCycles(NamedTuple):
     dram_bytes: int
 
 
-@numba.njit(cache=True)
+@compiled
 def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
     """Whether a box meets a rectangle, by separating axes. The box has the centre (cx, cy) and the half axes ra along (ax, ay)
     and rb across."""
@@ -92,7 +92,7 @@ def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
             and abs(mx * ay - my * ax) <= rb + hx * abs(ay) + hy * abs(ax))
 
 
-@numba.njit(cache=True)
+@compiled
 def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
     """Writes the (tile, splat) pairs, splat by splat in order, as far as the arrays have free space. Returns how many there
     are."""
@@ -109,7 +109,7 @@ def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
     return count
 
 
-@numba.njit(cache=True)
+@compiled
 def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha_max, shape, light):
     """Number of subtiles that the intersections of a tile bring to the cores, front to back. `light` becomes the
     transmittance."""
@@ -147,7 +147,7 @@ def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha
     return work
 
 
-@numba.njit(cache=True)
+@compiled
 def _passes(start, splat, header, bound, tiles_x, width, height, mean, conic, opacity, shape, entries, subtiles):
     """Fills `entries` and `subtiles` for the pass of every tile at its own level, and at the next level where the tile blends;
     the second is 0 elsewhere."""
@@ -207,7 +207,7 @@ def gscore_trace(frame: Frame) -> GscoreTrace:
         entries.reshape(-1)[there], subtiles.reshape(-1)[there])
 
 
-@numba.njit(cache=True)
+@compiled
 def _pipeline(fetch, sort, render, units):
     """The end of the last pass. Fetching, `units` sorting units and the cores work in a pipeline with two buffers between
     each."""

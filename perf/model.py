@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
+from golden.kernels import work_clock
 from perf import bus, chunks, constants, dram, geometry, render, warp
 from perf.plan import (
     Lists,
@@ -170,7 +170,7 @@ def simulate(
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
-    display, beta, begin = bool(two or display), (beta if merge else 0), time.perf_counter()
+    display, beta, begin = bool(two or display), (beta if merge else 0), work_clock()
     written = [_lists(eye) for eye in trace.eyes]
     largest = largest_group(trace, config, beta)
     plans = [render_plan(trace, eye, config, beta, largest) for eye in trace.eyes]
@@ -178,7 +178,7 @@ def simulate(
     passes = []
     for number, (eye, made, plan) in enumerate(zip(trace.eyes, written, plans, strict=True)):
         passes.append(_eye(trace, eye, number, config, memory, beta, display, made, plan, where))
-    return _together(trace, config, passes, plans, time.perf_counter() - begin)
+    return _together(trace, config, passes, plans, work_clock() - begin)
 
 
 _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row

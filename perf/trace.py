@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
@@ -147,7 +147,7 @@ def trace_of(
     """The trace of a golden frame."""
     eyes = [frame.source, frame.target] if isinstance(frame, StereoFrame) else [frame]
     source = eyes[0]
-    r, begin = source.registers, time.perf_counter()
+    r, begin = source.registers, work_clock()
     traces = tuple(eye_trace(eye) for eye in eyes)
     shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
     holes, right = np.zeros((0, 0), np.uint8), False
@@ -155,7 +155,7 @@ def trace_of(
         holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + time.perf_counter() - begin, dict(record or {}), right)
+        seconds + work_clock() - begin, dict(record or {}), right)
 
 
 def trace_request(
@@ -176,14 +176,14 @@ def trace_request(
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
-    begin = time.perf_counter()
+    begin = work_clock()
     request = request or resolve(args)
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
             request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    trace = trace_of(golden, seconds=time.perf_counter() - begin, record=request.record)
+    trace = trace_of(golden, seconds=work_clock() - begin, record=request.record)
     if kept:
         save_trace(trace, kept)
     return trace

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -190,6 +191,7 @@ class Case:
         checks: by column, a further check, which returns the worst error or None.
         absent: by column, the reason why the case has no part there.
         rtl: whether the integer renderer's frames are played through the machine.
+        eyes: by name, the frames of two eyes (`msv2.cases.eyes.TwoEyes`) that the machine plays; None if the case has none.
     """
 
     number: int
@@ -203,6 +205,7 @@ class Case:
     checks: Mapping[str, Callable[[], float | None]] = field(default_factory=dict)
     absent: Mapping[str, str] = field(default_factory=dict)
     rtl: bool = True
+    eyes: Callable[[], Mapping[str, Any]] | None = None
 
     @property
     def id(self) -> str:

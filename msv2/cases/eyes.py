@@ -30,7 +30,7 @@ STEREO_MACHINE = MACHINE.with_(name=f"{MACHINE.name}_stereo", stereo=True)
 
 @dataclass(frozen=True)
 class TwoEyes:
-    """A frame of two eyes that a case asks for. The baseline is in world units, gazes are in pixels."""
+    """The inputs of a case's frame of two eyes. The baseline is in world units, and gazes are in pixels."""
 
     model: GaussianModel
     camera: Camera
@@ -43,24 +43,17 @@ class TwoEyes:
 
     @property
     def frame(self) -> StereoFrame:
-        """The frame by the integer renderer."""
+        """The frame that the integer renderer makes."""
         pair = stereo_pair(self.camera, ipd_metres=self.baseline, source_eye=self.source_eye)
         return render_stereo(self.model, pair, config=STEREO_MACHINE, threshold_deg=self.threshold_deg, gaze=self.gaze,
                              gaze_target=self.gaze_target, background=self.background)
 
     @property
     def warped(self) -> oracle.OracleWarp:
-        """The oracle's frame of the source eye, warped in float64."""
+        """The oracle's frame of the source eye, warped to the other eye in float64."""
         seen = see_oracle(Shot(self.model, self.camera, background=self.background))
         return oracle.warp(seen.image, seen.depth, seen.coverage, self.baseline * self.camera.fx,
                            -1 if self.source_eye == "left" else 1, reach=reach(STEREO_MACHINE))
-
-
-@dataclass(frozen=True)
-class StereoCase(Case):
-    """A case of frames of two eyes, which the machine plays too. `eyes` makes the frames by name."""
-
-    eyes: Callable[[], Mapping[str, TwoEyes]] | None = None
 
 
 def _covered(renderer: Renderer) -> Shots:
@@ -275,10 +268,10 @@ def GAZE(album, renderer, shots):
 
 
 def _stereo(number: int, name: str, what: str, expected: str, check: Callable[[str], None],
-            eyes: Callable[[], Mapping[str, TwoEyes]] | None, *, rtl: str = "") -> StereoCase:
+            eyes: Callable[[], Mapping[str, TwoEyes]] | None, *, rtl: str = "") -> Case:
     absent = {"gradient": "one eye is trained"} | ({} if eyes else {"rtl": rtl})
     checks = {column: partial(check, column) for column in ("oracle", "golden")}
-    return StereoCase(number, name, what, expected, checks=checks, absent=absent, rtl=eyes is not None, eyes=eyes)
+    return Case(number, name, what, expected, checks=checks, absent=absent, rtl=eyes is not None, eyes=eyes)
 
 
 AT_INFINITY = _stereo(47, "at-infinity", "a wall at depth 1e6, seen by eyes 0.1 apart, either one the source",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from msv2.cases.case import GOLDEN, Case
 from msv2.cases.check import MACHINE, Cell, see_golden
-from msv2.cases.eyes import STEREO_MACHINE, StereoCase
+from msv2.cases.eyes import STEREO_MACHINE
 from spec.config import AcceleratorConfig
 from tb.common.runner import SimulationError
 from tb.top.planned import PlannedFrame, planned
@@ -29,7 +29,7 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
         for name, shot in case.shots(GOLDEN).items():
             played = Played(f"{case.id}: {name}", see_golden(shot).frame, shot.beta, shot.obb)
             found["one eye"].append(planned(played, reset=False, poison=False))
-    if isinstance(case, StereoCase) and case.eyes is not None:
+    if case.eyes is not None:
         for name, eyes in case.eyes().items():
             found["two eyes"].append(planned(Played(f"{case.id}: {name}", eyes.frame, None, False), reset=False, poison=False))
     return {machine: frames for machine, frames in found.items() if frames}

@@ -102,10 +102,12 @@ def at_full_rate(plan: Sequence[Planned], outcome: Outcome, *kinds: str) -> Iter
 
 def run_plan(
     playback: Playback, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-    watchdog: int = 20_000,
+    watchdog: int = 20_000, judge: Callable[[Planned, Recording], list[str]] | None = None,
 ) -> Outcome:
-    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails. For `watchdog` see
-    `play`."""
+    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails.
+
+    For `watchdog` see `play`. `judge` lists what is wrong with the recording of a run; None stands for `problems`.
+    """
     begin, outcome = time.perf_counter(), Outcome()
     for item, recording in zip(
             plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress, watchdog=watchdog),
@@ -114,9 +116,9 @@ def run_plan(
         if item.run.abort is not None:
             continue
         outcome.runs += 1
-        outcome.items += sum(len(rows) for rows in item.expected.values())
+        outcome.items += sum(item.run.expected.values())
         outcome.recordings[item.name] = recording
-        wrong = problems(item, recording)
+        wrong = (judge or problems)(item, recording)
         if wrong:
             outcome.failures[item.name] = wrong
     outcome.seconds = time.perf_counter() - begin

@@ -10,14 +10,12 @@ IDLE_AFTER = 9
 
 
 def frame_by_frame(m: Module, bench: wiring.Component, unit: wiring.Component) -> None:
-    """Connects `rows` and `writes` of a bench to its unit, and drives the unit's `begin` and `writes_idle`.
+    """Drives the unit's `begin` and `writes_idle`. The unit's `rows` and `writes` must be connected to those of the bench.
 
     `begin` is high for one cycle when the setting `frame` changes. The memory becomes idle IDLE_AFTER cycles after a write.
     `early` goes high and stays high if the unit raises `finished` too soon: before the memory was idle, or before its last
     write.
     """
-    wiring.connect(m, wiring.flipped(bench.rows), unit.rows)
-    wiring.connect(m, unit.writes, wiring.flipped(bench.writes))
     before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
     written = bench.writes.valid & bench.writes.ready
     m.d.comb += [unit.begin.eq(before != bench.frame), unit.writes_idle.eq(wait == 0)]

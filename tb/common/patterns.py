@@ -6,8 +6,6 @@ from enum import Enum
 
 import numpy as np
 
-from spec.errors import InputError
-
 PERIOD = 4093
 """Length of a table. It is a prime number, so that periodic data does not stay in step with the pauses."""
 
@@ -35,11 +33,3 @@ class Pattern(Enum):
             return rng.random(PERIOD) < 0.5
         lengths = rng.choice([1, 2, 3, 8, 24, 96], PERIOD)
         return np.repeat(np.arange(PERIOD) % 2 == 0, lengths)[:PERIOD]
-
-
-def pattern_by_name(name: str) -> Pattern:
-    """The pattern of this name. Raises InputError, which lists the names, where there is none."""
-    try:
-        return Pattern(name)
-    except ValueError:
-        raise InputError(f"pattern {name!r} is not accepted: choose one of {', '.join(p.value for p in Pattern)}") from None

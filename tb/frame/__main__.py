@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
 from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.pictures import save_png
@@ -50,6 +51,7 @@ counter differs. Of frame.json:
                         entry a level and cycle, an op a cycle), pixel rows (one a cycle), memory (its beats at its bandwidth)
   utilisation           bound_cycles / render_cycles
   stage_cycles          by stage: busy, starved (nothing to take), blocked (could not take it); stalls are the blocked ones
+  compile_s             seconds of compiling the golden renderer's kernels; wall_s and cpu_s are of the simulation alone
   dram_bytes            read and write in all, reads and writes by client
 
 and with --stereo, where all of these are of both eyes together:
@@ -149,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels, "merge": merge,
                 "pipeline": config.incremental, "beta": beta, "configuration": config_record(config),
-                "effects": work.plan.record}
+                "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
     return _verdict(numbers, str(out))
 
@@ -200,7 +202,7 @@ def _verdict(numbers: dict, out: str) -> int:
         print(problem)
     verdict = "bit-exact" if numbers["bit_exact"] else f"NOT bit-exact: {numbers['mismatches']} values differ"
     print(f"{out}: {verdict}, {numbers['pixels_checked']:,} pixels, {numbers['entries']:,} entries, "
-          f"{numbers['cycles']:,} cycles at {numbers['cycles_per_s']:,} cycles/s")
+          f"{numbers['cycles']:,} cycles at {numbers['cycles_per_s']:,} cycles/s{compile_note()}")
     if numbers.get("utilisation"):
         print(f"{out}: table {numbers['table_cycles']:,}, geometry {numbers['geometry_cycles']:,}, rendering "
               f"{numbers['render_cycles']:,} cycles; {100 * numbers['utilisation']:.1f} % of the bound, "

@@ -5,18 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from golden.msv2_ref.eyes import StereoFrame
-from golden.msv2_ref.projection import VISIBLE
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.records import frame_tiles
 from spec.stereo import clear_cycles
 from tb.common.runner import Waves
-from tb.frame.whole import performance, played
+from tb.frame.whole import compared, performance, played
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult
-
-_SHOWN = 10
 
 
 def simulate_eyes(
@@ -33,16 +30,8 @@ def simulate_eyes(
     result, build_s = played(machine, run, folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers
     numbers = {
-        "bit_exact": not wrong and not result.errors,
-        "pixels_checked": 2 * source.registers.width * source.registers.height,
-        "tiles": len(source.registers.header),
-        "visible": int((source.projected.reason == VISIBLE).sum()),
-        "entries": len(source.entries.splat) + len(target.entries.splat),
+        **compared([source, target], result, wrong, stereo_counter_errors(frame, result)),
         "source_entries": len(source.entries.splat), "target_entries": len(target.entries.splat),
-        "groups": int(source.groups[-1]) + int(target.groups[-1]) + 2,
-        "ops": r["ops"], "skipped": r["skipped"],
-        "mismatches": len(wrong), "first_mismatches": wrong[:_SHOWN],
-        "stream_errors": result.errors, "counter_errors": stereo_counter_errors(frame, result),
         **performance(source, result, speed, second=target),
         "target_cycles": r["cycles_target"], "source_cycles": r["cycles_total"] - r["cycles_target"],
         **{f"stereo_{name}": r[name] for name in frame.events},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
-from tb.top.memory import MemorySpeed, beats_log2
+from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun, play_frames
 
 _SHOWN = 10
@@ -37,25 +37,25 @@ def simulate_machine(
     """
     run = frame_run(frame, beta, speed, display=display)
     result, build_s = played(machine, run, folder, waves)
-    wrong = mismatches(frame, result.pixels)
-    counters = counter_errors(frame, result)
-    numbers = {
+    numbers = compared([frame], result, mismatches(frame, result.pixels), counter_errors(frame, result))
+    return {**numbers, **performance(frame, result, speed), "build_s": build_s}, result.pixels
+
+
+def compared(
+    eyes: Sequence[Frame], result: FrameResult, wrong: Sequence[Mapping[str, object]], counters: Sequence[str],
+) -> dict[str, object]:
+    """How much of a frame of one or two eyes was compared, and what differs. Tiles and visible Gaussians are those of the source
+    eye, because both eyes share them."""
+    source = eyes[0]
+    return {
         "bit_exact": not wrong and not result.errors,
-        "pixels_checked": frame.registers.width * frame.registers.height,
-        "tiles": len(frame.registers.header),
-        "visible": int((frame.projected.reason == VISIBLE).sum()),
-        "entries": len(frame.entries.splat),
-        "groups": int(frame.groups[-1]) + 1,
-        "ops": result.registers["ops"],
-        "skipped": result.registers["skipped"],
-        "mismatches": len(wrong),
-        "first_mismatches": wrong[:_SHOWN],
-        "stream_errors": result.errors,
-        "counter_errors": counters,
-        **performance(frame, result, speed),
-        "build_s": build_s,
+        "pixels_checked": len(eyes) * source.registers.width * source.registers.height,
+        "tiles": len(source.registers.header), "visible": int((source.projected.reason == VISIBLE).sum()),
+        "entries": sum(len(eye.entries.splat) for eye in eyes), "groups": sum(int(eye.groups[-1]) + 1 for eye in eyes),
+        "ops": result.registers["ops"], "skipped": result.registers["skipped"],
+        "mismatches": len(wrong), "first_mismatches": wrong[:_SHOWN],
+        "stream_errors": result.errors, "counter_errors": counters,
     }
-    return numbers, result.pixels
 
 
 def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -> tuple[FrameResult, float]:
@@ -65,7 +65,7 @@ def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     begin = time.perf_counter()
-    build(machine.design(beats_log2(run.image.beats)), waves)
+    build(machine.design(), waves)
     build_s = time.perf_counter() - begin
     result, = play_frames(machine, [run], folder, waves=waves, progress=True)
     if not result.done:

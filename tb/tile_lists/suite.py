@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
@@ -12,9 +10,8 @@ from spec.queues import LIST_TILES
 from spec.records import frame_tiles
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
-from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.tile_lists.device import OBSERVED, emit_list_device, inputs, outputs, settings
+from tb.tile_lists.device import playback
 from tb.tile_lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
@@ -28,16 +25,6 @@ PORTS = ("load", "entries", "written", "groups", "headers", "uses", "levels", "p
 _SETTLING = 700
 """Most cycles of a frame in addition to those of its intersections, pages and tiles: several latencies of the memory in
 sequence."""
-
-
-@cache
-def playback(config: AcceleratorConfig) -> Playback:
-    """The device of a configuration, emitted as Verilog, with a file at each stream."""
-    return Playback(
-        name=f"lists-{config.row_width}", module="list_device", verilog=emit_list_device(config),
-        inputs=tuple(Stream(*item) for item in inputs(config).items()),
-        outputs=tuple(Stream(*item) for item in outputs(config).items()),
-        settings=tuple(settings(config).items()), observed=tuple(OBSERVED.items()))
 
 
 def plan_of(config: AcceleratorConfig, item: Case, name: str | None = None, **options: object) -> Planned:

@@ -18,9 +18,8 @@ ERRORS = {
 }
 """Meanings of the bits of the memory's output `errors`."""
 
-LEAST_LOG2 = 18
-"""Memories have at least 1 << LEAST_LOG2 beats (8 MiB), so that the frames of small models and of the embedded scene share a
-build."""
+LEAST_BEATS = 1 << 18
+"""The smallest size of a memory in beats (8 MiB)."""
 
 _FINEST = 1000  # largest denominator of a bandwidth
 
@@ -60,9 +59,14 @@ class MemorySpeed:
             "pauses": self.pauses, "error_first": self.failing[0], "error_end": self.failing[1]}
 
 
-def beats_log2(beats: int) -> int:
-    """The size, as a power of two, of the smallest memory of at least `beats` beats."""
-    return max(LEAST_LOG2, (beats - 1).bit_length())
+def memory_beats(beats: int) -> int:
+    """The size of the smallest memory that holds `beats` beats: a power of two, and LEAST_BEATS or more."""
+    return max(LEAST_BEATS, 1 << (beats - 1).bit_length())
+
+
+def plusargs(folder: Path, beats: int) -> list[str]:
+    """The arguments that start a simulation of `memory.sv`: the folder of its files, and its size in beats."""
+    return [f"+folder={folder}", f"+beats={beats}"]
 
 
 def broken_rules(errors: int) -> tuple[str, ...]:

@@ -31,10 +31,11 @@ class Mismatch:
         return f"tile {self.tile} pixel ({self.x}, {self.y}): {self.field} is {self.rtl}, golden {self.golden}"
 
 
-def run_of(config: AcceleratorConfig, case: Case, **options: object) -> Run:
+def run_of(config: AcceleratorConfig, case: Case, name: str | None = None, **options: object) -> Run:
     """The run that plays a case; `options` are those of `Run`."""
     return Run(
-        case.name, {"tiles": case.headers, "entries": case.entries}, {"pixels": len(case.headers) * rows_per_tile(config)},
+        name or case.name, {"tiles": case.headers, "entries": case.entries},
+        {"pixels": len(case.headers) * rows_per_tile(config)},
         {"background": background_bits(config, case.background)}, **options)
 
 

@@ -64,8 +64,8 @@ def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:
 
 
 def scene_title(scene: Mapping[str, Any]) -> str:
-    """The name and the size of a scene. A report may carry a note, for numbers that another recipe made."""
-    return "{}, {}x{}".format(scene["scene"], *scene["size"]) + (f" ({scene['note']})" if "note" in scene else "")
+    """The name and the size of a scene."""
+    return "{}, {}x{}".format(scene["scene"], *scene["size"])
 
 
 def _scene(scene: Mapping[str, Any]) -> list[str]:
