@@ -44,7 +44,7 @@ def simulate_machine(
 def compared(
     eyes: Sequence[Frame], result: FrameResult, wrong: Sequence[Mapping[str, object]], counters: Sequence[str],
 ) -> dict[str, object]:
-    """How much of a frame of one or two eyes was compared, and what differs. Tiles and visible Gaussians are those of the source
+    """What was compared in a frame of one or two eyes, and what differs. Tiles and visible Gaussians are those of the source
     eye, because both eyes share them."""
     source = eyes[0]
     return {
