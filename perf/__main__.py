@@ -1,4 +1,4 @@
-"""`python -m perf`: cycles of a frame by the model."""
+"""`python -m perf`: the cycles of a frame, as the cycle model predicts them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def table(frame: FrameCycles) -> str:
-    """The numbers as text."""
+    """The numbers of a frame as text."""
     lines = [f"{'phase':<14}{'cycles':>12}"]
     lines += [f"{name:<14}{cycles:>12,}" for name, cycles in (*frame.phases.items(), ("total", frame.total))]
     lines += ["", f"{'stage':<14}{'busy':>12}{'blocked':>12}{'starved':>12}"]
@@ -79,7 +79,7 @@ def _rendered(args: argparse.Namespace, work: Work, options: RunOptions) -> Fram
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line: traces and simulates a frame, writes the results and prints them."""
     args = _arguments(argv)
     config = config_from(args, "default")
     options = run_options(args)

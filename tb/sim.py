@@ -38,9 +38,9 @@ UNITS = {
     "axi": {"axi": axi},
     "top": {"top": top},
 }
-"""What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
-unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the
-machine."""
+"""The suites of each test. float: the float units; culling: near test and projection, tile test, colours; lists: tile lists in
+memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 
 
 EXAMPLES = """\
@@ -52,7 +52,7 @@ examples:
 
 
 def _variants(test: str) -> list[str]:
-    """Names of the machines that a unit, or any, can be tested in."""
+    """Names of the configurations in which the test, or any test for "all", can run."""
     suites = [suite for name, units in UNITS.items() if test in ("all", name) for suite in units.values()]
     return list(dict.fromkeys(name for suite in suites for name in suite.VARIANTS))
 
@@ -71,7 +71,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the unit's suite; 1 when anything differs."""
+    """Runs the suites of the chosen test; returns 1 when anything differs."""
     args = _arguments(argv)
     choice("TEST", args.test, ("all", *UNITS))
     choice("CONFIG", args.config, ("all", *_variants(args.test)))
@@ -94,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_variant(
     unit: str, suite: ModuleType, variant: str, values: Mapping[str, object], seed: int, only: str, waves: Waves | None,
 ) -> int | None:
-    """One unit in one machine, changed by `values`: 1 when anything differs; None when no run is chosen."""
+    """Runs one unit in one configuration, changed by `values`. Returns 1 when anything differs, and None when no run is
+    chosen."""
     base = suite.VARIANTS[variant]
     config = changed(base, values)
     label = variant if config is base else f"{variant}-{config.name}"

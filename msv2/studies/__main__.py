@@ -11,14 +11,14 @@ from pathlib import Path
 from spec.errors import InputError, run_command_line
 
 NAMES = tuple(sorted(path.parent.name for path in Path(__file__).parent.glob("*/study.py")))
-"""Every folder of this package that holds a `study` module."""
+"""The names of the studies: every folder of this package that holds a module `study`."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the study that the first argument names, with the rest of the arguments; its exit status.
+    """Runs the study that the first argument names, with the remaining arguments; returns its exit status.
 
     Raises:
-        InputError: no study is named, or there is none of that name.
+        InputError: no study is named, or there is none of this name.
     """
     name, *rest = sys.argv[1:] if argv is None else argv or [""]
     if name in ("-h", "--help"):

@@ -80,7 +80,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a bit or a counter differs."""
+    """Runs the command line; returns 1 when a bit or a counter differs."""
     args = _arguments(argv)
     config = config_from(args, "default")
     choice("part", args.part, PARTS)
@@ -111,10 +111,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _one_eye(
     args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
-    """The frame's numbers; its picture is saved. A second eye is forced on frames for displays, as no other machine's are."""
+    """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
+    so with a forced second eye that machine is simulated only for display pixels."""
     how = {"beta": options.beta, "speed": MemorySpeed(options.latency, options.bytes_per_cycle), "waves": waves}
     golden = work.render(beta=options.beta)
-    (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
+    (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
         numbers, rtl = simulate_frame(work.config, golden, out / "sim", waves)
         image = rtl.image
@@ -132,7 +133,7 @@ def _one_eye(
 def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
-    """Both eyes' numbers; their pictures are saved."""
+    """Simulates both eyes, saves their pictures and returns their numbers."""
     golden = render_request(args, work.request, work.config, beta=options.beta, words=work.words, foveation=work.foveation)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
@@ -143,7 +144,7 @@ def _two_eyes(
 
 
 def _verdict(numbers: dict, out: str) -> int:
-    """Prints what came of the frame; 1 when a bit or a counter differs."""
+    """Prints the frame's results; returns 1 when a bit or a counter differs."""
     for mismatch in numbers["first_mismatches"]:
         place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
         place += f" of the {mismatch['eye']} eye" if "eye" in mismatch else ""

@@ -1,4 +1,4 @@
-"""Measure the integer golden renderer against the float64 oracle, scene by scene: reports/accuracy.json and .md."""
+"""Measures the integer golden renderer against the float64 oracle scene by scene, for reports/accuracy.json and .md."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from golden.scenes.request import Request, add_request_arguments, make_folder, r
 from spec.config import PAPER
 
 CAPTURES = ("truck.splat", "rock_sh3", "garden_large")
-"""Scenes measured besides the embedded one where MSV2_DATA/trained holds them."""
+"""Scenes that are measured besides the embedded one if MSV2_DATA/trained holds them."""
 
 BUDGET_DB = 60.0
-"""The golden renderer must reach this against the oracle, before 8-bit rounding."""
+"""The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding."""
 
 
 def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
-    """One row: golden against oracle on the request's view, with or without a gaze in the centre."""
+    """One row of the report: golden renderer against oracle for the request's camera, with or without a gaze in the centre."""
     camera, model = request.camera, request.model
     display = Display(camera.width, camera.height)
     if gazing:
@@ -39,7 +39,7 @@ def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
     oracle = render_oracle(model, camera, foveation=foveation, weights="plane")
     golden = pipeline.render(model, camera, config=PAPER, foveation=foveation)
     exact = render_oracle(model, camera, foveation=foveation, weights="exact") if gazing else oracle
-    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # beyond, splats may saturate
+    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # farther splats may saturate
     depth_error = np.abs(golden.depth[both] / oracle.depth[both] - 1)
     return {
         "scene": name, "camera": camera.name, "size": [camera.width, camera.height], "gaze": gazing, "splats": len(model),
@@ -71,12 +71,14 @@ def over_scenes(
     name: str, description: str, argv: Sequence[str] | None, rows_of: Callable[[Request, str], list[dict[str, object]]],
     more: Sequence[Path] = (),
 ) -> tuple[list[dict[str, object]], Path]:
-    """The command line of a measurement: its rows, of every scene and view asked for, and the folder of its report.
+    """Runs the command line of a measurement. Returns the rows of all requested scenes and cameras, and the report's folder.
 
     Args:
-        name: of the tool in golden/, without `.py`.
-        rows_of: given a request without a gaze and the scene's name.
-        more: models measured besides, where they exist.
+        name: the name of the report.
+        description: the description of the command.
+        argv: the arguments; None for those of the process.
+        rows_of: makes the rows of a request without a gaze and of the scene's name.
+        more: further models to measure if they exist.
     """
     parser = argparse.ArgumentParser(prog=f"golden/{name}.py", description=description,
                                      epilog=f"example: MSV2_DATA=data python golden/{name}.py --size 640x360")
@@ -97,7 +99,7 @@ def over_scenes(
 
 
 def write_report(out: Path, name: str, record: dict[str, object], page: str) -> None:
-    """NAME.json and NAME.md in a folder; the page is printed too."""
+    """Writes NAME.json and NAME.md into a folder, and prints the page."""
     write_json(out / f"{name}.json", record)
     with atomic_output(out / f"{name}.md") as file:
         file.write(page.encode())
@@ -105,7 +107,7 @@ def write_report(out: Path, name: str, record: dict[str, object], page: str) -> 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a view misses the budget."""
+    """Runs the command line; returns 1 when a view misses the budget."""
     rows, out = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
         measure(request, scene, gazing) for gazing in (False, True)])
     write_report(out, "accuracy", {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))

@@ -12,14 +12,14 @@ OTHERS = (
      "source": "0.219 W at 129 frames/s; chip only",
      "differs": "node; a model compressed 51.6 times (-0.74 dB); a chip, with wires and a clock tree"},
 )
-"""Published energies of a frame, and why they are not like for like."""
+"""Published energies of a frame, with the reasons why they are not like for like."""
 
 _COLUMNS = (*CHIP, "dram", "assumed")
 _SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], table: Table) -> str:
-    """The page; every number is of `content` or `table`."""
+    """The page as Markdown. Every number in it comes from `content` or `table`."""
     lines = [
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({table.node}), {table.scaling}. "
@@ -69,7 +69,7 @@ def _name(frame: dict[str, object]) -> str:
 
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
-    """Bars of the frames: their energy by part, and the chip's by unit; False where matplotlib is not installed."""
+    """Draws bars of the frames' energies by part, and of the chip's by unit. Returns False without matplotlib."""
     try:
         import matplotlib
     except ImportError:

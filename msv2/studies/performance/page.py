@@ -1,4 +1,4 @@
-"""The performance report in Markdown; every number is of its JSON."""
+"""The performance report in Markdown. Every number in it comes from the report's JSON."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> str:
-    """A table in Markdown; its first `left` columns and those named in `words` are aligned left."""
+    """A table in Markdown. Its first `left` columns and the columns named in `words` are aligned left."""
     rule = " | ".join("---" if i < left or name in words else "---:" for i, name in enumerate(head))
     return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def page(content: Mapping, pictures: Sequence[str]) -> str:
-    """All of it."""
+    """The whole page."""
     sections = {
         "The paper and ours": _paper(content), "What was to be reached": _goals(content),
         "Speed over base": _speeds(content, "speedup"),

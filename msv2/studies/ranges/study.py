@@ -1,4 +1,4 @@
-"""`python -m msv2.cases ranges`: which values the records of real frames take."""
+"""`python -m msv2.cases ranges`: the ranges of values in the records of real frames."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ examples:
 """
 
 TRAINED = ("truck.splat", "rock_sh3", "garden_large")
-"""Folders and files of MSV2_DATA/trained that are taken without being named."""
+"""Files and folders of MSV2_DATA/trained that are used if no scene is named."""
 
 
 
 def default_scenes() -> list[str]:
-    """The embedded scene, and the trained ones that are there."""
+    """The embedded scene, and the trained ones that are present."""
     data = os.environ.get("MSV2_DATA")
     paths = [Path(data) / "trained" / name for name in TRAINED] if data else []
     return ["embedded", *(str(path) for path in paths if path.exists())]
 
 
 def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tuple[Profiles, dict[str, dict[str, int]]]:
-    """Profiles over all scenes, and each scene's clipped and dropped values."""
+    """Profiles over all scenes, and for each scene the numbers of clipped values and dropped intersections."""
     profiles: Profiles = {}
     clipped = {}
     for scene in scenes:
@@ -54,7 +54,7 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m msv2.cases", description=__doc__, epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter)

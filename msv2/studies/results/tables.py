@@ -1,4 +1,4 @@
-"""The README's tables, made of the numbers in reports/."""
+"""The README's tables, made from the numbers in reports/."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from spec.config import DEFAULT, PAPER
 from spec.constants import TILE
 
 AREA_7_TO_16_NM = 1 / 0.31
-"""Area of the same logic at 16 nm over 7 nm (Stillmaker & Baas 2017)."""
+"""Factor of area from 7 nm to 16 nm for the same logic (Stillmaker & Baas 2017)."""
 
 PAPER_CORE_UM2 = 2.74e6 * 0.63 / TILE**2
-"""The paper's array, 63 % of 2.74 mm^2 at 16 nm, per core."""
+"""Area of the paper's array per core: 63 % of 2.74 mm^2 at 16 nm."""
 
 PAPER_SIZE = (1237, 822)
-"""Frame of the paper's datasets at which it states the regions' shares."""
+"""Frame size of the paper's datasets, for which it states the regions' shares."""
 
 Reports = dict[str, dict]
 
 
 def load_reports(folder: Path) -> Reports:
-    """Every report by name."""
+    """All reports, by name."""
     return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:
-    """A table; a message where there is nothing to show."""
+    """A Markdown table, or a message if there are no rows."""
     if not rows:
         return "(not measured yet)"
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, ["---"] * len(header), *rows])
 
 
 def results_table(reports: Reports) -> str:
-    """Paper, ours, and why they differ."""
+    """The paper's numbers, ours, and the reasons for the differences."""
     rows = []
     synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
     if "vrc_row" in synthesis:
@@ -84,7 +84,7 @@ def results_table(reports: Reports) -> str:
 
 
 def _gains(machine: list[dict]) -> list[list[str]]:
-    """Merging and pipelining against the baseline, and how busy what limits a frame is."""
+    """The gain of merging and pipelining over the baseline, and the utilisation of what limits a frame."""
     rows, frames = [], [r for r in machine if r["gaze"]]
     for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
         ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
@@ -143,19 +143,19 @@ UNITS = (
     ("float from, to fixed", "float/convert", "rounding", "sim TEST=float",
      "{fixed_to_float}, {float_to_fixed} cycles, 1/cycle", "fixed_to_float, float_to_fixed"),
 )
-"""Title, source, golden, tests, latency and throughput by the names of `unit_cycles`, names in synth/."""
+"""For each unit: title, source, golden module, tests, latency and throughput in terms of `unit_cycles`, and names in synth/."""
 
 
 class _Cycles(dict):
-    """Numbers by name; what was not measured is shown as such."""
+    """Numbers by name; a missing number is shown as "?"."""
 
     def __missing__(self, name: str) -> str:
         return "?"
 
 
 def unit_cycles(reports: Reports) -> dict[str, int]:
-    """Latencies by name: those that the RTL states and its tests hold, those that reports/latencies.json measured; `interval`
-    is the colour unit's."""
+    """Latencies by name: those that the RTL states and its tests check, and those that reports/latencies.json measured.
+    `interval` is the interval of the colour unit."""
     stated = {
         "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
         "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
@@ -166,7 +166,7 @@ def unit_cycles(reports: Reports) -> dict[str, int]:
 
 
 def units_table(reports: Reports) -> str:
-    """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
+    """Source, golden module, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
     synthesis, cycles = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}, unit_cycles(reports)
     rows = [[*unit[:4], unit[4].format_map(cycles), _areas(synthesis, unit[5])] for unit in UNITS]
     header = ["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "logic in ASAP7 (slack at 1 ns)"]
@@ -174,7 +174,7 @@ def units_table(reports: Reports) -> str:
 
 
 def _areas(synthesis: dict[str, dict], names: str) -> str:
-    """Areas and slacks of the named units, as far as they were synthesised, and their memories."""
+    """Areas and slacks of the named units, as far as they were synthesised, with the size of their memories."""
     found = [synthesis[name] for name in names.split(", ") if name in synthesis]
     bits = sum(r.get("memory_bits", 0) for r in found)
     memories = f" and {bits / 8192:,.1f} KB" if bits else ""
@@ -187,7 +187,7 @@ def accuracy_table(reports: Reports) -> str:
 
 
 def frames_table(reports: Reports) -> str:
-    """Frames through the machine, a row for the four ways of merging and pipelining."""
+    """Frames on the machine, with a row for the four combinations of merging and pipelining."""
     kinds: dict[tuple, dict[tuple[bool, bool], dict]] = {}
     for r in reports.get("frames", {"rows": []})["rows"]:
         kinds.setdefault((r["scene"], *r["size"], r["levels"] > 1), {})[r["merge"], r["pipeline"]] = r
@@ -205,7 +205,7 @@ def frames_table(reports: Reports) -> str:
 
 
 def machine_table(reports: Reports) -> str:
-    """Merging and pipelining against the baseline, by frame and memory."""
+    """The gain of merging and pipelining over the baseline, by frame and memory."""
     pairs: dict[tuple, dict[bool, dict]] = {}
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["camera"] != "away" and r["gaze"]:
@@ -226,7 +226,7 @@ def machine_table(reports: Reports) -> str:
 
 
 def sorting_table(reports: Reports) -> str:
-    """The sorter alone on scenes' frames: what of them is in groups larger than its buffer, and how fast entries are taken."""
+    """The sorter alone on real scenes' frames: the share of groups beyond its buffer, and how fast intersections are taken."""
     report = reports.get("sorting", {"rows": []})
     rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
              f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
@@ -236,7 +236,7 @@ def sorting_table(reports: Reports) -> str:
 
 
 def culling_table(reports: Reports) -> str:
-    """Points and splats a cycle in the paper's machine, by memory."""
+    """Points and splats per cycle in the paper's machine, by memory."""
     rows = []
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["pipeline"] and (r["camera"] == "away" or r["size"] == [640, 360]):
@@ -254,7 +254,7 @@ def culling_table(reports: Reports) -> str:
 
 
 def order_table(reports: Reports) -> str:
-    """How far the machine's order is from the exact one."""
+    """The differences between the machine's order and the exact one."""
     rows = [[f"{r['scene']}, {'x'.join(map(str, r['size']))}", f"{r['neighbours']:,}", f"{r['machine_inversions']:,}",
              f"{r['equal_keys']:,}", f"{r['float64_inversions']:,}", f"{r['largest_gap']:.1e}", f"{r['changed_pixels']:,}",
              f"{r['max_abs_error']:.4f}"] for r in reports.get("order", {"rows": []})["rows"]]
@@ -264,7 +264,7 @@ def order_table(reports: Reports) -> str:
 
 
 def shared_table(reports: Reports) -> str:
-    """One pipeline at full rate against several units that take turns; all of it is in docs/synthesis.md."""
+    """One pipeline at full rate, compared with several units that take turns. docs/synthesis.md has all details."""
     rows = [[r["part"].replace("_", " "), r["throughput"], f"{r['units']}", f"{r['interval']}", f"{r['operators']:,}",
              f"{r['register_bits']:,}", f"{r['mux_bits']:,}", f"{r['area_um2']:,.0f}"]
             for r in reports.get("culling_area", {"rows": []})["rows"] if r["units"] in (1, 8)]
@@ -273,7 +273,7 @@ def shared_table(reports: Reports) -> str:
 
 
 def time_table(reports: Reports) -> str:
-    """Every renderer's time against its error, from the benchmark; the RTL's from the frames it simulated."""
+    """Time and error of every renderer from the benchmark, and the time of the RTL from the simulated frames."""
     rows = []
     for scene in reports.get("bench", {"scenes": []})["scenes"]:
         size = "x".join(map(str, scene["size"]))
@@ -294,11 +294,12 @@ TABLES: dict[str, Callable[[Reports], str | None]] = {
     "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
     "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
 }
-"""By name; None where a table's report is not there: what the README has stays."""
+"""The tables by name. Where a function returns None because its report is missing, the README keeps its text."""
 
 
 def fill_readme(readme: Path, reports_folder: Path, *, check: bool = False) -> int:
-    """Rewrites the text between each `<!-- table:NAME -->` and `<!-- end -->`; with `check` returns 1 where it would change."""
+    """Rewrites the text between each `<!-- table:NAME -->` and `<!-- end -->`. With `check` it changes nothing and returns 1
+    where the text would change."""
     reports, old = load_reports(reports_folder), readme.read_text()
 
     def filled(match: re.Match[str]) -> str:

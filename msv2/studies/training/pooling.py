@@ -1,4 +1,4 @@
-"""What the display's pixels do to the levels: runs of golden/train.py of one scene with and without --pooling-width.
+"""The effect of the display's pixels on the levels: compares runs of golden/train.py with and without --pooling-width.
 
     python msv2/studies/training/pooling.py build/train/fern build/train/fern-pooled     writes reports/pooling.json
 """
@@ -19,10 +19,10 @@ from spec.errors import InputError, run_command_line
 
 
 def row(folder: Path) -> dict[str, object]:
-    """What is kept of a run's report.
+    """The kept numbers of a run's report.
 
     Raises:
-        InputError: it has none.
+        InputError: the run has no report.
     """
     report = read_json(folder / "report.json")
     return {
@@ -32,7 +32,7 @@ def row(folder: Path) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     folders = [Path(text) for text in (sys.argv[1:] if argv is None else argv)]
     if not folders:
         raise InputError("no run is not accepted: name folders of finished runs of golden/train.py")
