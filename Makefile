@@ -87,7 +87,7 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 	@$(RUN) -m msv2.studies results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
-	@$(RUN) -m msv2.cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(if $(filter-out 0,$(KEEP)),--keep)
+	@$(RUN) -m msv2.studies stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(if $(filter-out 0,$(KEEP)),--keep)
 
 docs: tested ## regenerate docs/formats.md
 	@$(RUN) -m spec.document

@@ -3,16 +3,15 @@ photograph that was taken from the other eye says how right the warped one is.""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from golden.metrics.image import psnr_vs
+from golden.scenes.captured import captured_path
 from spec.config import AcceleratorConfig
 from spec.memory import display_pixel, frame_pixel
-from spec.paths import ROOT
 from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
 from tb.common import codec
 from tb.vrc_array.pixel_writer_stimuli import memory_of
@@ -27,8 +26,7 @@ _SCALE = 80_000
 
 def cones_folder() -> Path | None:
     """Where the pair lies; None where it is not there."""
-    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "stereo" / "cones"
-    return folder if folder.is_dir() else None
+    return captured_path("cones")
 
 
 def photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:

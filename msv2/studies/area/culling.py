@@ -18,6 +18,8 @@ from pathlib import Path
 
 from amaranth.lib import wiring
 
+from msv2.studies import page, record
+from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.compare import unit_cost
 from rtl.culling.harmonics import harmonics_graph
@@ -26,12 +28,11 @@ from rtl.culling.schedule import Cost, cost, schedule
 from spec.config import PAPER, AcceleratorConfig
 from spec.errors import run_command_line
 from spec.harmonics import terms
-from spec.paths import ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from synth.liberty import PDK_VARIABLE
-from synth.report import Settings, synthesise, write_json, write_text
+from synth.report import Settings, synthesise
 
-PAGE, REPORT = ROOT / "docs" / "synthesis.md", ROOT / "reports" / "culling_area.json"
-MARK = "<!-- table:culling_area -->"
+PAGE, REPORT = DOCS / "synthesis.md", REPORTS / "culling_area.json"
 
 CLOCK_PS = 1000.0
 SH_DEGREE = 3
@@ -106,30 +107,25 @@ def table(rows: list[dict[str, object]]) -> str:
             "of that outside operators", "um² ASAP7", "slack, ps"]
     keys = ["units", "interval", "operators", "register_bits", "mux_bits", "flip_flops", "memory_bits", "nand2_equivalents",
             "nand2_without_operators", "area_um2", "slack_ps"]
-    lines = []
+    parts = []
     for part in dict.fromkeys(row["part"] for row in rows):
         of_part = [row for row in rows if row["part"] == part]
-        lines += ["", f"`{part}`, {of_part[0]['throughput']}:", "", f"| {' | '.join(head)} |", f"|{' ---: |' * len(head)}"]
-        for row in of_part:
-            cells = ["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys]
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines[1:], ""]) if lines else "(not measured yet)"
+        cells = [["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys] for row in of_part]
+        parts.append(f"`{part}`, {of_part[0]['throughput']}:\n\n{page.table(head, cells, left=0)}")
+    return "\n\n".join(parts) or page.ABSENT
 
 
-def fill(page: Path, report: Path, *, check: bool = False) -> int:
+def fill(path: Path, report: Path, *, check: bool = False) -> int:
     """Writes the table into a page, between `<!-- table:culling_area -->` and `<!-- end -->`; with `check` changes nothing and
     returns 1 where it would."""
-    old, rows = page.read_text(), json.loads(report.read_text())["rows"]
-    head, _, rest = old.partition(MARK)
-    new = f"{head}{MARK}\n{table(rows)}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
-    if new != old and not check:
-        write_text(page, new)
-    return int(check and new != old)
+    rows = json.loads(report.read_text())["rows"]
+    return page.fill(path, {"culling_area": lambda: table(rows)}, check=check, complete=True)
 
 
 def main() -> int:
     """The command line's work."""
-    write_json(REPORT, {"config": PAPER.name, "rows": measure(ROOT / "build" / "results" / "synth")})
+    rows = measure(ROOT / "build" / "results" / "synth")
+    write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
     return fill(PAGE, REPORT)
 
 

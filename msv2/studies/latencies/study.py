@@ -17,6 +17,7 @@ from amaranth.hdl import Value
 from amaranth.lib import stream, wiring
 from amaranth.sim import Simulator
 
+from msv2.studies.record import write_report
 from rtl.axi.master import AxiMaster
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
@@ -35,11 +36,10 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
 from spec.memory import WORDS
-from spec.paths import ROOT
+from spec.paths import REPORTS
 from spec.registers import register_map
-from synth.report import write_json
 
-REPORT = ROOT / "reports" / "latencies.json"
+REPORT = REPORTS / "latencies.json"
 
 SETTLING = 4
 """Cycles before the first item, in which settings get through."""
@@ -250,5 +250,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     cycles = {name: value for measure in MEASURES for name, value in measure(PAPER).items()}
     print(cycles)
-    write_json(REPORT, {"config": PAPER.name, "cycles": cycles})
+    write_report(REPORT, {"config": PAPER.name, "cycles": cycles}, [__name__], {"config": PAPER})
     return 0
