@@ -89,8 +89,8 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
 	@$(RUN) -m msv2.studies stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(if $(filter-out 0,$(KEEP)),--keep)
 
-docs: tested ## regenerate docs/formats.md
-	@$(RUN) -m spec.document
+docs: tested ## regenerate the generated pages of docs/
+	@$(RUN) -m msv2.document
 
 test: tested ## the tests, on all cores (minutes)
 	@$(TESTS) -m "not long"

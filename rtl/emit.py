@@ -1,14 +1,12 @@
-"""Components to Verilog: one module per distinct component, however often it is instantiated.
+"""Converts components to Verilog, with one module per distinct component, however often it is instantiated.
 
-Amaranth emits every submodule anew, so an array of 256 equal cores becomes 256 modules. `add_shared` adds a submodule that
-is emitted once and instantiated by name; in Amaranth's own simulator it is simply that submodule.
+Amaranth emits a module for every instance of a submodule, so an array of 256 equal cores would become 256 modules. `add_shared`
+adds a submodule that is emitted once and instantiated by name. In Amaranth's own simulator it is an ordinary submodule.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Hashable
-from pathlib import Path
 from typing import Any
 
 from amaranth._toolchain.yosys import find_yosys
@@ -18,7 +16,7 @@ from amaranth.lib import wiring
 
 
 class Emission:
-    """The `platform` of one emission: collects the shared modules that elaboration meets, as RTLIL by name."""
+    """The `platform` argument of elaboration during one emission. It collects the RTLIL of shared modules by name."""
 
     def __init__(self) -> None:
         self.modules: dict[str, str] = {}
@@ -26,7 +24,11 @@ class Emission:
         self._signatures: dict[str, wiring.Signature] = {}
 
     def instance(self, name: str, make: Callable[..., wiring.Component], *args: Hashable) -> tuple[Any, Instance]:
-        """An interface object and the Instance of module `name` it is wired to; emits the module at first sight."""
+        """An interface object, and the Instance of module `name` that is wired to it. The first call for a name emits the
+        module.
+
+        Raises ValueError where one name is used with two different components.
+        """
         if self._made_by.setdefault(name, (make, *args)) != (make, *args):
             raise ValueError(f"{name} must be one module in an emission, {self._made_by[name]!r}, not {(make, *args)!r}")
         if name not in self.modules:
@@ -44,9 +46,10 @@ class Emission:
 def add_shared(
     m: Module, platform: object, label: str, name: str, make: Callable[..., wiring.Component], *args: Hashable,
 ) -> Any:
-    """Add clocked submodule `label` = make(*args) to `m`, emitted once as module `name`; returns what bears its ports.
+    """Adds the clocked submodule `label` = make(*args) to `m`; it is emitted once, as module `name`. Returns an object with its
+    ports.
 
-    One name with two sets of arguments in one emission raises ValueError.
+    Raises ValueError where one name is used with two sets of arguments in one emission.
     """
     if isinstance(platform, Emission):
         interface, m.submodules[label] = platform.instance(name, make, *args)
@@ -56,29 +59,24 @@ def add_shared(
 
 
 def to_rtlil(component: wiring.Component, name: str) -> str:
-    """RTLIL of a component as module `name` and of the shared modules below it; deterministic."""
+    """RTLIL of a component, as module `name`, and of the shared modules below it. The text is deterministic."""
     emission = Emission()
     top = rtlil.convert(component, name=name, platform=emission, emit_src=False)
     return "\n".join([*emission.modules.values(), top])
 
 
 def to_verilog(component: wiring.Component, name: str) -> str:
-    """Verilog-2001 of a component as module `name` and of the shared modules below it; deterministic.
+    """Verilog-2001 of a component as module `name` and of the shared modules below it; deterministic."""
+    return verilog_of(to_rtlil(component, name))
 
-    Written by Yosys after `proc`: Amaranth's own `always @*` blocks leave signals X at time 0 in some simulators.
+
+def verilog_of(text: str, clean: str = "opt_clean") -> str:
+    """Verilog-2001 of RTLIL, written by Yosys after `proc` and the pass `clean`.
+
+    `proc` comes first because Amaranth's own `always @*` blocks leave signals X at time 0 in some simulators. Names of Yosys'
+    own are written as `_12_`: as `\\$12` they would need an escape, and Icarus takes the name of a function that begins with
+    a dollar sign for a system function even so.
     """
-    script = f"read_rtlil <<rtlil\n{to_rtlil(component, name)}\nrtlil\nproc\nopt_clean\nwrite_verilog -noattr -norename\n"
-    text = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
-    return text[text.index("module "):]  # without Yosys' version line
-
-
-def write_verilog(component: wiring.Component, name: str, folder: Path) -> Path:
-    """Write `to_verilog` to `folder/name.v` and return the path; an unchanged file keeps its time stamp."""
-    path = Path(folder) / f"{name}.v"
-    text = to_verilog(component, name)
-    if not path.exists() or path.read_text() != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_suffix(f".{os.getpid()}.tmp")
-        scratch.write_text(text)
-        scratch.replace(path)
-    return path
+    script = f"read_rtlil <<rtlil\n{text}\nrtlil\nproc\n{clean}\nwrite_verilog -noattr\n"
+    found = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
+    return found[found.index("module "):]  # without Yosys' version line

@@ -1,7 +1,7 @@
 """Rounding, saturation and re-scaling of fixed-point values.
 
-Values are plain Amaranth integers; a format's fraction bits are the caller's knowledge, and Amaranth's widening
-arithmetic keeps every intermediate exact. Rounding is HALF_UP, `rs(x, n) = (x + 2^(n-1)) >> n` of docs/array.md.
+Values are plain Amaranth integers. Only the caller knows how many of their bits are fraction bits. Amaranth's arithmetic widens
+its results, so every intermediate is exact. Rounding is HALF_UP: `rs(x, n) = (x + 2^(n-1)) >> n`, as in docs/array.md.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ def _check_shift(n: int, low: int) -> None:
 
 
 def as_integer(x: Value) -> Value:
-    """x as a signed value of the same number; an unsigned one gains a zero on top."""
+    """x as a signed value of the same number; an unsigned x gains a zero as its top bit."""
     return x if x.shape().signed else Cat(x, Const(0, 1)).as_signed()
 
 
 def round_shift(x: Value, n: int) -> Value:
-    """`rs(x, n)`, exact in width; n >= 0, where 0 leaves x as it is."""
+    """`rs(x, n)` with all bits of the result, n >= 0; n = 0 returns x unchanged."""
     _check_shift(n, 0)
     return (x + (1 << (n - 1))).shift_right(n) if n else x
 
@@ -36,7 +36,7 @@ def negated_round_shift(x: Value, n: int) -> Value:
 
 
 def fits(x: Value, number: Fixed) -> Value:
-    """Whether x, in units of the format's ulp, is representable: the bits above the format all repeat its top one."""
+    """Whether the format holds x, a multiple of its ulp: all bits above the format must repeat its top bit (0 if unsigned)."""
     x = as_integer(x)
     above = x[min(number.width - number.signed, len(x) - 1) :]
     return ~above.any() | above.all() if number.signed else ~above.any()
@@ -49,7 +49,8 @@ def saturate(x: Value, number: Fixed) -> Value:
 
 
 def modular(x: Value, number: Fixed) -> Value:
-    """The low bits of x in the format's shape: exact wherever the true value fits, whatever the intermediates did."""
+    """The low bits of x in the format's shape. They are exact where the true value fits, even if x itself has wrapped
+    around."""
     x = as_integer(x)
     if number.signed:
         return x[: number.width].as_signed()

@@ -1,8 +1,8 @@
-"""Pipelines whose operands align themselves.
+"""Pipelines that align the operands of their operations by themselves.
 
-A `Staged` value knows how many registers lie behind it. `Pipeline.reg` delays its operands to the latest of their stages,
-applies combinational logic and registers the result, so that a unit reads as the list of its operations, one a stage,
-and no delay is counted by hand.
+A `Staged` value knows how many registers lie between the pipeline's input and itself. `Pipeline.reg` delays its operands to the
+latest of their stages, applies combinational logic and registers the result. So a unit reads as a list of operations, one per
+stage, and nobody counts delays by hand.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from amaranth.hdl import Const, Module, Signal, Value, ValueCastable, ValueLike
 
 
 class Staged:
-    """A value valid `stage` registers after its pipeline's input. Delayed copies are shared by all who ask."""
+    """A value that is valid `stage` registers after its pipeline's input. All users of a delayed copy share its registers."""
 
     def __init__(self, pipeline: Pipeline, name: str, value: Value | ValueCastable, stage: int, control: bool) -> None:
         self._pipeline, self._name, self._control = pipeline, name, control
@@ -21,7 +21,7 @@ class Staged:
         self.value, self.stage = value, stage
 
     def to(self, stage: int) -> Staged:
-        """The same slot's value at a stage not before its own."""
+        """The same value delayed to `stage`. Raises ValueError where that lies before its own stage."""
         if stage < self.stage:
             raise ValueError(f"stage of {self._name} must be at least {self.stage}, not {stage!r}")
         if stage == self.stage:
@@ -31,24 +31,24 @@ class Staged:
         return self._next.to(stage)
 
     def at(self, stage: int) -> Value | ValueCastable:
-        """The value at `stage`, as `to`."""
+        """The Amaranth value, delayed to `stage` as by `to`."""
         return self.to(stage).value
 
     def map(self, logic: Callable[[Value], ValueLike]) -> Staged:
-        """Combinational `logic` of the value, at the same stage."""
+        """The result of combinational `logic` of the value, at the same stage."""
         return Staged(self._pipeline, self._name, Value.cast(logic(self.value)), self.stage, self._control)
 
 
 class Pipeline:
-    """The registers of one pipeline: one slot a cycle enters, and leaves after as many cycles as there are stages.
+    """The registers of one pipeline. One slot per cycle enters, and leaves after as many cycles as there are stages.
 
-    A slot that does not `load` moves on without clocking data registers, which keep the slot before it: a bubble costs no
-    switching, and a slot may also stand for "the same data once more".
+    A slot that does not `load` moves on without clocking data registers, which keep the data of the slot before it. So a bubble
+    causes no switching, and a slot may also mean "the same data once more".
 
     Args:
-        module: where the registers go.
-        load: whether the slot now at the input brings data.
-        advance: every stage moves where it is high; constant 1 for a pipeline that never waits.
+        module: the module that gets the registers.
+        load: whether the slot at the input brings data.
+        advance: all stages move in cycles in which it is high; constant 1 for a pipeline that never waits.
     """
 
     def __init__(self, module: Module, *, load: ValueLike, advance: ValueLike = 1) -> None:
@@ -56,15 +56,16 @@ class Pipeline:
         self._load = Staged(self, "load", Value.cast(load), 0, True)
 
     def data(self, name: str, value: ValueLike) -> Staged:
-        """A value at the input that only slots which load bring; no reset."""
+        """A value at the input that is valid in slots that load. Its registers have no reset."""
         return Staged(self, name, value if isinstance(value, ValueCastable) else Value.cast(value), 0, False)
 
     def control(self, name: str, value: ValueLike) -> Staged:
-        """A value at the input that every slot brings; reset to 0."""
+        """A value at the input that is valid in every slot. Its registers are reset to 0."""
         return Staged(self, name, value if isinstance(value, ValueCastable) else Value.cast(value), 0, True)
 
     def reg(self, name: str, logic: Callable[..., ValueLike], *operands: Staged) -> Staged:
-        """`logic` of the operands, brought to the latest of their stages, and registered; control if any of them is."""
+        """The registered result of `logic`, applied to the operands delayed to the latest of their stages. The result is
+        control if any operand is."""
         stage = max(operand.stage for operand in operands)
         value = logic(*(operand.at(stage) for operand in operands))
         value = value if isinstance(value, ValueCastable) else Value.cast(value)

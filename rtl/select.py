@@ -1,4 +1,4 @@
-"""Choices by one-hot signals."""
+"""Multiplexers with one-hot select signals."""
 
 from __future__ import annotations
 
@@ -10,5 +10,6 @@ from amaranth.hdl import Value
 
 
 def select(one_hot: Value, choices: Iterable[Value]) -> Value:
-    """The choice, an unsigned value, whose bit of `one_hot` is set; 0 where none is. ValueError: not a choice for each bit."""
+    """The choice, an unsigned value, whose bit of `one_hot` is set, or 0 where no bit is set. Raises ValueError where the
+    numbers of bits and choices differ."""
     return reduce(or_, (choice & bit.replicate(len(choice)) for bit, choice in zip(one_hot, choices, strict=True)))

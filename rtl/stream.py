@@ -1,4 +1,4 @@
-"""Stream helpers."""
+"""Components that buffer a stream or send it to several consumers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 
 def _check_count(count: int) -> None:
-    """Raises TypeError or ValueError where a number of consumers is not accepted."""
+    """Raises TypeError or ValueError unless `count` is a number of consumers."""
     if not isinstance(count, int) or isinstance(count, bool):
         raise TypeError(f"count must be an integer, not {count!r}")
     if count < 1:
@@ -16,10 +16,10 @@ def _check_count(count: int) -> None:
 
 
 class Buffer(wiring.Component):
-    """Two registers of storage that cut both directions of a stream.
+    """Two registers that cut the combinational paths of a stream in both directions.
 
-    `sink.ready` and `source.valid` come from flip-flops. Throughput one transfer a cycle, latency one cycle. The second
-    register takes the word that is on its way when the consumer stops::
+    `sink.ready` and `source.valid` come from flip-flops. Throughput: one transfer per cycle. Latency: one cycle. The second
+    register takes the word that the producer transfers in the cycle in which the consumer stops::
 
         cycle            0      1      2      3      4
         sink         <  A  ><  B  ><  C  ><  C  ><  D  >
@@ -51,14 +51,14 @@ class Buffer(wiring.Component):
 
 
 class Fork(wiring.Component):
-    """Every item to each of several consumers, which take it at their own pace.
+    """Sends every item to each of several consumers, which take it at their own pace.
 
-    A `Buffer` for each consumer: one may be two items ahead of the other. All outputs come from flip-flops but `sink.ready`,
-    which is high when every buffer has room. Throughput one transfer a cycle, latency one cycle.
+    Each consumer has a `Buffer`, so one may be two items ahead of another. All outputs come from flip-flops, except
+    `sink.ready`, which is high when every buffer has free space. Throughput: one transfer per cycle. Latency: one cycle.
 
     Parameters:
         shape: shape of the payload.
-        count: consumers, 1 or more.
+        count: number of consumers, 1 or more.
     """
 
     def __init__(self, shape: ShapeLike, count: int = 2):
@@ -78,18 +78,19 @@ class Fork(wiring.Component):
 
 
 class Broadcast(wiring.Component):
-    """Every item to each of several consumers at their own pace, without storage: it stays until the last of them has taken it.
+    """Sends every item to each of several consumers without storing it: an item stays at the input until the last consumer has
+    taken it.
 
-    Throughput one transfer a cycle, latency none. An output's `valid` does not depend on any `ready`; `sink.ready` depends on
-    all of theirs.
+    Throughput: one transfer per cycle. Latency: none. The `valid` of an output does not depend on any `ready`; `sink.ready`
+    depends on the `ready` of all outputs.
 
     Parameters:
         shape: shape of the payload.
-        count: consumers, 1 or more.
+        count: number of consumers, 1 or more.
 
     Ports:
         sink, sources: the streams.
-        wanted: a bit a consumer: it gets the items; changes only while none is offered.
+        wanted: one bit per consumer: whether it gets the items. It changes only while no item is offered.
     """
 
     def __init__(self, shape: ShapeLike, count: int = 2):

@@ -1,4 +1,4 @@
 """The single source of truth: number formats, record layouts, constants, ROM tables and configurations.
 
-Imports numpy and nothing of ours. `golden` and `rtl` both read it and never each other.
+This package imports numpy and nothing else of the project. `golden` and `rtl` both read it, and never each other.
 """

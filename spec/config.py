@@ -1,8 +1,8 @@
-"""AcceleratorConfig: the one parameter object that yields the golden renderer, the RTL and the reports.
+"""AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
-TINY is for fast simulation, PAPER has the source's resources (section 7, "Hardware Implementation"), DEFAULT is
+TINY is for fast simulation. PAPER has the resources of the paper (section 7, "Hardware Implementation"). DEFAULT is
 PAPER's array with fewer front-end units and a narrower row. PRECISE, BALANCED and FAST are PAPER with the shortest word lengths
-and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB (docs/tradeoff.md).
+and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB of PSNR (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from spec.formats import SQ, UQ, Fixed, SmallFloat
 
 @dataclass(frozen=True, kw_only=True)
 class NumberFormats:
-    """Every number format of the machine. docs/formats.md lists them with their records; tests/ justify the widths.
+    """Every number format of the machine. docs/formats.md lists them with the records that use them; tests/ justify the widths.
 
     The array works in the log2 domain: alpha = 2^(log2(opacity) - u^2 - v^2), where (u, v) is the pixel's offset from
     the splat's mean times the upper Cholesky factor of the conic, scaled by `constants.EXPONENT_SCALE`.
@@ -24,58 +24,60 @@ class NumberFormats:
     position: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
     """Means in memory, world units relative to the model's origin."""
     scale: SmallFloat = SmallFloat(sig_bits=12, exp_bits=6, bias=40, signed=False)
-    """Standard deviations in memory, world units; zero is a degenerate axis."""
+    """Standard deviations in memory, in world units; zero marks a degenerate axis."""
     quaternion: Fixed = SQ(0, 13)
     """Normalised quaternion components in memory."""
     log2_opacity: Fixed = SQ(4, 10)
-    """log2 of the amplified opacity, -16..7 in use."""
+    """log2 of the amplified opacity; values from -16 to 7 are in use."""
     sh_dc: Fixed = SQ(2, 11)
     """Base colour, SH_C0 * dc + 0.5, in memory; may be negative."""
     sh_rest: Fixed = SQ(1, 10)
     """Higher SH coefficients in memory."""
     sh_basis: Fixed = SQ(0, 13)
-    """SH basis functions, below 0.75 in magnitude, and every number on the way from a direction to them.
+    """SH basis functions, below 0.75 in magnitude, and every intermediate number between a direction and its basis functions.
 
-    The rounding of `colour` alone leaves 0.2887 of its ulps (rms); so few bits make that 0.291, 12 make it 0.300.
+    Rounding to `colour` alone causes an error of 0.2887 ulps (rms) of `colour`. With 13 fraction bits here the whole error is
+    0.291 ulps; with 12 it is 0.300.
     """
     view: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
     """View transform and perspective division."""
     work: SmallFloat = SmallFloat(sig_bits=18, exp_bits=8, bias=127)
-    """Covariance, conic and support arithmetic of the culling unit."""
+    """Covariance, conic and support arithmetic of projection and of the tile test."""
     extent: SmallFloat = SmallFloat(sig_bits=9, exp_bits=5, bias=8, signed=False)
-    """Reach of a footprint's bounding box in pixels, before it is widened."""
+    """Distance in pixels from a splat's mean to an edge of its bounding box, before the box is widened."""
     mean2d: Fixed = SQ(14, 10)
     """Projected means in pixels."""
     conic: SmallFloat = SmallFloat(sig_bits=16, exp_bits=6, bias=63)
     """Cholesky factors of the conic; at most EXPONENT_SCALE / sqrt(LOW_PASS) = 1.551, so the largest exponent is 0."""
     colour: Fixed = UQ(1, 9)
-    """Splat colours; saturating."""
+    """Colours of splats; they saturate."""
     depth: Fixed = UQ(0, 14)
-    """Splat depth as a fraction of the frame's depth scale; saturating."""
+    """Depth of a splat as a fraction of the frame's depth scale; it saturates."""
     depth_key: Fixed = UQ(24, 0)
-    """Sort key: ulps of the `view` format between the near plane and z, so 32 octaves at full precision; saturating.
+    """Sort key: the number of ulps of the `view` format between the near plane and z. It covers 32 octaves at full precision
+    and saturates.
 
-    Relative precision is what order needs: a key of 20 bits linear up to four times the 99th percentile of z lost 11 dB in
+    Correct order needs relative precision. A key of 20 bits, linear up to four times the 99th percentile of z, lost 11 dB in
     garden_large, and needed registers that an outlier could spoil.
     """
     offset: Fixed = SQ(5, 14)
-    """u and v at the tile's centre; a pair that saturates it cannot touch the tile."""
+    """u and v at the tile's centre; where this format saturates, the splat cannot touch the tile."""
     factor: Fixed = SQ(1, 15)
-    """Cholesky factors as the slopes use them: the significand of a factor of exponent 0."""
+    """Cholesky factors as the slopes use them: the significand of a factor whose exponent is 0."""
     exponent: Fixed = SQ(11, 14)
-    """Exponent of alpha in the log2 domain, accumulated exactly over the tile."""
+    """Exponent of alpha in the log2 domain; differences are accumulated exactly over the tile."""
     slope: Fixed = SQ(7, 14)
     """First differences of the exponent."""
     curvature: Fixed = SQ(3, 14)
     """Second differences of the exponent."""
     cut: Fixed = SQ(3, 10)
-    """Exponent below which a pixel skips the splat; its fraction is that of the exponential."""
+    """Exponent below which a pixel skips the splat; the input of the exponential has the same fraction bits."""
     alpha: Fixed = UQ(1, 12)
     """Alpha, 0..1 inclusive."""
     transmittance: Fixed = UQ(0, 15)
-    """Transmittance; starts at its largest value."""
+    """Transmittance T; it starts at its largest value."""
     weight: Fixed = UQ(0, 12)
-    """T * alpha as the accumulators see it; the weights of a pixel and its last T sum to the first T exactly."""
+    """T * alpha as the accumulators use it; the weights of a pixel and its final T sum exactly to the first T."""
     accumulator: Fixed = UQ(1, 14)
     """Colour sums."""
     depth_accumulator: Fixed = UQ(0, 18)
@@ -89,49 +91,52 @@ class NumberFormats:
 
     @property
     def reach(self) -> Fixed:
-        """How far a row of pixels, or an ellipse's edge, lies from a splat's mean: a difference of two `mean2d`."""
+        """Distance of a row of pixels, or of an ellipse's edge, from a splat's mean: a difference of two `mean2d`."""
         return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
 
 
 WARP_FILLS = ("majority", "interior")
-"""Rules of filling holes; docs/stereo.md compares them."""
+"""Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
 
 _NO_LONGER = (("position", "view"), ("work", "view"), ("conic", "view"), ("scale", "work"))
-"""Small floats and those they enter as they are: operands of a sum, which would not round correctly, or of wider operators."""
+"""Pairs of small floats, of which the first enters operators of the second unchanged. It must not have more significand bits:
+a sum with a longer operand would not round correctly, and an operator of the second format has no space for more bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
-    """One machine. Rejects bad parameters in the constructor.
+    """One machine. The constructor rejects bad parameters with TypeError or ValueError.
 
     Attributes:
-        name: short name, used for folders and command lines.
-        cores_x, cores_y: pixel cores of the array; both divide TILE, and an array smaller than a tile passes over it
-            in blocks.
-        levels: foveation levels the machine supports; more than 1, with `blend`, adds the second accumulator bank and the
-            blending unit.
-        sh_degree: highest degree of spherical harmonics, 0..3; coefficients of higher ones are left out of models.
-        blend: tiles may blend two levels; of no account with 1 level.
-        depth: depth sums present.
-        fine_depth: their weights have all bits of the transmittance, as they have with `stereo` in any case.
-        support_sigma: Mahalanobis support radius, or None for alpha's cut alone.
-        culling_units: culling and conversion units.
-        sorting_units: hierarchical sorting units.
-        row_width: widest frame in pixels.
+        name: short name, used for folders and on command lines.
+        cores_x, cores_y: columns and rows of pixel cores in the array; both divide TILE. An array smaller than a tile renders
+            the tile in several blocks.
+        levels: number of foveation levels that the machine supports; more than 1, with `blend`, adds the second accumulator
+            bank and the blending unit.
+        sh_degree: highest degree of spherical harmonics, 0..3; coefficients of higher degrees are left out of models.
+        blend: whether tiles may blend two levels; it has no effect with 1 level.
+        depth: whether the array sums depths.
+        fine_depth: whether the weights of depth sums have all bits of the transmittance, which they always have with `stereo`.
+        support_sigma: Mahalanobis radius at which a splat's support ends, or None where only the cut of alpha ends it.
+        culling_units: number of culling and conversion units, which sets `point_interval` and `colour_interval`.
+        sorting_units: number of hierarchical sorting units.
+        row_width: width in pixels of the widest frame.
         line_buffer_bytes, sort_buffer_bytes: capacity of a line buffer and of the double buffer before sorting.
-        incremental: stages hand over through line buffers as work becomes final; otherwise whole groups and whole tiles
-            change hands through double buffers, the paper's baseline.
-        merge_ways: sorted runs that are merged at a time where a group is larger than the sort buffer.
-        splat_cache_lines: splats that the array's fetch unit keeps.
-        counters: performance counters present.
-        stereo: the warp unit and the passes of a second eye present; needs depth.
-        warp_lanes: rows that the warp unit works on side by side, a pixel each a cycle.
-        warp_columns: columns of the target eye that the warp unit holds, a ring; where rows are wider, pixels move by three
-            quarters of them at most (`spec.stereo.reach`).
-        warp_fill: which holes the warp unit fills: "majority", more than half of the neighbours that exist in strip and frame
-            are warped; "interior", five are, so that only holes with rows of the strip on both sides are.
-        warp_veiled: pixels of a coverage from 1/255 to 1/2, which have no depth, are warped too, by what their splats say.
+        incremental: whether stages hand over through line buffers as work becomes final; otherwise whole groups and whole
+            tiles are handed over through double buffers, which is the paper's baseline.
+        merge_ways: number of sorted runs that are merged at a time where a group is larger than the sort buffer.
+        splat_cache_lines: number of splat records that the cache of the array's fetch unit holds.
+        counters: whether the machine has performance counters.
+        stereo: whether the machine has the warp unit and renders a second eye; this needs `depth`.
+        warp_lanes: number of rows that the warp unit works on side by side, each at one pixel a cycle.
+        warp_columns: number of columns of the target eye that the warp unit holds in a ring; where rows are wider, pixels move
+            by at most three quarters of this number (`spec.stereo.reach`).
+        warp_fill: which holes the warp unit fills. "majority": those of whose neighbours inside strip and frame more than half
+            are warped. "interior": those with five warped neighbours, so that only holes with rows of the strip on both sides
+            are filled.
+        warp_veiled: whether pixels with a coverage from 1/255 to 1/2, which have no valid depth, are warped too, by the depth
+            of the splats that they show.
         formats: number formats.
     """
 
@@ -202,17 +207,17 @@ class AcceleratorConfig:
             if number.sig_bits > limit.sig_bits:
                 raise ValueError(f"{name} must not have more significand bits than {to}, {limit.sig_bits}, not {number!r}")
         work, most = self.formats.work, self.formats.extent.sig_bits
-        if work.sig_bits > 2 * most:  # an extent is the root of such a number, and could be a tie
+        if work.sig_bits > 2 * most:  # the extent is the root of a `work` number, which with more bits could be a tie
             raise ValueError(f"work must not have more than twice the significand bits of extent, {most}, not {work!r}")
 
     @property
     def blocks(self) -> int:
-        """Passes of the array over a tile."""
+        """Blocks of a tile: the number of passes that the array makes over it."""
         return (TILE // self.cores_x) * (TILE // self.cores_y)
 
     @property
     def level_banks(self) -> int:
-        """Levels accumulated side by side: 2 where blend tiles exist."""
+        """Number of levels that are accumulated side by side: 2 where blend tiles exist."""
         return 2 if self.levels > 1 and self.blend else 1
 
     @property
@@ -222,17 +227,18 @@ class AcceleratorConfig:
 
     @property
     def depth_weight(self) -> Fixed:
-        """T * alpha as the depth sums see it: `weight`, or all of the transmittance where depth is what is asked for."""
+        """T * alpha as the depth sums use it: `weight`, or `transmittance` with all its bits with `stereo` or `fine_depth`."""
         return self.formats.transmittance if self.stereo or self.fine_depth else self.formats.weight
 
     @property
     def point_interval(self) -> int:
-        """Cycles a Gaussian takes in the near test and in projection, and a run of tiles in the tile test: 8 by one unit."""
+        """Cycles that a Gaussian takes in the near test and in projection, and a run of tiles in the tile test: 8 with one
+        culling unit."""
         return max(1, 8 // self.culling_units)
 
     @property
     def colour_interval(self) -> int:
-        """Cycles a splat takes in the colour unit: 32 by one unit."""
+        """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
         return max(1, 32 // self.culling_units)
 
     def with_(self, **changes: object) -> AcceleratorConfig:
@@ -249,13 +255,14 @@ PAPER = AcceleratorConfig(name="paper")
 SHORT_FORMATS = NumberFormats(
     work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),
     colour=UQ(1, 8), depth_key=UQ(22, 0), transmittance=UQ(0, 14), exp2_segments=8)
-"""The shortest that break no hard case: by reports/tradeoff.md, whatever loss is accepted."""
+"""The shortest formats with which all hard cases still pass. By reports/tradeoff.md they are the best choice for every accepted
+loss."""
 
 PRECISE = PAPER.with_(name="precise", formats=SHORT_FORMATS)
 BALANCED = PRECISE.with_(name="balanced", sh_degree=2)
 FAST = PRECISE.with_(name="fast", sh_degree=1)
 
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
-"""Recommendations of `make tradeoff`, by descending accuracy."""
+"""The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, *PRESETS.values())}

@@ -1,6 +1,6 @@
 """Constants of the rendering semantics and of the machine, each with its derivation.
 
-Sources: the paper (MetaSapiens v2), 3D Gaussian Splatting (Kerbl et al. 2023). Number formats are in
+The sources are the paper (MetaSapiens v2) and 3D Gaussian Splatting (3DGS, Kerbl et al. 2023). Number formats are in
 `spec.config`, tables in `spec.tables`.
 """
 
@@ -41,13 +41,15 @@ SUPPORT_SIGMA = 3.0
 """Mahalanobis radius beyond which a splat contributes nothing (3DGS's tile bound, here per pixel)."""
 
 TILE_REACH_MARGIN = 2.0**-5
-"""Added to the falloff limit (log2 units) of the tile test: covers the exponent's rounding, so that no pixel is missed."""
+"""Margin, in log2 units, by which the tile test raises its limit of the falloff exponent. It covers the rounding of that
+exponent, so that no pixel is missed."""
 
 TILE_EDGE_MARGIN = 2.0**-5
-"""Pixels by which the tile test widens every interval: covers the rounding of the work format at 2,048 pixels."""
+"""Pixels by which the tile test widens every interval. This covers the rounding of the `work` format at 2,048 pixels."""
 
 EXTENT_SHARE = 8
-"""A footprint's bounding box is widened by 2^-8 of its reach, which covers the rounding of the `extent` format, 2^-9."""
+"""A footprint's bounding box is widened by 2^-8 of its extent. This covers the rounding of the `extent` format, which is at
+most 2^-9 of the extent."""
 
 ALPHA_MIN = 1 / 255
 """Alphas below this are skipped (3DGS)."""
@@ -65,27 +67,31 @@ COVERAGE_VALID = 0.5
 """Depth is invalid where the accumulated alpha 1 - T is below this."""
 
 COVERAGE_VISIBLE = 1 / 255
-"""A pixel whose accumulated alpha is below this is background when its frame is warped (as alphas below it are skipped)."""
+"""A pixel whose accumulated alpha is below this counts as background when its frame is warped. Single alphas below the same
+value are skipped, see ALPHA_MIN."""
 
 DEPTH_PERCENTILE = 99
-"""Percentile of z in view that the depth scale is fitted to, so that one outlier does not cost everyone's resolution."""
+"""Percentile of z, among the points in view, to which the depth scale is fitted, so that one outlier does not cost all other
+points their resolution."""
 
 DEPTH_REACH = 4.0
-"""Depth saturates at this multiple of that percentile, or at the largest z in view if that is nearer."""
+"""Depth saturates at this multiple of the z at DEPTH_PERCENTILE, or at the largest z in view if that is nearer."""
 
 DEPTH_GAP = 16.0
-"""The percentile is at most this many times the largest z below it: among few points it lies between the last two, and an
-outlier behind fewer than a hundred would cost them all resolution."""
+"""The z at DEPTH_PERCENTILE is limited to this many times the largest z below it. Among fewer than a hundred points the
+percentile lies between the last two, so that an outlier would raise it and cost all other points their resolution."""
 
 DEPTH_NEAR_PERCENTILE = 1
-"""Percentile of z in view that stands for what is near when a frame is to be warped."""
+"""Percentile of z, among the points in view, that stands for near points when a frame is to be warped."""
 
 WARP_DEPTH_ERROR_PX = 1 / 8
-"""Error of the disparity, at that percentile, that depth's rounding may cost where it saturates later so that a frame can be
-warped. Blending averages the roundings; what saturates too early pulls all pixels that it shines through to the front."""
+"""Error in pixels that the rounding of depth may cause in the disparity of a point at DEPTH_NEAR_PERCENTILE. A frame that is to
+be warped gets the largest depth scale that keeps to this error. A saturated depth is worse than a coarse one: it pulls all
+pixels through which the splat shines to the front, whereas blending averages roundings."""
 
 DEPTH_FRAME_MARGIN = 0.15
-"""Share of the frame's size by which it is widened on every side when z in view is collected: footprints reach in."""
+"""Share of its size by which the frame is widened on every side when the z of the points in view is collected, because
+footprints of points outside the frame reach into it."""
 
 REGION_START_DEG = (0.0, 18.0, 27.0, 33.0)
 """Eccentricity at which each quality region starts (paper section 7)."""
@@ -109,4 +115,5 @@ LOG2E_HALF = 0.5 * math.log2(math.e)
 """exp(-d^2 / 2) = 2^(-LOG2E_HALF * d^2): the factor that moves the falloff to the log2 domain."""
 
 EXPONENT_SCALE = math.sqrt(LOG2E_HALF)
-"""Folded into the Cholesky factor of the conic, so that u^2 + v^2 is the falloff's exponent in the log2 domain."""
+"""This factor is folded into the Cholesky factors of the conic, so that u^2 + v^2 is the falloff's exponent in the log2
+domain."""

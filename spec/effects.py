@@ -1,8 +1,9 @@
-"""Effects: what a frame may call for beyond opaque enough Gaussians before a background, and the machine that has just those.
+"""Effects: parts of the renderer that a frame may or may not need, and the machine that has only the needed ones.
 
-An effect is *called for* when leaving it out could change the requested image, *active* when its arithmetic runs, and, in a
-machine, *absent* (not elaborated), *inactive* (there, but idle) or active. Auto runs what is called for; all, or a list, forces
-more on neutral data, which changes no bit of the image. A list or none that leaves out what is called for is refused.
+An effect is *called for* when leaving it out could change the requested image. It is *active* when its arithmetic runs. In a
+machine an effect that is not active is either *inactive* (present, but idle) or *absent* (not elaborated). With `auto` the
+effects that are called for run. With `all`, or with a list, more effects may be forced to run on neutral data, which changes no
+bit of the image. A list, or `none`, that leaves out an effect that is called for is refused.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ class Effect:
     """One effect.
 
     Attributes:
-        name: as on command lines.
+        name: name of the effect on command lines.
         doc: what it does to a frame.
-        needs: effects without which it makes no sense.
-        without: what a frame saves that does not call for it.
+        needs: names of the effects without which it makes no sense.
+        without: what a frame saves that does not call for the effect.
     """
 
     name: str
@@ -33,30 +34,33 @@ class Effect:
 
 EFFECTS = {effect.name: effect for effect in (
     Effect("sh", "colour that depends on the direction", without="harmonics; two of three beats of a colour record"),
-    Effect("levels", "foveation levels: each tile renders its own subset", without="the levels' colours and views"),
+    Effect("levels", "foveation levels: each tile renders its own subset of the Gaussians",
+           without="the levels' colours and splat records"),
     Effect("blend", "bands in which two levels are blended", ("levels",), "the second accumulators of every pixel"),
-    Effect("enhancement", "opacities above 1", without="nothing: the clip of alpha is that of its exponent"),
+    Effect("enhancement", "opacities above 1", without="nothing: alpha's exponent is clipped in any case"),
     Effect("depth", "a depth for every pixel", without="a depth sum for every pixel"),
-    Effect("stereo", "a second eye, warped where it may be", ("depth",), "the warp unit; the second pass"),
+    Effect("stereo", "a second eye, warped from the first where allowed", ("depth",), "the warp unit; the second pass"),
     Effect("fill", "holes of the warped eye filled from their neighbours", ("stereo",), "the filter's comparisons"),
-    Effect("rerender", "tiles of the warped eye with holes rendered", ("stereo",), "their entries and pixels"),
-    Effect("cleaning", "points with a number that is not finite dropped", without="nothing: finding none is all of the work"),
-    Effect("contention", "memory of limited bandwidth", without="waiting for it: a beat read and one written in every cycle"),
+    Effect("rerender", "tiles of the warped eye with holes rendered", ("stereo",), "those tiles' intersections and pixels"),
+    Effect("cleaning", "Gaussians with a number that is not finite dropped",
+           without="nothing: the search is needed in any case"),
+    Effect("contention", "memory of limited bandwidth",
+           without="waiting for memory, which then reads one beat and writes one in every cycle"),
 )}
-"""By name, in the order of the way through the machine."""
+"""All effects by name, in the order in which the data passes them."""
 
 GIVEN = ("enhancement", "cleaning", "contention")
-"""Effects of the model's numbers, of the host, and of the memory: they are there or not, and cannot be forced."""
+"""Effects that follow from the model's numbers, the host, or the memory. They are present or not, and cannot be forced."""
 
 AUTO, ALL, NONE = "auto", "all", "none"
 
 
 @dataclass(frozen=True)
 class EffectPlan:
-    """What of EFFECTS runs for a frame, and why.
+    """Which of EFFECTS run for a frame, and why.
 
     Attributes:
-        wanted: as asked for: auto, all, none, or names.
+        wanted: what the user asked for: auto, all, none, or names.
         active: effects that run.
         called: effects that the scene and the request call for; a subset of `active`.
         reasons: why each effect is called for, or why not.
@@ -70,9 +74,9 @@ class EffectPlan:
     sh_degree: int
 
     def machine(self, config: AcceleratorConfig) -> AcceleratorConfig:
-        """`config` with what is not active left out; a machine without levels, too, has the numbers of those it has.
+        """`config` without the units of effects that are not active. Number formats stay those of `config`.
 
-        Harmonics of a higher degree than the configuration's stay left out.
+        The degree of the harmonics is at most that of `config`.
         """
         return machine_with(config, self.active, min(self.sh_degree, config.sh_degree))
 
@@ -83,32 +87,33 @@ class EffectPlan:
             name: {"state": self.state(name), "reason": self.reasons[name]} for name in EFFECTS}}
 
     def state(self, name: str) -> str:
-        """Of an effect: called for, forced on neutral data, or absent."""
+        """The state of an effect: "called for", "forced" (it runs on neutral data) or "absent"."""
         return "called for" if name in self.called else "forced" if name in self.active else "absent"
 
     def lines(self) -> list[str]:
-        """A line for every effect, for people."""
+        """One line of text per effect: its name, state and reason."""
         return [f"{name:12}{self.state(name):12}{self.reasons[name]}" for name in EFFECTS]
 
 
 def machine_with(config: AcceleratorConfig, active: Collection[str], sh_degree: int) -> AcceleratorConfig:
-    """`config` with those effects and no others; `sh_degree`: of its harmonics, 0 without `sh`."""
+    """`config` with those effects and no others; `sh_degree` is the degree of its harmonics, 0 without the effect `sh`."""
     levels, depth, stereo = config.levels if "levels" in active else 1, "depth" in active, "stereo" in active
     return config.with_(sh_degree=sh_degree, levels=levels, blend="blend" in active, depth=depth,
                         fine_depth=depth and not stereo, stereo=stereo)
 
 
 def choose_plan(wanted: str, reasons: Mapping[str, str], called: frozenset[str], sh_degree: int) -> EffectPlan:
-    """The plan for what a user wants of what a frame calls for.
+    """The plan for a frame, from what the user wants and what the frame calls for.
 
     Args:
         wanted: "auto", "all", "none" or names of effects separated by commas.
-        reasons: for every effect.
-        called: what the frame calls for.
-        sh_degree: that it calls for; a forced `sh` has degree 3.
+        reasons: why each effect is called for, or why not, for every effect.
+        called: the effects that the frame calls for.
+        sh_degree: the degree of harmonics that the frame calls for; a forced `sh` has degree 3.
 
     Raises:
-        InputError: an effect that there is not, one without what it needs, or one left out that the frame calls for.
+        InputError: `wanted` names an unknown effect, names an effect without one that it needs, or leaves out an effect that
+            the frame calls for.
     """
     if wanted == AUTO:
         active = called

@@ -9,7 +9,7 @@ class InputError(ValueError):
 
 
 def run_command_line(main: Callable[[], int | None]) -> None:
-    """Run `main`, turning InputError into one line on standard error and exit status 2, Ctrl-C into 130."""
+    """Runs `main` and exits with its status. InputError becomes one line on standard error and status 2; Ctrl-C gives 130."""
     try:
         sys.exit(main() or 0)
     except InputError as error:

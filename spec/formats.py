@@ -1,7 +1,9 @@
-"""Number formats: fixed point (Q notation of Amaranth RFC 41) and small floating point.
+"""Number formats: fixed point and small floating point.
 
-A format turns real numbers into raw integers and back; it holds no arithmetic. Rounding and overflow are named, so
-that golden and RTL can say which one they implement:
+A format turns real numbers into raw integers and back; it holds no arithmetic. Fixed-point formats are written SQi.f (signed)
+and UQi.f (unsigned), where i is the number of integer bits without the sign and f the number of fraction bits. So SQ0.13 has
+14 bits in all. (Amaranth's RFC 41 has the same names, but counts the sign in i.) Roundings are named, so that the golden
+renderer and the RTL can say which one they implement:
 
     FLOOR       towards minus infinity: drop the low bits
     HALF_UP     nearest, ties towards plus infinity: add half an ulp, then drop the low bits
@@ -45,12 +47,12 @@ def _check_count(name: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Fixed:
-    """A fixed-point format, SQ or UQ of RFC 41: `int_bits` integer bits (sign apart) and `frac_bits` fraction bits.
+    """A fixed-point format: `int_bits` integer bits, not counting the sign, and `frac_bits` fraction bits.
 
     Attributes:
         int_bits: integer bits without the sign.
         frac_bits: fraction bits; the ulp is 2**-frac_bits.
-        signed: two's complement with one more bit.
+        signed: whether the number is in two's complement, with one more bit for the sign.
     """
 
     int_bits: int
@@ -58,7 +60,7 @@ class Fixed:
     signed: bool
 
     def __post_init__(self) -> None:
-        # No wider than float64's significand: every value is exact as a real number.
+        # No format is wider than float64's significand, so float64 holds every value exactly.
         _check_count("int_bits", self.int_bits, 0, 53)
         _check_count("frac_bits", self.frac_bits, 0, 53)
         _check_count("int_bits + frac_bits", self.int_bits + self.frac_bits, 1, 53)
@@ -82,7 +84,7 @@ class Fixed:
         return (1 << (self.int_bits + self.frac_bits)) - 1
 
     def quantise(self, x: np.ndarray | float, rounding: Rounding = Rounding.HALF_UP) -> np.ndarray:
-        """Raw int64 of real `x` (any shape), saturating; NaN raises ValueError."""
+        """Raw int64 of real `x` (any shape), saturated to the format's range. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be quantised to {self}, not {x!r}")
@@ -121,9 +123,9 @@ class SmallFloat:
     number zero. Value: (1 + fraction / 2**(sig_bits - 1)) * 2**(exponent - bias).
 
     Attributes:
-        sig_bits: significand bits, the hidden one counted; at most 25, so that one operation in float64 followed by
-            one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand of
-            a sum is longer than its result.
+        sig_bits: significand bits, including the hidden one. There are at most 25, so that one operation in float64 followed
+            by one rounding gives the correctly rounded result (Figueroa 1995: p <= (53 - 2) / 2), provided that no operand
+            of a sum is longer than its result.
         exp_bits: exponent bits.
         bias: exponent bias.
         signed: whether negative numbers exist; unsigned formats clamp them to zero.
@@ -168,7 +170,7 @@ class SmallFloat:
         return float(np.ldexp(1.0, self.exp_min))
 
     def round(self, x: np.ndarray | float) -> np.ndarray:
-        """float64 of `x` (any shape) rounded into the format, HALF_EVEN; NaN raises ValueError."""
+        """float64 of `x` (any shape), rounded into the format by HALF_EVEN. Raises ValueError for NaN."""
         x = np.asarray(x, dtype=np.float64)
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be rounded to {self}, not {x!r}")
@@ -179,7 +181,7 @@ class SmallFloat:
         return np.clip(rounded, -self.max, self.max) + 0.0
 
     def quantise(self, x: np.ndarray | float) -> np.ndarray:
-        """Bit patterns, uint64, of real `x` (any shape), HALF_EVEN."""
+        """Bit patterns, uint64, of real `x` (any shape), rounded by HALF_EVEN. Raises ValueError for NaN."""
         value = self.round(x)
         mantissa, exponent = np.frexp(np.abs(value))
         zero = value == 0
@@ -200,7 +202,7 @@ class SmallFloat:
     def fields(self, bits: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
         """(significand, exponent), int64, of bit patterns: value = significand * 2**(exponent - sig_bits + 1).
 
-        The significand is signed and carries the hidden one; zero gives (0, exp_min).
+        The significand is signed and includes the hidden one; zero gives (0, exp_min).
         """
         value = self.to_float(bits)
         exponent = np.where(value == 0, self.exp_min, np.frexp(value)[1] - 1)

@@ -1,7 +1,9 @@
-"""Spherical harmonics: the basis of 3DGS, and how the colour unit evaluates it with few products of one kind in fixed point.
+"""Spherical harmonics: the basis of 3DGS in float64, and how the colour unit evaluates it in fixed point, with few products
+that all have the same formats.
 
-Directions are scaled by DIRECTION_SCALE, and their x and y negated, which makes every factor positive and spares the
-functions of degree 2 theirs. With X, Y, Z such a direction, in 3DGS order:
+A direction is scaled to length DIRECTION_SCALE, and its x and y are negated. This makes every factor positive, and most
+functions of degree 2 then need no factor. Let X, Y, Z be such a direction; `linear`, `axial`, `cubic`, `mixed`, `ring` and
+`polar` are the constants of `Factors`. The basis functions are, in the order of 3DGS:
 
     degree 1    linear Y, linear Z, linear X
     degree 2    XY, YZ, axial (2 ZZ - XX - YY), XZ, (XX - YY) / 2
@@ -54,17 +56,18 @@ def basis_beyond_dc(direction: np.ndarray, count: int) -> np.ndarray:
 
 
 DIRECTION_SCALE = SH_C2[0] ** 0.5
-"""Length of a scaled direction: the square root of degree 2's common factor."""
+"""Length of a scaled direction: the square root of the common factor of degree 2."""
 
 SEED_INDEX_BITS = 6
 """Bits of a squared length, below its leading one, that address the table of reciprocal roots."""
 
 SEED_FRAC_BITS = SEED_INDEX_BITS + 4
-"""Fraction bits of that table: their rounding is a quarter of what the segment's width leaves."""
+"""Fraction bits of that table. The error of rounding to them is a quarter of the error that the width of a segment causes."""
 
 
 class Factors(NamedTuple):
-    """Raw numbers with the fraction of `sh_basis`, below 2; the module's docstring says of what."""
+    """Factors of the basis functions, as in the module's docstring: raw numbers below 2 with the fraction bits of
+    `sh_basis`."""
 
     linear: int
     axial: int
@@ -82,36 +85,37 @@ def factors(formats: NumberFormats) -> Factors:
 
 
 def terms(sh_degree: int) -> int:
-    """Basis functions beyond the first."""
+    """Number of basis functions beyond the first."""
     return (sh_degree + 1) ** 2 - 1
 
 
 def direction_format(formats: NumberFormats) -> Fixed:
-    """Scaled directions, aligned offsets, factors and the reciprocal root: the second operand of every product."""
+    """Format of scaled directions, aligned offsets, factors and the reciprocal root: the second operand of every product."""
     return SQ(1, formats.sh_basis.frac_bits)
 
 
 def product_format(formats: NumberFormats) -> Fixed:
-    """Rounded products."""
+    """Format of rounded products."""
     return SQ(2, formats.sh_basis.frac_bits)
 
 
 def polynomial_format(formats: NumberFormats) -> Fixed:
-    """Sums of products: the first operand of every product."""
+    """Format of sums of products: the first operand of every product."""
     return SQ(3, formats.sh_basis.frac_bits)
 
 
 def length_format(formats: NumberFormats) -> Fixed:
-    """The squared length of an offset whose largest component lies in [1, 2)."""
+    """Format of the squared length of an offset whose largest component lies in [1, 2)."""
     return SQ(4, formats.sh_basis.frac_bits)
 
 
 def root_seeds(formats: NumberFormats) -> tuple[np.ndarray, np.ndarray]:
     """(root, inverse), int64 (2^(SEED_INDEX_BITS + 1),): first approximations for a squared length m in [1, 4).
 
-    The index is m's bits below its leading one, and above them whether m >= 2. root, with SEED_FRAC_BITS, is
-    DIRECTION_SCALE / sqrt(m) in the segment's middle; inverse, with the fraction of `sh_basis`, is 1 / m as the rounded root
-    has it: m * inverse = 1 - e leads to the step of Newton root * (1 + e / 2), whose error is 3/8 e^2.
+    The low bits of the index are the bits of m below its leading one; the bit above them says whether m >= 2. root, with
+    SEED_FRAC_BITS fraction bits, is DIRECTION_SCALE / sqrt(m) in the middle of the segment. inverse, with the fraction bits of
+    `sh_basis`, is the 1 / m that belongs to the rounded root. From m * inverse = 1 - e follows the Newton step
+    root * (1 + e / 2), whose error is 3/8 e^2.
     """
     count = 1 << SEED_INDEX_BITS
     middle = 1 + (np.arange(count) + 0.5) / count
@@ -121,9 +125,9 @@ def root_seeds(formats: NumberFormats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sum_format(formats: NumberFormats) -> Fixed:
-    """Exact sums of basis functions times coefficients, and of those with the base colour.
+    """Format of the exact sums of basis functions times coefficients, including the base colour.
 
-    The squares of 15 functions sum to 15 / 4 pi (Unsoeld), so their magnitudes to 4.3 at most; coefficients lie below 2, base
-    colours below 4.
+    The squares of the 15 functions sum to 15 / 4 pi (Unsoeld's theorem), so their magnitudes sum to at most 4.3. Coefficients
+    lie below 2, base colours below 4.
     """
     return SQ(4, formats.sh_basis.frac_bits + formats.sh_rest.frac_bits)

@@ -12,7 +12,8 @@ from spec.records import Field
 
 @dataclass(frozen=True)
 class Setting:
-    """One number of the frame's settings: `field[index]`, or the field itself where it has but one."""
+    """One number of the frame's settings: `field[index]`, or the field itself where it has only one; `number` counts them
+    all."""
 
     field: Field
     index: int
@@ -20,19 +21,19 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """Of its register: the field's, with the index where there are several."""
+        """Name of its register: the field's name, with the index where the field has several numbers."""
         return f"{self.field.name}_{self.index}" if self.field.count > 1 else self.field.name
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a setting's pattern, read as an unsigned number, must be: low..high; the same in words.
+    """The limits low..high of a setting's bit pattern, read as an unsigned number.
 
     Attributes:
-        setting: its name.
-        low, high: of the pattern.
-        words: the same for readers.
-        where: another setting, of one bit: the limit holds where that is 1; empty: it always holds.
+        setting: name of the setting.
+        low, high: least and largest legal pattern.
+        words: the limits in words, for readers.
+        where: name of a setting of one bit; the limits apply only where that setting is 1. If empty, they always apply.
     """
 
     setting: str
@@ -47,7 +48,7 @@ class Limit:
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
-    """Every number of the frame's settings; `number` is the place of its register behind SETTINGS_BASE."""
+    """Every number of the frame's settings; the register of setting `number` lies at SETTINGS_BASE + 4 * number."""
     numbers = [(f, i) for f in frame_settings(config).fields for i in range(f.count)]
     found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers))
     for setting in found:
@@ -57,9 +58,9 @@ def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
 
 
 def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
-    """What the machine checks before a frame, in the order of the settings; all other settings may be anything.
+    """What the machine checks before a frame, in the order of the settings; all other settings may have any value.
 
-    Whether regions of memory overlap, or end beyond the address space, is the host's business.
+    The machine does not check whether regions of memory overlap or end beyond the address space: that is the host's task.
     """
     view, top = config.formats.view, 1 << (config.formats.view.width - 1)
     least, shift = 1 << (view.sig_bits - 1), (MAX_LEVELS - 1).bit_length()
@@ -75,7 +76,8 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
 
 
 def first_illegal(config: AcceleratorConfig, patterns: dict[str, int]) -> int | None:
-    """Number of the first setting that is out of its limits, given bit patterns by register name; None if all are legal."""
+    """Number of the first setting that is out of its limits, or None if all are legal; `patterns` holds bit patterns by
+    register name."""
     numbers = {setting.name: setting.number for setting in settings(config)}
     holding = [limit for limit in limits(config) if not limit.where or patterns[limit.where]]
     return min((numbers[limit.setting] for limit in holding if not limit.allows(patterns[limit.setting])), default=None)

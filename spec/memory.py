@@ -1,23 +1,25 @@
-"""What lies in memory besides the Gaussians, where, and what travels on the machine's memory ports.
+"""The memory map of a frame, and the records on the machine's memory ports.
 
-Memory moves in beats of 32 bytes, one LPDDR burst each; every transaction is one beat. Where things lie:
+All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transaction is one beat. The regions are:
 
-    geometry    GaussianGeometry, one beat a Gaussian, by index
-    colour      GaussianColour, `colour_beats` beats a Gaussian, by index
-    tiles       TileSetting, 8 bytes a tile, row-major: the host's, per gaze
-    views       SplatView, one beat; of Gaussian i at tile level L at beat (i << view_shift) + L; written for survivors only
-    entries     TileEntry, 8 bytes, in pages by tile; directory of those pages beside it
+    geometry    GaussianGeometry, one beat per Gaussian, by index
+    colour      GaussianColour, `colour_beats` beats per Gaussian, by index
+    tiles       TileSetting, 8 bytes per tile, row-major; the host writes this table for each gaze
+    views       splat records (SplatView), one beat each; that of Gaussian i for tiles of level L lies at beat
+                (i << view_shift) + L; only Gaussians with an intersection have any
+    entries     intersections (TileEntry), 8 bytes each, in pages by tile; a directory of those pages has its own base
     spill       sorted runs of groups larger than the sort buffer
-    frame       FramePixel, 16 bytes a pixel, or DisplayPixel, 4 bytes a pixel, as `display` says; row-major
+    frame       FramePixel, 16 bytes per pixel, or DisplayPixel, 4 bytes per pixel, as `display` says; row-major
 
-A frame of two eyes has a table and a frame, of DisplayPixels, more: the target eye's. Views, entries and spill are the
-target's after the source's, in the same places.
+A frame of two eyes has a second table and a second frame, of DisplayPixels, for the target eye. Splat records, intersections
+and spilled runs of the target eye replace those of the source eye, in the same regions.
 
-**Pages.** A tile's entries fill pages that double: page k has FIRST_PAGE_ENTRIES << k entries. Entry number n of a tile lies in
-page k where k is the place of the top bit of (n + FIRST_PAGE_ENTRIES) / FIRST_PAGE_ENTRIES, at n + FIRST_PAGE_ENTRIES less the
-page's size. Page 0 of tile t has its fixed place, 8 t beats from the base; the others are handed out from behind those, in
-order of need, and their first beat (relative to the base) is written into the tile's directory, 4 bytes at 4 (k - 1).
-So an entry is written once and read once, a tile's list is read without following links, and at most half of it is waste.
+**Pages.** The intersections of a tile fill pages of doubling size: page k holds FIRST_PAGE_ENTRIES << k of them. Intersection
+number n of a tile lies in page k, where k is the position of the top bit of (n + FIRST_PAGE_ENTRIES) / FIRST_PAGE_ENTRIES, at
+position n + FIRST_PAGE_ENTRIES - (size of page k) of the page. Page 0 of tile t has a fixed place, 8 t beats from the base. The
+other pages are allocated behind all first pages, in order of need; the first beat of page k, relative to the base, is written
+into the tile's directory, 4 bytes at 4 (k - 1). So an intersection is written once and read once, a tile's list is read without
+following links, and a long list wastes at most about half of its allocated space.
 """
 
 from __future__ import annotations
@@ -27,57 +29,57 @@ from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS, Field, Record, gau
 from spec.stereo import DISPARITY_SCALE_BITS
 
 BEAT_BYTES = 32
-"""Bytes of a transaction: AXI data width and one LPDDR4 burst of 16 on a x16 channel."""
+"""Bytes of a transaction: the AXI data width, and one burst of 8 of an LPDDR3 x32 channel."""
 
 WORD_BITS = 32
-"""A word, as the host sees memory."""
+"""Bits of a word, the unit in which the host sees memory."""
 
 WORDS = 8 * BEAT_BYTES // WORD_BITS
-"""Words of a beat, as records and the host see it."""
+"""Words of a beat."""
 
 ADDRESS_BITS = 32
-"""Byte addresses."""
+"""Bits of a byte address."""
 
 BEAT_BITS = ADDRESS_BITS - (BEAT_BYTES - 1).bit_length()
-"""Beat addresses."""
+"""Bits of a beat address."""
 
 BEAT_ENTRIES = BEAT_BYTES // ENTRY_BYTES
-"""Tile entries of a beat."""
+"""Intersections per beat."""
 
 FIRST_PAGE_ENTRIES = 32
-"""Entries of a tile's first page."""
+"""Intersections in a tile's first page."""
 
 DIRECTORY_SLOTS = 16
-"""Pages of a tile beyond its first: 4,194,272 entries in all."""
+"""Pages of a tile beyond its first. With them a tile has space for 4,194,272 intersections."""
 
 DIRECTORY_BEATS = DIRECTORY_SLOTS * 4 // BEAT_BYTES
 """Beats of a tile's directory."""
 
 TILE_SETTING_BYTES = 8
-"""A tile in the host's table."""
+"""Bytes of a TileSetting in the host's table."""
 
 PIXEL_BYTES = 16
-"""A FramePixel in memory."""
+"""Bytes of a FramePixel in memory."""
 
 DISPLAY_PIXEL_BYTES = 4
-"""A DisplayPixel in memory."""
+"""Bytes of a DisplayPixel in memory."""
 
 DRAM_BYTES_PER_CYCLE = 25.6
-"""The paper's memory at the machine's 1 GHz: four LPDDR3-1600 x32 channels."""
+"""Bandwidth of the paper's memory, four LPDDR3-1600 x32 channels, in bytes per cycle of the machine's 1 GHz clock."""
 
 
 def beat(name: str) -> Field:
-    """A field for the address of a beat."""
+    """A field that holds the address of a beat."""
     return Field(name, uint(BEAT_BITS), "beat address")
 
 
 def read_request(config: AcceleratorConfig) -> Record:
-    """A beat wanted from memory."""
+    """A request to read one beat."""
     return Record("ReadRequest", read_request.__doc__, (beat("beat"),))
 
 
 def read_data(config: AcceleratorConfig) -> Record:
-    """A beat from memory; beats come in the order of their requests."""
+    """A beat that was read. Beats come in the order of their requests."""
     return Record("ReadData", read_data.__doc__, (
         Field("word", uint(32), "the beat, lowest address first", WORDS),
         Field("error", uint(1), "the memory answered with an error; the words mean nothing"),
@@ -85,11 +87,11 @@ def read_data(config: AcceleratorConfig) -> Record:
 
 
 def write_request(config: AcceleratorConfig) -> Record:
-    """A beat for memory."""
+    """A request to write words of one beat."""
     return Record("WriteRequest", write_request.__doc__, (
         beat("beat"),
         Field("word", uint(32), "the beat, lowest address first", WORDS),
-        Field("strobe", uint(WORDS), "which of the words are written"),
+        Field("strobe", uint(WORDS), "one bit per word: whether it is written"),
     ))
 
 
@@ -99,13 +101,13 @@ def tile_setting(config: AcceleratorConfig) -> Record:
         Field("plane", config.formats.plane, "blend parameter at the first pixel, its slope along x, along y", 3),
         Field("level", uint(2), "level of the tile, 0..3"),
         Field("blend", uint(1), "the tile blends its level with the next"),
-        *([Field("warp", uint(1), "in the target eye: no pixel of it must be rendered; 0, and ignored, in the source eye")]
+        *([Field("warp", uint(1), "target eye: the tile may be warped; 0: it must be rendered. Source eye: 0, ignored")]
           if config.stereo else []),
     ))
 
 
 def splat_view(config: AcceleratorConfig) -> Record:
-    """What the array wants of a splat in tiles of one level: one beat."""
+    """The splat record: what the array needs of a splat in tiles of one level. It takes one beat."""
     n = config.formats
     return Record("SplatView", splat_view.__doc__, (
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
@@ -118,17 +120,17 @@ def splat_view(config: AcceleratorConfig) -> Record:
 
 
 def frame_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel in memory: sums as the array leaves them, in fields that software reads without shifting."""
+    """A pixel in memory with the array's sums unchanged, in fields that software reads without shifting."""
     return Record("FramePixel", frame_pixel.__doc__, (
         Field("colour", uint(16), "r, g, b: raw `accumulator`, background included", 3),
-        Field("transmittance", uint(16), "raw `transmittance`: what is left at the end; coverage is 1 minus it"),
+        Field("transmittance", uint(16), "raw `transmittance` that is left at the end; coverage is 1 minus it"),
         Field("depth", uint(32), "raw `depth_accumulator`: sum of weight * depth, not yet divided by the coverage"),
         Field("reserved", uint(32), "0"),
     ))
 
 
 def display_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel in memory as displays take it; 8 bits are round half up of 255 times the value, at most 255."""
+    """A pixel in memory with 8 bits per channel, as displays take it. rs(x, f) is x / 2^f rounded half up."""
     return Record("DisplayPixel", display_pixel.__doc__, (
         Field("colour", uint(8), "r, g, b, background included: min(255, rs(255 raw, `accumulator` fraction bits))", 3),
         Field("coverage", uint(8), "255 - rs(255 raw `transmittance`, its fraction bits)"),
@@ -136,47 +138,48 @@ def display_pixel(config: AcceleratorConfig) -> Record:
 
 
 def colour_beats(config: AcceleratorConfig, sh_degree: int) -> int:
-    """Beats of a GaussianColour of that degree: 1, 2, 2, 3."""
+    """Beats of a GaussianColour: 1, 2, 2, 3 for SH degree 0, 1, 2, 3."""
     return -(-gaussian_colour(config, sh_degree).width // (8 * BEAT_BYTES))
 
 
 def frame_settings(config: AcceleratorConfig) -> Record:
-    """What the host sets for a frame; every number has a register of its own, in this order."""
+    """The settings of a frame, which the host writes. Every number has a register of its own, in this order."""
     n = config.formats
     size = uint(14)
     return Record("FrameSettings", frame_settings.__doc__, (
         Field("position", n.view, "camera centre relative to the model's origin", 3),
         Field("rotation", n.view, "world to camera, row-major, its first two rows times the focal lengths", 9),
-        Field("turn", n.work, "the same over EXPONENT_SCALE in the work format, for the Jacobian", 9),
+        Field("turn", n.work, "`rotation` divided by EXPONENT_SCALE, in the work format, for the Jacobian", 9),
         Field("centre", n.mean2d, "cx, cy in pixels", 2),
         Field("limits", n.view, "clamp of fx x/z (low, high) and of fy y/z (low, high) in pixels", 4),
-        Field("near", n.view, "near plane"),
-        Field("depth_scale", n.view, "reciprocal of the z that saturates depth"),
+        Field("near", n.view, "z of the near plane in world units"),
+        Field("depth_scale", n.view, "reciprocal of the z at which depth saturates"),
         Field("width", size, "frame width in pixels"),
         Field("height", size, "frame height in pixels"),
         Field("background", n.colour, "r, g, b", 3),
-        Field("gaussians", uint(INDEX_BITS), "points of the model"),
-        Field("sh_degree", uint(2), "degree of the colour records"),
-        Field("view_shift", uint(2), "views of a Gaussian: 1 << view_shift, no fewer than the highest tile level + 1"),
-        Field("beta", uint(COUNT_BITS), "merge threshold in entries; 0 merges nothing"),
-        Field("auto_beta", uint(1), "twice the mean count instead of beta"),
-        Field("obb", uint(1), "bounding boxes instead of the exact tile test"),
+        Field("gaussians", uint(INDEX_BITS), "number of Gaussians of the model"),
+        Field("sh_degree", uint(2), "SH degree of the colour records"),
+        Field("view_shift", uint(2),
+              "each Gaussian has space for 1 << view_shift splat records; at least the highest tile level + 1"),
+        Field("beta", uint(COUNT_BITS), "merge threshold in intersections; 0 merges nothing"),
+        Field("auto_beta", uint(1), "1: twice the mean number of intersections of a tile replaces beta"),
+        Field("obb", uint(1), "1: the tile test uses oriented bounding boxes instead of exact ellipses"),
         beat("geometry_base"), beat("colour_base"), beat("tiles_base"), beat("views_base"), beat("directory_base"),
         beat("entries_base"),
-        Field("entries_beats", uint(BEAT_BITS), "room for entries"),
+        Field("entries_beats", uint(BEAT_BITS), "size of the region of intersections in beats"),
         beat("spill_base"),
-        Field("spill_beats", uint(BEAT_BITS), "room for spilled runs"),
-        Field("display", uint(1), "the frame is of DisplayPixels instead of FramePixels"),
+        Field("spill_beats", uint(BEAT_BITS), "size of the region of spilled runs in beats"),
+        Field("display", uint(1), "1: the frame consists of DisplayPixels; 0: of FramePixels"),
         beat("frame_base"),
         *(_stereo_settings(config) if config.stereo else ()),
     ))
 
 
 def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
-    """What a frame of two eyes takes besides; all other settings hold for both eyes."""
+    """Additional settings of a frame of two eyes; all other settings hold for both eyes."""
     return (
-        Field("stereo", uint(1), "two eyes; 0: an ordinary frame, and the settings below mean nothing"),
-        Field("source_right", uint(1), "the source eye is the right one"),
+        Field("stereo", uint(1), "1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below"),
+        Field("source_right", uint(1), "1: the source eye is the right one"),
         Field("target_position", config.formats.view, "the target eye's centre relative to the model's origin", 3),
         Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
               "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)"),
@@ -190,7 +193,7 @@ def _size(record: Record, limit: int) -> None:
 
 
 def check_memory(config: AcceleratorConfig) -> None:
-    """ValueError where the config's formats do not fit the places they have in memory."""
+    """Raises ValueError where a record with the config's formats does not fit its place in memory."""
     _size(splat_view(config), 8 * BEAT_BYTES)
     _size(tile_setting(config), 8 * TILE_SETTING_BYTES)
 

@@ -1,4 +1,4 @@
-"""Where the project's files are: one place knows it, so that no file counts its own parent folders."""
+"""The folders of the project. They are defined here once, so that no other file derives them from its own path."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ ROOT = Path(__file__).resolve().parent.parent
 """The checkout: the folder that holds `spec`."""
 
 REPORTS = ROOT / "reports"
-"""What studies wrote and the project keeps."""
+"""The reports that studies wrote and the project keeps."""
 
 DOCS = ROOT / "docs"
-"""Pages, some of them generated."""
+"""The pages of the documentation, some of which are generated."""

@@ -1,73 +1,82 @@
-"""How far the machine works ahead: depths of queues, reads on their way, bits of counters. None of them changes a pixel.
+"""Depths of queues, numbers of outstanding reads, and widths of counters. None of them changes a pixel.
 
-Memory that answers after 100 cycles is what the depths are made for: a client that moves a beat a cycle has that many on
-their way.
+The depths are chosen for a memory that answers after 100 cycles: a client that moves one beat per cycle then has 100 beats
+outstanding.
 """
 
 from __future__ import annotations
 
 COUNTER_BITS = 32
-"""Of what units count in a frame, and of the host's counters of it."""
+"""Bits of the units' event counts of a frame, and of the host's counters of them."""
 
 WATCHDOG_BITS = 24
-"""log2 of the cycles without a beat that end a frame: far above what the smallest array takes to ask for the next one."""
+"""log2 of the number of cycles without a memory beat after which the watchdog ends a frame. The smallest array needs far fewer
+between two beats."""
 
 IN_FLIGHT = 256
-"""Reads in all, and writes of each client, that may wait for their answers."""
+"""Most reads of all clients together, and most writes of each client, that may wait for their answers."""
 
 READ_DEPTHS = {"geometry": 128, "tiles": 16, "colour": 128, "entries": 64, "spill": 64, "views": 512}
-"""Most beats of each read client on their way or waiting for it: what a latency of 100 cycles takes at the client's rate.
+"""Most beats of each read client that are outstanding or wait in its queue: what the client's rate needs at a latency of 100
+cycles.
 
-Views are fetched further ahead: while the array works on tiles that blend, memory works for those that do not.
+Splat records (`views`) are read further ahead: while the array works on blend tiles, which take longer, memory already reads
+for the tiles after them.
 """
 
 VIEWS_PENDING = 1024
-"""Entries whose splats have been asked for before the array takes them: more than the views that `READ_DEPTHS` lets wait."""
+"""Most intersections whose splat records have been requested before the array takes them. This is more than the splat records
+that `READ_DEPTHS` lets wait."""
 
 CACHE_WAYS = 4
-"""Lines of the splat cache that a view may lie in."""
+"""Ways of the splat cache: the number of lines in which a splat record may lie."""
 
 COLOUR_LOOKAHEAD = 128
-"""Cycles of the memory's latency that cost the colour unit nothing."""
+"""Cycles of memory latency that the colour unit hides by reading ahead."""
 
 TILE_TEST_BESIDE = 10
-"""Splats in the tile test besides those in the ellipse test: four on the way to it, two behind it, and as many as the queue
-takes cycles to show one, with some to spare."""
+"""Most splats in the tile test besides those in the ellipse test: four on the way to it, two behind it, as many as the queue
+has cycles of latency, and some to spare."""
 
 LEVEL_GROUP = 16
-"""Tiles of a word of the tile test's table of levels: neighbours in a row, the first in a column that is a multiple."""
+"""Tiles per word of the tile test's level table: neighbours in a row, of which the first has a column that is a multiple of
+this number."""
 
 LIST_TILES = 32
-"""Tiles with entries whose pointers have been asked for before it is their turn."""
+"""Most tiles with intersections whose page pointers the list reader requests ahead."""
 
 LIST_POINTERS = 64
-"""Pointers that may wait: those of four tiles at least."""
+"""Most page pointers that wait in the list reader: those of at least four tiles."""
 
 LIST_BEATS = 128
-"""Beats of lists that may be asked for and not yet unpacked; memory's queues may hold fewer of them."""
+"""Most beats of tile lists that may be requested and not yet unpacked; the memory's queues may hold fewer of them."""
 
 HEADER_TILES = 64
-"""Tiles that wait for their settings beyond two rows, so that a table's beat that is late costs nothing."""
+"""Tiles, beyond two rows of them, that may wait for their settings, so that a delayed beat of the tile table costs nothing."""
 
 HEADERS = 16
-"""Headers that wait for the array while the splat fetch unit works ahead of it."""
+"""Most headers that wait for the array while the splat fetch unit works ahead of it."""
 
 SORT_CUTS = 8
-"""Chunks of large groups inside the sorter, which holds two chunks: the last of each may be short."""
+"""Most chunks of large groups inside the sorter. It holds the intersections of two full chunks, but the last chunk of each
+group may be short."""
 
 SORT_PARTS = 8
-"""Spilled groups that wait to be merged."""
+"""Most spilled groups that wait to be merged."""
 
 SORT_MERGES = 4
-"""Merges that have runs in the reader; a run is longer than a way's FIFO, but for a group's last one."""
+"""Most merges that have runs in the reader of spilled runs. Every run but the last one of a group is longer than the FIFO of a
+merge way."""
 
 ARRAY_TILES = 4
-"""Tiles between their header's transfer and their last op's leaving the rows; keeps short tiles flowing."""
+"""Most tiles between the transfer of their header and the moment when their last op leaves the rows of the array. Several are
+needed to keep short tiles flowing."""
 
 OUTPUT_DRAINS = 2
-"""Drains whose rows the line buffer behind the machine's array holds. One would do, but the array would wait for all of a
-tile's rows to leave before the next drains (`python -m msv2.studies drain_waits`)."""
+"""Number of drains whose rows the line buffer behind the array holds. One would suffice, but the array would then wait until
+all rows of a tile have left before the next tile drains (`python -m msv2.studies drain_waits`)."""
 
 WARP_AHEAD = 4
-"""Places that the warp unit's scan of a memory reads ahead, a power of two. As pixels change rows and the scan columns, either
-turns to the same memory twice: with half as many places the scan of PAPER's lanes stood still in every eighth cycle."""
+"""Places, a power of two, that the warp unit's scan reads ahead from each memory. Pixels move from row to row and the scan from
+column to column, so both turn to the same memory twice in a row; with half as many places the scan of PAPER's lanes stood still
+in every eighth cycle."""

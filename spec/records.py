@@ -1,8 +1,8 @@
-"""Record layouts: what travels on every arrow, in memory and between units.
+"""Layouts of all records that lie in memory or travel between units.
 
 A record is a list of named fields, each a number format or a plain unsigned integer, packed from bit 0 up. `rtl.shapes`
-turns it into an Amaranth layout, `Record.pack` into bit patterns; `dtype` is how the golden renderer holds it.
-docs/formats.md is generated from here.
+turns a record into an Amaranth layout, `Record.pack` turns values into bit patterns, and `Record.dtype` is the numpy type in
+which the golden renderer holds it. docs/formats.md is generated from this module.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Record:
 
     @property
     def dtype(self) -> np.dtype:
-        """Structured dtype of raw values (Fixed) or bit patterns (SmallFloat), each in the smallest of int16, 32, 64."""
+        """Structured dtype of raw values (Fixed) or bit patterns (SmallFloat), each in the smallest of int16, int32, int64."""
         return np.dtype([(f.name, f.holder, (f.count,)) if f.count > 1 else (f.name, f.holder) for f in self.fields])
 
     def pack(self, row: Mapping[str, object] | np.void) -> int:
-        """The bit pattern of one row; ValueError where a raw value, or a count of them, does not fit its field."""
+        """The bit pattern of one row. Raises ValueError where a raw value, or the number of them, does not fit its field."""
         bits, offset = 0, 0
         for f in self.fields:
             numbers = np.atleast_1d(row[f.name]).tolist()
@@ -96,29 +96,30 @@ def uint(bits: int) -> Fixed:
 
 
 INDEX_BITS = 24
-"""Gaussian index: 16 M points."""
+"""Bits of a Gaussian's index: models have up to 16 M Gaussians."""
 
 COUNT_BITS = 24
-"""Entries of one tile."""
+"""Bits of the number of intersections of one tile."""
 
 TILE_BITS = 10
-"""Tile coordinate: frames up to 16,384 pixels."""
+"""Bits of a tile's column or row: enough for frames of 16,384 pixels on a side."""
 
 
 def gaussian_geometry(config: AcceleratorConfig) -> Record:
-    """The first half of a Gaussian in memory; fetched for every point. One 32-byte DRAM burst."""
+    """The first half of a Gaussian in memory, one 32-byte beat. It is read for every Gaussian."""
     n = config.formats
     return Record("GaussianGeometry", gaussian_geometry.__doc__, (
         Field("mean", n.position, "position in world units, relative to the model's origin", 3),
         Field("scale", n.scale, "standard deviations in world units", 3),
         Field("quat", n.quaternion, "normalised quaternion, wxyz", 4),
         Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
-        Field("bound", uint(2), "quality bound m - 1: the highest level that uses the point"),
+        Field("bound", uint(2), "quality bound m - 1: the highest level that uses the Gaussian"),
     ))
 
 
 def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
-    """The second half of a Gaussian in memory; fetched for survivors of culling only. Shorter for lower SH degrees."""
+    """The second half of a Gaussian in memory. It is read for Gaussians with an intersection only, and shorter for lower SH
+    degrees."""
     n = config.formats
     count = 3 * ((sh_degree + 1) ** 2 - 1)
     rest = (Field("rest", n.sh_rest, "SH coefficients of degree 1 and more, r, g, b each, in 3DGS order", count),)
@@ -129,7 +130,7 @@ def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
 
 
 def splat2d(config: AcceleratorConfig) -> Record:
-    """A projected Gaussian: what culling and conversion hands on for every visible point."""
+    """A projected Gaussian with its colours, as the golden renderer keeps it for every visible Gaussian."""
     n = config.formats
     return Record("Splat2D", splat2d.__doc__, (
         Field("index", uint(INDEX_BITS), "Gaussian index; breaks ties of depth"),
@@ -144,7 +145,7 @@ def splat2d(config: AcceleratorConfig) -> Record:
 
 
 def tile_header(config: AcceleratorConfig) -> Record:
-    """What the array must know of a tile before its entries; one per tile, empty tiles too, in tile order."""
+    """What the array must know of a tile before its intersections; one per tile, empty tiles too, in tile order."""
     n = config.formats
     return Record("TileHeader", tile_header.__doc__, (
         Field("tile_x", uint(TILE_BITS), "tile column"),
@@ -152,17 +153,17 @@ def tile_header(config: AcceleratorConfig) -> Record:
         Field("outer", uint(1), "the tile's level is 2 or more, where alpha may reach 1"),
         Field("blend", uint(1), "the tile blends its level with the next"),
         Field("plane", n.plane, "blend parameter at the first pixel, its slope along x, along y", 3),
-        Field("count", uint(COUNT_BITS), "entries that follow"),
+        Field("count", uint(COUNT_BITS), "number of intersections that follow"),
     ))
 
 
 def array_entry(config: AcceleratorConfig) -> Record:
-    """A (splat, tile) pair in rendering order, with the values of the tile's level and, in a blend tile, of the next."""
+    """An intersection in rendering order, with the values of the tile's level and, in a blend tile, of the next level."""
     n = config.formats
     return Record("ArrayEntry", array_entry.__doc__, (
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
-        Field("use", uint(1), "the levels that use the point: the tile's, the next", 2),
+        Field("use", uint(1), "whether the Gaussian is used: at the tile's level, at the next", 2),
         Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity at the tile's level, at the next", 2),
         Field("colour", n.colour, "r, g, b at the tile's level, at the next", 6),
         Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
@@ -184,9 +185,9 @@ def pixel_op(config: AcceleratorConfig) -> Record:
         Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
         Field("bank", uint(1), "level bank: 0 the tile's level, 1 the next"),
         Field("outer", uint(1), "alpha may reach 1"),
-        Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start afresh"),
-        Field("last", uint(1), "the background: weighted by the remaining transmittance, which it leaves as it is"),
-        Field("drain", uint(1), "last op of the tile in any bank: its rows leave the array"),
+        Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start anew"),
+        Field("last", uint(1), "the op is the background: weighted by the remaining transmittance, which it does not change"),
+        Field("drain", uint(1), "last op of the tile in any bank: the tile's rows leave the array after it"),
     ))
 
 
@@ -205,24 +206,26 @@ def pixel_row(config: AcceleratorConfig) -> Record:
 
 
 ENTRY_BYTES = 8
-"""A tile entry in memory and in the sorting unit's buffers."""
+"""Bytes of an intersection (TileEntry) in memory and in the sorter's buffers."""
 
 
 def frame_tiles(config: AcceleratorConfig) -> int:
-    """Most tiles of a frame, which is as high as wide at most."""
+    """Largest number of tiles of a frame, whose height is at most `row_width`, too."""
     return (-(-config.row_width // TILE)) ** 2
 
 
 def tile_index(config: AcceleratorConfig) -> Fixed:
-    """A tile's number in its frame, row-major; also a group's, of which there are no more."""
+    """The format of a tile's number in its frame, row-major; also that of a group's number, as there are no more groups than
+    tiles."""
     return uint((frame_tiles(config) - 1).bit_length())
 
 
 def tile_hit(config: AcceleratorConfig) -> Record:
-    """What the tile merge unit sees of an entry; after a frame's last one follows an item with `end`, which is no entry."""
+    """The tile of an intersection, as the tile merge unit counts it. An item with `end`, which is no intersection, follows the
+    last one of a frame."""
     return Record("TileHit", tile_hit.__doc__, (
-        Field("tile", tile_index(config), "the entry's tile"),
-        Field("end", uint(1), "all entries of the frame have come; `tile` means nothing"),
+        Field("tile", tile_index(config), "the intersection's tile"),
+        Field("end", uint(1), "all intersections of the frame have come; `tile` means nothing"),
     ))
 
 
@@ -230,14 +233,14 @@ def tile_group(config: AcceleratorConfig) -> Record:
     """A tile and the group it is merged into; one per tile, empty tiles too, in tile order."""
     return Record("TileGroup", tile_group.__doc__, (
         Field("tile", tile_index(config), "native tile"),
-        Field("count", uint(COUNT_BITS), "entries of the tile"),
-        Field("group", tile_index(config), "merged tile, consecutive from 0"),
+        Field("count", uint(COUNT_BITS), "number of intersections of the tile"),
+        Field("group", tile_index(config), "number of the group, consecutive from 0"),
         Field("last", uint(1), "last tile of its group"),
     ))
 
 
 def tile_entry(config: AcceleratorConfig) -> Record:
-    """A (splat, tile) pair as it is sorted: in the order of the whole record, read as one unsigned number."""
+    """An intersection as it is sorted. The sort order is that of the whole record, read as one unsigned number."""
     return Record("TileEntry", tile_entry.__doc__, (
         Field("index", uint(INDEX_BITS), "Gaussian index"),
         Field("depth_key", config.formats.depth_key, "sort key"),
@@ -246,33 +249,34 @@ def tile_entry(config: AcceleratorConfig) -> Record:
 
 
 def chunk_entry(config: AcceleratorConfig) -> Record:
-    """A tile entry on its way through the sorter."""
+    """An intersection on its way through the sorter."""
     return Record("ChunkEntry", chunk_entry.__doc__, (
         *tile_entry(config).fields,
         Field("last", uint(1), "last item of its chunk"),
-        Field("empty", uint(1), "no entry: the only item, and so the last, of an empty chunk"),
+        Field("empty", uint(1), "the item is no intersection but the only, and so the last, item of an empty chunk"),
     ))
 
 
 def entry_item(config: AcceleratorConfig) -> Record:
-    """A tile entry as the culling unit emits it; after a frame's last one follows an item with `end`, which is no entry."""
+    """An intersection as the tile test emits it. An item with `end`, which is no intersection, follows the last one of a
+    frame."""
     return Record("EntryItem", entry_item.__doc__, (
         *tile_entry(config).fields,
-        Field("end", uint(1), "all entries of the frame have come; the rest means nothing"),
+        Field("end", uint(1), "all intersections of the frame have come; the rest means nothing"),
     ))
 
 
 def gaussian_point(config: AcceleratorConfig) -> Record:
-    """A Gaussian's geometry on its way into the culling unit; a frame ends with an item with `end`, which is no point."""
+    """A Gaussian's geometry on its way into projection. A frame ends with an item with `end`, which is no Gaussian."""
     return Record("GaussianPoint", gaussian_point.__doc__, (
         *gaussian_geometry(config).fields,
         Field("index", uint(INDEX_BITS), "Gaussian index"),
-        Field("end", uint(1), "all points of the frame have come; the rest means nothing"),
+        Field("end", uint(1), "all Gaussians of the frame have come; the rest means nothing"),
     ))
 
 
 def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
-    """What projection knows of a splat."""
+    """What projection finds of a splat, as later stages use it."""
     n = config.formats
     return (
         Field("index", uint(INDEX_BITS), "Gaussian index"),
@@ -281,12 +285,12 @@ def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
         Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
         Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
-        Field("offset", n.view, "position less the camera's, world axes: what colour looks along", 3),
+        Field("offset", n.view, "position minus the camera's, in world axes: the direction that the colour depends on", 3),
     )
 
 
 def projected_splat(config: AcceleratorConfig) -> Record:
-    """A splat that is not culled and the box of tiles that it may touch; a frame ends with an item with `end`."""
+    """A splat that is not culled, and the box of tiles that it may touch. A frame ends with an item with `end`."""
     tile = uint(TILE_BITS)
     return Record("ProjectedSplat", projected_splat.__doc__, (
         *_projection(config),
@@ -300,10 +304,10 @@ def projected_splat(config: AcceleratorConfig) -> Record:
 
 
 def surviving_splat(config: AcceleratorConfig) -> Record:
-    """A splat with an entry at least: wants its colour; a frame ends with an item with `end`."""
+    """A splat with at least one intersection, whose colour is to be computed. A frame ends with an item with `end`."""
     return Record("SurvivingSplat", surviving_splat.__doc__, (
         *_projection(config),
-        Field("levels", uint(MAX_LEVELS), "levels of the tiles it has entries in, a bit each"),
+        Field("levels", uint(MAX_LEVELS), "levels of the tiles in which it has intersections, one bit per level"),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 
@@ -314,16 +318,17 @@ def tile_level(config: AcceleratorConfig) -> Record:
         Field("tile", tile_index(config), "native tile"),
         Field("level", uint(2), "level of the tile, 0..3"),
         Field("blend", uint(1), "the tile blends its level with the next"),
-        *([Field("rendered", uint(1), "the tile is rendered; pairs with others are dropped")] if config.stereo else []),
+        *([Field("rendered", uint(1), "the tile is rendered; intersections of tiles that are not are dropped")]
+          if config.stereo else []),
     ))
 
 
 def tile_use(config: AcceleratorConfig) -> Record:
-    """What the splat fetch unit must know of a tile before its entries; one per tile, empty tiles too, in tile order."""
+    """What the splat fetch unit must know of a tile before its intersections; one per tile, empty tiles too, in tile order."""
     return Record("TileUse", tile_use.__doc__, (
         Field("level", uint(2), "level of the tile, 0..3"),
         Field("blend", uint(1), "the tile blends its level with the next"),
-        Field("count", uint(COUNT_BITS), "entries that follow"),
+        Field("count", uint(COUNT_BITS), "number of intersections that follow"),
     ))
 
 

@@ -1,24 +1,24 @@
 """The host's registers: one description for the RTL, the page docs/registers.md, the C header and the drivers.
 
-32-bit registers, little-endian, in 4 KB of byte addresses. Reserved bits read 0 and ignore writes. A write to a read-only
-register, and any access where no register is, is answered with SLVERR and has no effect.
+All registers have 32 bits, are little-endian, and lie in 4 KB of byte addresses. Reserved bits read 0 and ignore writes. A
+write to a read-only register, and any access to an address without a register, is answered with SLVERR and has no effect.
 
-    0x000  identity: what machine this is
+    0x000  identity of the machine
     0x020  control, status, errors, interrupts
-    0x100  settings of the frame, a register a number, in the order of `spec.memory.frame_settings`
+    0x100  settings of the frame, one register per number, in the order of `spec.memory.frame_settings`
     0x400  counters
     0x600  counters of saturated values
 
-**A frame.** Write the settings, then `control.start`. The machine checks the settings, takes a copy of all of them and is
-busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error` and
-a code. `start` is ignored while the machine is busy.
+**A frame.** The host writes the settings, then `control.start`. The machine checks the settings, takes a copy of all of them
+and is busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error`
+and a code. `start` is ignored while the machine is busy.
 
 **Values.** A setting stands in the lowest bits of its register, in its own number format: two's complement where the format
-is signed fixed-point, the bit pattern where it is a small float. Bits above are ignored; they read as the sign of signed
-fixed-point numbers, so that an int32 comes back as it was written, and as 0 otherwise.
+is signed fixed-point, the bit pattern where it is a small float. The bits above are ignored when written. When read, they
+repeat the sign of signed fixed-point numbers, so that an int32 comes back as it was written, and are 0 otherwise.
 
-**Counters** count from `control.clear` on, over as many frames as follow. A counter of 64 bits has two registers; reading
-the lower one keeps the upper half of the same moment for the next read of the upper one.
+**Counters** count from `control.clear` on, over all frames that follow. A counter of 64 bits has two registers. Reading the
+lower one also stores the upper half of the same cycle, which the next read of the upper register returns.
 """
 
 from __future__ import annotations
@@ -34,51 +34,54 @@ from spec.host_settings import limits, settings
 from spec.saturations import SATURATIONS
 
 REGISTER_ADDRESS_BITS = 12
-"""Byte addresses of the register space."""
+"""Bits of a byte address in the register space."""
 
 MAGIC = 0x4D535632
-"""What register `id` reads: "MSV2"."""
+"""The value of register `id`: "MSV2" in ASCII."""
 
 VERSION_MAJOR, VERSION_MINOR = 1, 2
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, odd. Versions below 1.2 have
-no counters of saturated values."""
+"""Version of this register map. A higher minor version only adds registers. Machines with stereo have the next minor version,
+which is odd. Versions below 1.2 have no counters of saturated values."""
 
 CONTROL_BASE = 0x020
-"""First of the control registers."""
+"""Byte address of the first control register."""
 
 SETTINGS_BASE = 0x100
-"""First of the settings."""
+"""Byte address of the first setting."""
 
 COUNTERS_BASE = 0x400
-"""First of the counters."""
+"""Byte address of the first counter."""
 
 SATURATIONS_BASE = 0x600
-"""First of the counters of saturated values: in all machines the same, whatever other counters they have."""
+"""Byte address of the first counter of saturated values. It is the same in all machines, whatever other counters they have."""
 
 STAGES = (
     "geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover", "fetch", "array",
     "pixel_write")
-"""Stages whose input streams are watched."""
+"""Stages whose input streams are counted: busy, starved and blocked cycles."""
 
 READ_CLIENTS = ("geometry", "tiles", "colour", "entries", "spill", "views")
-"""Who reads memory, by the region that is read; the place is the AXI read ID. Entries include their directory."""
+"""Clients that read memory, named by the region that they read; the position is the AXI read ID. The region `entries` includes
+the directory of its pages."""
 
 WRITE_CLIENTS = ("entries", "views", "spill", "frame")
-"""Who writes memory, by the region that is written; the place is the AXI write ID. Entries include their directory."""
+"""Clients that write memory, named by the region that they write; the position is the AXI write ID. The region `entries`
+includes the directory of its pages."""
 
 STEREO_STAGES = ("warp",)
-"""Stages more of machines with stereo: the rows that the warp unit takes."""
+"""Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
 
 STEREO_WRITE_CLIENTS = ("warp",)
-"""Write clients more of machines with stereo: the target eye's warped strips. What is rendered of it is `frame`'s."""
+"""Additional write clients of machines with stereo: `warp` writes the target eye's warped pixels. The client `frame` writes its
+rendered pixels."""
 
 
 class Code(IntEnum):
-    """Numbers with names, as registers hold them."""
+    """Named numbers that a register holds."""
 
     @classmethod
     def width(cls) -> int:
-        """Bits that hold every one of them."""
+        """Number of bits that the largest of them needs."""
         return max(cls).bit_length()
 
 
@@ -86,19 +89,19 @@ class Phase(Code):
     """What the machine is doing."""
 
     IDLE = 0
-    """Nothing; ready for `start`."""
+    """The machine is ready for `start`."""
     CLEAR = 1
-    """Forgetting the frame before."""
+    """The units clear their state of the frame before."""
     TABLE = 2
-    """Reading the table of tiles."""
+    """The machine reads the table of tiles."""
     GEOMETRY = 3
-    """Culling, conversion, tile test, colours."""
+    """Projection, tile test, and colours of all Gaussians."""
     RENDER = 4
-    """Merging, sorting, blending."""
+    """Merging, sorting and blending of all tiles."""
     DRAIN = 5
-    """The frame has failed: waiting for what memory still owes."""
+    """The frame has failed; the machine waits for outstanding answers of memory."""
     RESET = 6
-    """The frame has failed: starting all units anew."""
+    """The frame has failed; the machine resets all units."""
 
 
 class ErrorCode(Code):
@@ -109,23 +112,23 @@ class ErrorCode(Code):
     BAD_SETTING = 1
     """A setting is out of its limits; `bad_setting` says which. The frame did not begin."""
     READ_ERROR = 2
-    """Memory answered a read with an error; `error_clients` says whose."""
+    """Memory answered a read with an error; `error_clients` names the client."""
     WRITE_ERROR = 3
-    """Memory answered a write with an error; `error_clients` says whose."""
+    """Memory answered a write with an error; `error_clients` names the client."""
     ENTRIES_FULL = 4
-    """The tiles' entries need more than `entries_beats`."""
+    """The intersections of all tiles need more beats than `entries_beats`."""
     SPILL_FULL = 5
-    """The spilled runs need more than `spill_beats`."""
+    """The spilled runs need more beats than `spill_beats`."""
     COUNT_SATURATED = 6
-    """A tile, or a group of tiles, has more entries than can be counted or addressed."""
+    """A tile, or a group of tiles, has more intersections than can be counted or addressed."""
     ABORTED = 7
     """`control.abort` ended the frame."""
     WATCHDOG = 8
-    """Nothing moved for too long."""
+    """No beat of memory moved for 2^24 cycles."""
 
 
 class Access(Enum):
-    """What the host may do with a register; with what a write does."""
+    """What the host may do with a register, and what a write does."""
 
     READ_ONLY = "read"
     READ_WRITE = "read, write"
@@ -137,12 +140,12 @@ class Bits:
     """Some bits of a register.
 
     Attributes:
-        name: of the bits.
-        low: place of the lowest.
-        width: how many.
-        doc: what they mean.
-        strobe: writing 1 does something; they always read 0.
-        values: the enumeration they hold, if any.
+        name: name of the bits.
+        low: position of the lowest bit.
+        width: number of bits.
+        doc: what the bits mean.
+        strobe: whether writing 1 triggers an action; such bits always read 0.
+        values: the enumeration that the bits hold, if any.
     """
 
     name: str
@@ -154,7 +157,7 @@ class Bits:
 
     @property
     def mask(self) -> int:
-        """The bits of the register that are these."""
+        """A mask of these bits in the register."""
         return (1 << self.width) - 1 << self.low
 
 
@@ -163,12 +166,12 @@ class Register:
     """A register.
 
     Attributes:
-        name: in lower case, words joined by underscores.
-        offset: byte address.
+        name: name in lower case, with underscores between words.
+        offset: byte address in the register space.
         access: what the host may do with it.
         doc: what it holds.
-        bits: its parts; without any, all 32 bits are one number.
-        format: number format of a setting.
+        bits: its parts; where there are none, all 32 bits are one number.
+        format: number format, where the register is a setting.
     """
 
     name: str
@@ -181,7 +184,7 @@ class Register:
 
 @dataclass(frozen=True)
 class Counter:
-    """A counter: its name, what it counts, and its bits, 32 or 64."""
+    """A counter: its name, what it counts, and its width in bits, 32 or 64."""
 
     name: str
     doc: str
@@ -190,48 +193,50 @@ class Counter:
 
 EVENTS = {
     "points": "Gaussians read",
-    "culled_near": "points in front of the near plane",
-    "culled_faint": "points too faint to be seen at any level",
-    "culled_outside": "points whose projection is degenerate or touches no tile of the frame",
-    "survivors": "points with an entry",
-    "entries": "tile entries written",
-    "filtered": "pairs of point and tile that the foveation filter dropped",
+    "culled_near": "Gaussians culled because they lie at or before the near plane",
+    "culled_faint": "Gaussians culled because they are too faint to be seen at any level",
+    "culled_outside": "Gaussians culled because their projection is degenerate or touches no tile of the frame",
+    "survivors": "Gaussians with at least one intersection",
+    "entries": "intersections written to the tile lists",
+    "filtered": "intersections that the foveation filter dropped",
     "groups": "groups of merged tiles",
-    "spilled_entries": "entries written to memory once more, in sorted runs",
-    "fetch_hits": "views found in the splat cache",
-    "fetch_misses": "views read from memory",
+    "spilled_entries": "intersections written to memory a second time, in sorted runs",
+    "fetch_hits": "splat records found in the splat cache",
+    "fetch_misses": "splat records read from memory",
     "ops": "ops of the array: splats at a level and backgrounds, once for every block of a tile",
-    "skipped": "entries that the array skipped because their tile's pixels had all stopped",
+    "skipped": "intersections that the array skipped because all pixels of their tile had stopped",
     "pixels": "pixels written",
 }
-"""What the units report of a frame that has ended, by name; of a frame of two eyes, both passes' together."""
+"""Events that the units report when a frame ends: by name, what is counted. A frame of two eyes counts both passes together."""
 
 STEREO_EVENTS = {
-    "warped": "pixels of the target eye that a pixel of the source eye was warped to, background included",
+    "warped": "pixels of the target eye to which a pixel of the source eye was warped, background included",
     "filled": "holes of the target eye filled from their neighbours",
     "invalid_tiles": "tiles of the target eye with a hole that was not filled",
     "target_tiles": "tiles of the target eye that were rendered",
 }
-"""Events more of machines with stereo; holes are filled and looked for in all tiles, those that must be rendered too."""
+"""Additional events of machines with stereo. Holes are searched and filled in all tiles, including those that must be rendered
+in any case."""
 
 
 def stages(config: AcceleratorConfig) -> tuple[str, ...]:
-    """Stages whose input streams are watched, of a machine."""
+    """The stages of a machine whose input streams are counted."""
     return STAGES + STEREO_STAGES if config.stereo else STAGES
 
 
 def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
-    """Write clients of a machine."""
+    """The write clients of a machine, in the order of their AXI IDs."""
     return WRITE_CLIENTS + STEREO_WRITE_CLIENTS if config.stereo else WRITE_CLIENTS
 
 
 def events(config: AcceleratorConfig) -> dict[str, str]:
-    """What the units of a machine report of a frame that has ended, by name."""
+    """Events that the units of a machine report when a frame ends: by name, what is counted."""
     return EVENTS | (STEREO_EVENTS if config.stereo else {}) | {s.name: s.doc for s in SATURATIONS}
 
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
-    """Every counter of a machine, in the order of its registers; those of stereo come after what all have, saturations last."""
+    """Every counter of a machine, in the order of its registers: first those of all machines, then those of stereo, at the end
+    those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -259,12 +264,12 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """32 bits that differ where two machines differ in anything but their names."""
+    """A hash of 32 bits that differs where two machines differ in any parameter but their names."""
     return int.from_bytes(hashlib.sha256(repr(config.with_(name="any")).encode()).digest()[:4], "little")
 
 
 def identity(config: AcceleratorConfig) -> dict[str, int]:
-    """What the identity registers of a machine read, by name."""
+    """The values of a machine's identity registers, by name."""
     parts = {
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
@@ -285,14 +290,14 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
 _IDENTITY = (
     Register("id", 0x000, Access.READ_ONLY, "0x4D535632 in every machine"),
     Register("version", 0x004, Access.READ_ONLY, "version of this map", (
-        Bits("minor", 0, 16, "higher ones add registers"), Bits("major", 16, 16, "others are not compatible"))),
+        Bits("minor", 0, 16, "a higher one adds registers"), Bits("major", 16, 16, "a different one is not compatible"))),
     Register("fingerprint", 0x008, Access.READ_ONLY, "differs where machines differ in any parameter or number format"),
     Register("machine_array", 0x00C, Access.READ_ONLY, "parameters of the array", (
-        Bits("cores_x", 0, 8, "pixel cores of a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
+        Bits("cores_x", 0, 8, "pixel cores in a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
         Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
         Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
         Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
-        Bits("blend", 26, 1, "tiles may blend two levels, where there are levels"))),
+        Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("sorting_units", 8, 8, "sorting units"),
         Bits("merge_ways", 16, 8, "runs merged at a time"),
@@ -306,28 +311,29 @@ _CONTROL = (
     Register("control", CONTROL_BASE, Access.READ_WRITE, "commands", (
         Bits("start", 0, 1, "begin a frame; ignored while busy", strobe=True),
         Bits("abort", 1, 1, "end the frame with error ABORTED; ignored unless busy", strobe=True),
-        Bits("reset", 2, 1, "as abort where busy; and forget how frames ended, interrupts included", strobe=True),
+        Bits("reset", 2, 1, "abort where busy; clear how the last frame ended: `done` and `error` of `status`, `error`, "
+             "`bad_setting`, `interrupt`", strobe=True),
         Bits("clear", 3, 1, "set all counters to 0", strobe=True),
         Bits("enable_done", 8, 1, "interrupt when a frame is done"),
         Bits("enable_error", 9, 1, "interrupt when a frame ends with an error"))),
-    Register("status", CONTROL_BASE + 0x4, Access.READ_ONLY, "how far the frame is", (
-        Bits("busy", 0, 1, "a frame, or stopping, is under way"),
-        Bits("done", 1, 1, "the last frame is in memory; until the next start"),
-        Bits("error", 2, 1, "the last frame ended early; until the next start"),
+    Register("status", CONTROL_BASE + 0x4, Access.READ_ONLY, "state of the frame", (
+        Bits("busy", 0, 1, "a frame is under way, or is being stopped"),
+        Bits("done", 1, 1, "the last frame is in memory; cleared by the next start"),
+        Bits("error", 2, 1, "the last frame ended early; cleared by the next start"),
         Bits("phase", 8, 4, "what the machine is doing", values=Phase))),
-    Register("error", CONTROL_BASE + 0x8, Access.READ_ONLY, "why", (
-        Bits("code", 0, 8, "until the next start", values=ErrorCode),)),
+    Register("error", CONTROL_BASE + 0x8, Access.READ_ONLY, "why the last frame ended early", (
+        Bits("code", 0, 8, "cleared by the next start", values=ErrorCode),)),
     Register("bad_setting", CONTROL_BASE + 0xC, Access.READ_ONLY,
-             "of BAD_SETTING: which setting, counted from 0 in their order; the first that is out of its limits"),
-    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "whose accesses memory answered with an error"),
-    Register("interrupt", CONTROL_BASE + 0x14, Access.CLEARING, "why the interrupt line is high, whether or not enabled", (
+             "with BAD_SETTING: number of the first setting that is out of its limits, counted from 0 in their order"),
+    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "clients whose accesses memory answered with an error"),
+    Register("interrupt", CONTROL_BASE + 0x14, Access.CLEARING, "pending causes of an interrupt, whether or not enabled", (
         Bits("done", 0, 1, "a frame is done"), Bits("error", 1, 1, "a frame ended with an error"))),
 )
 
 
 def _control_registers(config: AcceleratorConfig) -> Iterator[Register]:
-    clients = (Bits("read", 0, len(READ_CLIENTS), "a bit a read client"),
-               Bits("write", 16, len(write_clients(config)), "a bit a write client"))
+    clients = (Bits("read", 0, len(READ_CLIENTS), "one bit per read client"),
+               Bits("write", 16, len(write_clients(config)), "one bit per write client"))
     return (replace(r, bits=clients) if r.name == "error_clients" else r for r in _CONTROL)
 
 
@@ -361,7 +367,7 @@ def is_signed(number: Format) -> bool:
 
 
 def scale_words(number: Format) -> str:
-    """How the host turns a register's value into a number."""
+    """Words that tell how the host turns a register's value into a number."""
     if isinstance(number, SmallFloat):
         return (f"{number.width}-bit float: {'sign, ' if number.signed else ''}{number.exp_bits} exponent bits of bias "
                 f"{number.bias}, {number.sig_bits - 1} fraction bits; exponent 0 is zero")

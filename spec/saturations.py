@@ -1,14 +1,14 @@
-"""What counts as saturated, of the values that hardware clamps to their formats on the way to the array.
+"""Which values count as saturated, among those that the hardware clamps to their formats before the array.
 
-A value counts where it equals its format's limit: the largest, and of signed numbers the least, too. The 0 of unsigned numbers
-is no limit: colours below it are black by definition, and nothing in front of the near plane has a depth. What rounds to a
-limit counts like what was clamped to it. So every count can be read off the records that pass one place of the machine, each
-counted once, when it is transferred:
+A value counts as saturated where it equals a limit of its format: the largest value, and for signed numbers the least, too. The
+0 of unsigned numbers is no limit, because colours below 0 are black by definition, and nothing before the near plane has a
+depth. A value that was rounded to a limit counts like one that was clamped to it. So every count follows from the records that
+pass one place of the machine. Each record is counted once, when it is transferred:
 
-    splats    ProjectedSplat records, from projection to the tile test: one for each point that is not culled
-    views     SplatView records, from the colour unit to memory: one for each level of the tiles that a splat has entries in
+    splats    ProjectedSplat records, from projection to the tile test: one for each Gaussian that is not culled
+    views     splat records (SplatView), from the colour unit to memory: one for each level of the tiles that a splat intersects
 
-Keys and depths of entries are those of their splats, and are not counted again.
+Keys and depths of intersections are those of their splats, and are not counted again.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Saturation:
     """A kind of saturation.
 
     Attributes:
-        name: of its counter.
-        doc: what is counted: records that have a number of `field` at a limit.
-        stream: where the records pass, one of STREAMS.
-        field: of the record.
+        name: name of its counter.
+        doc: what is counted: records in which a number of `field` is at a limit.
+        stream: the place where the records pass, one of STREAMS.
+        field: name of the record's field.
     """
 
     name: str
@@ -39,20 +39,21 @@ class Saturation:
     field: str
 
     def field_of(self, config: AcceleratorConfig) -> Field:
-        """The field, with its format."""
+        """The record's field, with its format."""
         return next(f for f in STREAMS[self.stream](config).fields if f.name == self.field)
 
 
 STREAMS: dict[str, Callable[[AcceleratorConfig], Record]] = {"splats": projected_splat, "views": splat_view}
-"""Records by the place where they pass."""
+"""The records that are watched, by the name of the place where they pass."""
 
 SATURATIONS = (
-    Saturation("saturated_means", "splats with a coordinate of the projected mean at its least or largest", "splats", "mean2d"),
+    Saturation("saturated_means", "splats whose projected mean has a coordinate at its least or largest value", "splats",
+               "mean2d"),
     Saturation("saturated_depths", "splats with the largest depth", "splats", "depth"),
     Saturation("saturated_keys", "splats with the largest depth key", "splats", "depth_key"),
-    Saturation("saturated_colours", "views with a channel of either level at its largest", "views", "colour"),
+    Saturation("saturated_colours", "splat records with a channel of either level at its largest value", "views", "colour"),
 )
-"""All that is counted, in the order of the counters."""
+"""All kinds of saturation that are counted, in the order of the counters."""
 
 
 def limits(number: Fixed) -> tuple[int, ...]:

@@ -1,7 +1,8 @@
-"""Which files of the project a module rests on: its own, and those of everything of ours that it imports, transitively.
+"""Finds the files of the project on which a module depends: its own file, and those of all modules that it imports,
+transitively.
 
-Caches and reports are keyed by the contents of these files, so that a change of a constant in `spec` makes anew what rests
-on it, and a change anywhere else makes nothing anew.
+Caches and reports are keyed by the contents of these files. So a changed constant in `spec` invalidates everything that depends
+on it, and a change in any other file invalidates nothing.
 """
 
 from __future__ import annotations
@@ -15,16 +16,17 @@ from pathlib import Path
 from spec.paths import ROOT
 
 ROOMS = ("spec", "golden", "rtl", "perf", "synth", "tb", "msv2")
-"""Folders of the root whose modules are ours."""
+"""The folders that hold the project's modules."""
 
 _FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 _IMPORT = re.compile(r"^[ \t]*import[ \t]+([\w., \t]+)", re.MULTILINE)
 
 
 def imported_names(text: str) -> set[str]:
-    """Dotted names that a source text imports, wherever in it: modules, and `module.name` of what is taken from them.
+    """The dotted names that a source text imports anywhere: modules, and `module.name` for each name imported from a module.
 
-    Statements are found by their form, without parsing; a line of a docstring that reads like one adds a name too many.
+    Import statements are found by a pattern, without parsing. A line of a docstring that looks like one adds a superfluous
+    name.
     """
     names = set()
     for module, taken in _FROM.findall(text):
@@ -36,18 +38,18 @@ def imported_names(text: str) -> set[str]:
 
 
 def module_file(name: str, root: Path = ROOT) -> Path | None:
-    """The file of a module or package of ours; None where there is none."""
+    """The file of a module or package of the project; None where there is none."""
     base = root.joinpath(*name.split("."))
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
 @lru_cache(maxsize=256)
 def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
-    """Files of the modules and of everything of ours that they import, sorted.
+    """The files of the modules and of all the project's modules that they import, transitively; sorted.
 
     Args:
         modules: dotted names, such as "golden.msv2_ref.pipeline".
-        root: the folder of the rooms.
+        root: the folder that holds ROOMS.
 
     Raises:
         ValueError: there is no such module.
@@ -69,7 +71,7 @@ def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
 
 
 def fingerprint(files: Iterable[Path], *parts: object) -> str:
-    """16 hexadecimal digits that change with the contents of the files and with the `repr` of the parts."""
+    """A hash of 16 hexadecimal digits of the contents of the files and of the `repr` of the parts."""
     state = hashlib.sha256()
     for path in files:
         state.update(path.read_bytes())

@@ -15,9 +15,9 @@ from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from synth import timing
 from synth.area import AreaReport, machine_area
+from synth.hints import SYNTHESISED
 from synth.report import synthesise_unit, write_json
 from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
-from synth.units import UNITS
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
 """Number of modules synthesised at a time; each takes a core and up to 1 GB of memory."""
@@ -59,7 +59,7 @@ def _number(value: float | None) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, runs the synthesis and prints the results; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
-    parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(UNITS)} (default: pixel_core)")
+    parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(SYNTHESISED)} (default: pixel_core)")
     parser.add_argument("--config", help=f"synthesise all units of this machine: one of {', '.join(CONFIGS)}")
     parser.add_argument("--stereo", action="store_true", help="with --config: include the warp unit")
     parser.add_argument("--tech", default="generic",

@@ -14,13 +14,14 @@ from pathlib import Path
 
 from amaranth.lib import wiring
 
+from rtl.units import TOP, UNITS
 from spec.errors import InputError
 from synth import flow, timing
 from synth.design import Design, elaborate
+from synth.hints import BLOCKS, SYNTHESISED, VARIANTS, config_of
 from synth.mapping import to_cells, to_gates
 from synth.memories import Macro, as_rows
 from synth.settings import MOST_RUNS, Settings
-from synth.units import UNITS
 
 HINTS = "asap7", 1000.0
 """Technology and clock for which the units' hints were found; elsewhere blocks are chosen as in any other unit."""
@@ -34,13 +35,16 @@ def synthesise_unit(
     Raises:
         InputError: the unit or technology is unknown, the clock is not accepted, or Yosys or liberty files are missing.
     """
-    if name not in UNITS:
-        raise InputError(f"unit {name!r} is not known: {', '.join(UNITS)} are")
-    unit, settings = UNITS[name], Settings(technology, clock_ps, folder, runs=runs)
+    if name == TOP:
+        raise InputError(f"unit {name!r} is synthesised as a machine, unit by unit: give a config instead")
+    if name not in SYNTHESISED:
+        raise InputError(f"unit {name!r} is not known: {', '.join(SYNTHESISED)} are")
+    unit, config, settings = UNITS[name], config_of(name), Settings(technology, clock_ps, folder, runs=runs)
     settings.check()
-    report: dict[str, object] = {"unit": name, "technology": technology, "config": unit.config.name}
-    report |= synthesise(unit.make(unit.config), name, settings)
-    report["variants"] = {label: synthesise(unit.make(config), name, settings) for label, config in unit.variants.items()}
+    report: dict[str, object] = {"unit": name, "technology": technology, "config": config.name}
+    report |= synthesise(unit.make(config), name, settings)
+    report["variants"] = {
+        label: synthesise(unit.make(other), name, settings) for label, other in VARIANTS.get(name, {}).items()}
     write_json(folder / f"{name}-{settings.label}.json", report)
     return report
 
@@ -120,9 +124,8 @@ def module_result(
     `is_timed`: the module is timed. Otherwise its sums get UNTIMED_BUDGET, and its slack is null.
     """
     source, boxes = design.source(module), tuple(sorted(design.below[module]))
-    unit = UNITS.get(module)
-    hinted = unit is not None and (settings.technology, settings.clock_ps) == HINTS
-    blocks, below = unit.blocks if hinted else None, below if boxes else []
+    hinted = (settings.technology, settings.clock_ps) == HINTS
+    blocks, below = BLOCKS.get(module) if hinted else None, below if boxes else []
     library = None
     if settings.technology != "generic":
         technology, liberty = settings.library()

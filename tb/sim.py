@@ -9,7 +9,7 @@ from types import ModuleType
 from spec.errors import InputError, run_command_line
 from spec.paths import ROOT
 from tb.axi import suite as axi
-from tb.common.runner import SimulationError, Waves
+from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
 from tb.culling import projection_suite as projection
 from tb.culling import tile_test_suite as tiles
@@ -39,18 +39,6 @@ UNITS = {
 """What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
 unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the
 machine."""
-
-
-def parse_window(text: str) -> tuple[int, int]:
-    """`a:b` as (a, b), either side optional; InputError for anything else."""
-    first, colon, last = text.partition(":")
-    try:
-        window = int(first or 0), int(last or Waves.end)
-    except ValueError:
-        window = (0, 0)
-    if not colon or not 0 <= window[0] < window[1]:
-        raise InputError(f"cycle window {text!r} is not accepted: give FIRST:LAST, as in 1000:2000")
-    return window
 
 
 def _variants(test: str) -> list[str]:

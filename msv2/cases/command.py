@@ -29,7 +29,8 @@ GRADIENTS = "msv2.cases.gradients"
 """The differentiable renderer's part, in a process of its own: this one needs no torch."""
 
 EPILOG = """\
-Writes stability.json; the study `stability` makes a page and a picture of it. Exit status 1 where a case fails or a seeded fault is not caught.
+Writes stability.json; the study `stability` makes a page and a picture of it. Exit status 1 where a case fails or a seeded
+fault is not caught.
 
 examples:
   python -m msv2.cases                                     everything

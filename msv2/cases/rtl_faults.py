@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
@@ -13,8 +13,7 @@ from golden.msv2_ref.pipeline import Frame
 from msv2.cases.case import GOLDEN
 from msv2.cases.check import MACHINE, see_golden
 from msv2.cases.registry import case_named
-from rtl.top.machine import emit_msv2_top
-from rtl.vrc_array.array import emit_vrc_array
+from rtl import units
 from spec.config import AcceleratorConfig
 from tb.common.player import play
 from tb.top import planned as frames
@@ -95,13 +94,13 @@ def settings_caught(faults: Sequence[RtlFault], folder: Path) -> list[tuple[bool
     return [_told(failures.get(right.name), failures.get(faulty.name)) for right, faulty in frames]
 
 
-def emitted_without(fault: RtlFault, emit: Callable[[AcceleratorConfig], str], config: AcceleratorConfig) -> str:
-    """Verilog with the fault's patches in place."""
+def emitted_without(fault: RtlFault, unit: str, config: AcceleratorConfig) -> str:
+    """Verilog of a unit with the fault's patches in place."""
     patches = [mock.patch(name, value) for name, value in fault.patches.items()]
     for patch in patches:
         patch.start()
     try:
-        return emit(config)
+        return units.emit(unit, config)
     finally:
         for patch in patches:
             patch.stop()
@@ -110,7 +109,7 @@ def emitted_without(fault: RtlFault, emit: Callable[[AcceleratorConfig], str], c
 def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
     """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
     case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
-    verilog = emitted_without(fault, emit_vrc_array, config)
+    verilog = emitted_without(fault, "vrc_array", config)
     if verilog == usual.verilog:
         return False, "the array is what it was"
     faulty = replace(usual, name="vrc-faulty", verilog=verilog)
@@ -121,7 +120,7 @@ def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACH
 def machine_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
     """The same of a fault in another unit of the machine; without it the machine is right by the case's own frames."""
     item, usual = planned(Played(fault.name, *frame_of(fault)), "faulty"), machine(config)
-    verilog = emitted_without(fault, emit_msv2_top, config)
+    verilog = emitted_without(fault, units.TOP, config)
     if verilog == usual.verilog:
         return False, "the machine is what it was"
     result, = play_frames(replace(usual, name=f"{usual.name}-faulty", verilog=verilog), [item.run], folder)

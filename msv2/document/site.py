@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import json
+import os
 import re
 import shutil
 import subprocess
@@ -92,8 +94,6 @@ def build(out: Path) -> Path:
     Raises:
         InputError: mkdocs-material or mkdocstrings is not installed, or mkdocs fails.
     """
-    import json
-
     if any(importlib.util.find_spec(name) is None for name in ("mkdocs", "material", PLUGIN)):
         raise InputError("the site needs mkdocs-material and mkdocstrings: make setup EXTRAS=docs, or pip install -e '.[docs]'")
     source, site = out / "source", out / "site"
@@ -101,7 +101,8 @@ def build(out: Path) -> Path:
     gather(source)
     config = out / "mkdocs.yml"
     config.write_text(json.dumps(settings(source, site), indent=1), encoding="utf-8")
-    if subprocess.run([sys.executable, "-m", "mkdocs", "build", "--quiet", "--clean", "-f", str(config)]).returncode:
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--clean", "-f", str(config)]
+    if subprocess.run(command, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode:
         raise InputError("mkdocs could not build the site (its own message is above)")
     return site / "index.html"
 

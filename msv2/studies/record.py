@@ -73,6 +73,12 @@ def begin(study: str, arguments: Iterable[str]) -> None:
     _run[0] = begun(shlex.join(["msv2", "study", "run", study, *map(shown, arguments)]))
 
 
+def command(module: str | None = None) -> str:
+    """The command that runs: of the study that `begin` named, else the interpreter's own."""
+    arguments = list(map(shown, sys.argv))
+    return _run[0].command or shlex.join(["python", *(arguments if module is None else ["-m", module, *arguments[1:]])])
+
+
 def shown(value: object) -> str:
     """A word of a command line without the folders of the machine that it ran on."""
     text = str(value)
@@ -181,7 +187,7 @@ def provenance(
     names, run = sorted(set(map(_dotted, modules))), _run[0]
     paths = [path for path in map(Path, inputs) if path.exists()]
     made: dict[str, object] = {
-        "command": run.command or shlex.join(["python", *map(shown, sys.argv)]), "commit": commit(),
+        "command": command(), "commit": commit(),
         "configuration": plain(configuration or {}), "modules": names, "sources": fingerprint(sources_of(*names)),
         "inputs": {input_name(path): input_hash(path) for path in paths}, "machine": machine(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"), "cpu_seconds": round(processor_seconds() - run.cpu, 1),

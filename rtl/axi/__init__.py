@@ -1,1 +1,1 @@
-"""Memory ports, the AXI master, the host's registers and counters."""
+"""The AXI master and its clients' read queues, the host's registers, and the performance counters."""

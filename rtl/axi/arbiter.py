@@ -1,4 +1,4 @@
-"""Who is next."""
+"""A round-robin arbiter."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from amaranth.lib.wiring import In, Out
 
 
 class RoundRobin(wiring.Component):
-    """Of those who ask, the next one after the last who was served: nobody waits for more than all others once.
+    """Chooses the first client that asks, counted from the one that was served last. So a client waits for at most one turn of
+    each other client.
 
     Parameters:
-        count: those who may ask.
+        count: number of clients.
 
     Ports:
-        asking: a bit each.
-        served: the one chosen is served in this cycle.
-        chosen: whom to serve; combinational, meaningless unless somebody asks.
+        asking: one bit per client.
+        served: the chosen client is served in this cycle.
+        chosen: number of the client to serve; combinational, and undefined unless a client asks.
     """
 
     def __init__(self, count: int):
@@ -34,7 +35,7 @@ class RoundRobin(wiring.Component):
         with m.Switch(last):
             for i in range(self.count):
                 with m.Case(i):
-                    for k in range(self.count, 0, -1):  # the last assignment that applies is of the nearest
+                    for k in range(self.count, 0, -1):  # the nearest client comes last, because the last assignment wins
                         following = (i + k) % self.count
                         with m.If(self.asking[following]):
                             m.d.comb += self.chosen.eq(following)

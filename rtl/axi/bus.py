@@ -1,7 +1,7 @@
-"""AXI ports under their conventional names.
+"""AXI ports with their conventional names.
 
-Members of a component that are interfaces get names like `m_axi__awaddr` in Verilog; tools and people look for
-`m_axi_awaddr`. So the members are flat, and these functions list and join them.
+If a component had an AXI interface as one member, its Verilog ports would be named like `m_axi__awaddr`, but tools and people
+expect `m_axi_awaddr`. So every signal is a member of its own, and the functions of this module list and connect them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class Response(IntEnum):
 RESPONSE_BITS = 2
 BURST_INCR, BURST_BITS = 1, 2
 CACHE_NORMAL, CACHE_BITS = 0b0010, 4
-"""Normal, not cacheable, not bufferable: a write is answered by memory itself, so what is answered is there for everyone."""
+"""Normal, non-cacheable, non-bufferable memory: memory itself answers a write, so an answered write is visible to all
+masters."""
 LENGTH_BITS, SIZE_BITS, PROTECTION_BITS = 8, 3, 3
 
 
@@ -45,7 +46,7 @@ def _ports(prefix: str, channels: dict[str, dict[str, int]], master: bool) -> di
 
 
 def axi_master_ports(prefix: str, id_bits: int) -> dict[str, Member]:
-    """Members of an AXI4 master: ADDRESS_BITS of address, data of a beat."""
+    """Members of an AXI4 master with ADDRESS_BITS of address and the data of one beat."""
     address = {
         "id": id_bits, "addr": ADDRESS_BITS, "len": LENGTH_BITS, "size": SIZE_BITS, "burst": BURST_BITS, "cache": CACHE_BITS,
         "prot": PROTECTION_BITS}
@@ -57,7 +58,7 @@ def axi_master_ports(prefix: str, id_bits: int) -> dict[str, Member]:
 
 
 def axi_lite_slave_ports(prefix: str) -> dict[str, Member]:
-    """Members of an AXI4-Lite slave: REGISTER_ADDRESS_BITS of address, 32 bits of data."""
+    """Members of an AXI4-Lite slave with REGISTER_ADDRESS_BITS of address and 32 bits of data."""
     address = {"addr": REGISTER_ADDRESS_BITS, "prot": PROTECTION_BITS}
     channels = {
         "aw": address, "w": {"data": 32, "strb": 4}, "b": {"resp": RESPONSE_BITS}, "ar": address,
@@ -68,7 +69,7 @@ def axi_lite_slave_ports(prefix: str) -> dict[str, Member]:
 def join(
     m: Module, outer: wiring.Component, inner: wiring.Component, prefix: str, outer_prefix: str | None = None,
 ) -> None:
-    """Connects the ports that begin with `prefix_` of a submodule to those of its parent, of the same or another prefix."""
+    """Connects the ports of a submodule that begin with `prefix_` to those of its parent, which may have another prefix."""
     names = [name for name in inner.signature.members if name.startswith(f"{prefix}_")]
     if not names:
         raise ValueError(f"prefix must begin a port of {type(inner).__name__}, not {prefix!r}")

@@ -1,4 +1,4 @@
-"""Counters: what every stage's input does in every cycle, and what the units report."""
+"""Performance counters: the state of every stage's input stream in every cycle, and the events that the units report."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from spec.registers import READ_CLIENTS, Phase, events, stages, write_clients
 
 
 class StageCounters(wiring.Component):
-    """For each of n streams, what happened in the cycles in which `active` was high; the three add up to these cycles.
+    """Counts, for each of several streams, the busy, starved and blocked cycles among those in which `active` is high. The
+    three counts of a stream add up to the number of these cycles.
 
     Parameters:
-        count: streams.
+        count: number of streams.
 
     Ports:
-        valid, ready: of the streams, a bit each.
-        active: count.
-        clear: strobe: set all to 0; wins over counting.
-        busy: an item moved. starved: none was offered. blocked: one was offered and not taken. 32 bits a stream; they wrap.
+        valid, ready: one bit per stream: its `valid` and `ready`.
+        active: the cycle is counted.
+        clear: strobe: set all counters to 0; it has priority over counting.
+        busy, starved, blocked: for each stream, the cycles in which an item was transferred, in which none was offered, and in
+            which one was offered and not taken. The counters have 32 bits and wrap.
     """
 
     def __init__(self, count: int):
@@ -47,27 +49,27 @@ class StageCounters(wiring.Component):
 
 
 def events_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """How often every event happened in a frame."""
+    """The number of times that each event happened in a frame."""
     return data.StructLayout(dict.fromkeys(events(config), COUNTER_BITS))
 
 
 class PerformanceCounters(wiring.Component):
-    """All counters of the machine. Cycles and stages count in all phases but IDLE, beats always, events when a frame, or an
-    eye's pass, ends.
+    """All counters of the machine. Cycles and stages are counted in all phases but IDLE, beats are counted always, and events
+    are added when a frame, or the pass of one eye, ends.
 
     Parameters:
         config: the machine; `stereo` matters here.
 
     Ports:
-        phase: the machine's.
-        target: level: the pass of the target eye; only with stereo.
-        clear: strobe: set all to 0.
+        phase: the phase of the machine.
+        target: level: this is the pass of the target eye; only with stereo.
+        clear: strobe: set all counters to 0.
         finished: strobe: a frame has ended.
-        next_pass: strobe: its first eye's pass has ended, events are those of this pass; only with stereo.
-        stage_valid, stage_ready: of the stages' input streams, in the order of `spec.registers.stages`.
-        read_beats, write_beats: a bit a client, strobes.
-        events: of the frame, final when it ends; see `events_layout`.
-        counters: all, as the register file takes them; a cycle behind. They wrap.
+        next_pass: strobe: the source eye's pass has ended, and `events` are those of this pass; only with stereo.
+        stage_valid, stage_ready: `valid` and `ready` of the stages' input streams, in the order of `spec.registers.stages`.
+        read_beats, write_beats: one bit per client, strobes.
+        events: the events of the frame or pass (`events_layout`), which are final when it ends.
+        counters: all counters, for the register file; they are delayed by one cycle, and wrap.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -103,7 +105,7 @@ class PerformanceCounters(wiring.Component):
         steps |= {name: Mux(final, self.events[name], 0) for name in events(self.config)}
         if self.config.stereo:
             steps["cycles_target"] = active & self.target
-        steps["read_beats"] = self.read_beats.any()  # one bus: at most one a cycle
+        steps["read_beats"] = self.read_beats.any()  # the bus moves at most one beat per cycle
         steps["write_beats"] = self.write_beats.any()
         for name, step in steps.items():
             _count(m, self.counters[name], step, self.clear)
@@ -121,9 +123,10 @@ def _count(m: Module, counter: Signal, step: Value, clear: Signal) -> None:
 
 
 def count_in_halves(m: Module, counter: Value, step: Value, clear: Value) -> None:
-    """Count steps of 0 or 1 without a carry through the whole counter: that its lower half is full is known a cycle ahead.
+    """Counts steps of 0 or 1 without a carry chain through the whole counter. `full` tells a cycle ahead that the lower half
+    has only ones.
 
-    Both halves change in the same cycle, so that they always fit together::
+    Both halves change in the same cycle, so the counter is always consistent::
 
         cycle           0         1         2
         step         ~~~~~~~~~~~~~~~~~~~~________

@@ -1,4 +1,4 @@
-"""AXI4-Lite, down to single accesses of registers."""
+"""An AXI4-Lite slave that turns bus transactions into accesses of single registers."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from rtl.axi import bus
 from spec.registers import REGISTER_ADDRESS_BITS
 
 INDEX_BITS = REGISTER_ADDRESS_BITS - 2
-"""Registers are numbered by words."""
+"""Bits of a register's index, which counts words of 32 bits."""
 
 
 class LiteSlave(wiring.Component):
-    """One access at a time in each direction; address and data of a write may come in any order.
+    """An AXI4-Lite slave with one outstanding access in each direction. Address and data of a write may come in any order.
 
     Ports:
         s_axi_*: the bus.
-        write: strobe: a register is written; `write_index`, `write_data`, `write_bytes` (a bit a byte) say what, and
-            `write_refused` must say in the same cycle whether it is answered with SLVERR.
-        read: strobe: a register is read; `read_index` says which; `read_data`, `read_refused` must answer in the same cycle.
+        write: strobe: a register is written. `write_index` is its index, `write_data` the word, `write_bytes` has one bit per
+            byte that is written. In the same cycle `write_refused` must say whether the write is answered with SLVERR.
+        read: strobe: the register `read_index` is read. In the same cycle `read_data` must have its value, and `read_refused`
+            must say whether the read is answered with SLVERR.
 
-    All outputs on the bus come from registers. Latency: two cycles from the last of AW and W to B, two from AR to R; an
-    access every three cycles in each direction::
+    All outputs on the bus come from registers. Latency: two cycles from the last of AW and W to B, two from AR to R.
+    Throughput: one access every three cycles in each direction::
 
         cycle       0    1    2    3    4
         ARVALID   ~~~~~______~~~~~______

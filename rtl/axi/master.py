@@ -1,4 +1,4 @@
-"""All units' memory ports on one AXI4 bus, every transaction one beat."""
+"""The AXI4 master, which joins the memory ports of all units to one bus. Every transaction is a single beat."""
 
 from __future__ import annotations
 
@@ -8,50 +8,50 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
 from rtl.axi.arbiter import RoundRobin, selected
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.memory import ADDRESS_BITS, BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, write_request
 from spec.queues import IN_FLIGHT
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS
 
 
 def id_bits(readers: int, writers: int) -> int:
-    """Width of the transaction IDs."""
+    """Number of bits of the transaction IDs."""
     return max(1, (max(readers, writers) - 1).bit_length())
 
 
 class AxiMaster(wiring.Component):
-    """Read and write clients on an AXI4 master: a client's place is the ID of its transactions.
+    """Read and write clients on an AXI4 master. The position of a client is the ID of its transactions.
 
-    Clients take turns, one read and one write a cycle. Reads of a client are answered in order, those of different clients in
-    any; so are writes. AW and W go their own ways, in the same order. Every VALID, and what comes with it, leaves a register
-    and stays until it is taken; the answers are always taken.
+    Clients are served round-robin. Reads of one client are answered in order, those of different clients in any order; the same
+    holds for writes. The channels AW and W transfer independently, but in the same order. Every VALID and its payload come from
+    registers and stay until they are taken. Answers on R and B are always taken at once.
 
-    To give up what clients have asked for: raise `abort`, wait for `quiet`, reset the clients and their read queues, lower
-    `abort`. What has been issued runs its course on the bus. The answers that come meanwhile reach nobody.
+    To cancel the clients' requests, raise `abort`, wait for `quiet`, reset the clients and their read queues, and lower
+    `abort`. Transactions that have been issued are completed on the bus, but their answers are dropped.
 
     Parameters:
         config: the machine.
-        readers, writers: clients; 1..16 each.
-        in_flight: reads in all, and writes of each client, that may wait for answers; requests beyond wait. A power of two.
+        readers, writers: number of clients of each kind, 1..16.
+        in_flight: most reads of all clients together, and most writes of each client, that may wait for answers; further
+            requests wait. A power of two.
 
     Ports:
-        reads: a request stream a reader.
-        beats: their answers. `ready` is not looked at: there must be room for what is asked for (`ReadQueue`). The error bit
-            is set where the bus answers SLVERR or DECERR.
-        writes: a request stream a writer.
-        writes_idle: a bit a writer: all that was taken from it has been answered. Low from the cycle after a write was taken.
-        read_errors, write_errors: a bit a client: some answer was an error; stays until `clear_errors` or reset.
+        reads: a stream of requests for each reader.
+        beats: a stream of answers for each reader. `ready` is ignored: a client must have free space for the beats that it
+            requests (`ReadQueue`). The error bit is set where the bus answers SLVERR or DECERR.
+        writes: a stream of requests for each writer.
+        writes_idle: one bit per writer: all writes that were taken from it have been answered. It is low from the cycle after
+            a write was taken.
+        read_errors, write_errors: one bit per client: an answer was an error; it stays until `clear_errors` or reset.
         clear_errors: strobe.
-        read_beats, write_beats: a bit a client, strobes for counters: a beat arrived, a beat was taken.
-        abort: level: take no request, swallow answers.
-        quiet: nothing is on its way.
-        m_axi_*: the bus: 256 bits, INCR bursts of one beat, `bus.CACHE_NORMAL`.
+        read_beats, write_beats: one bit per client, strobes for counters: a beat arrived; a beat was taken.
+        abort: level: no request is taken, and answers are dropped.
+        quiet: no transaction is outstanding.
+        m_axi_*: the bus: 256 bits of data, INCR bursts of one beat, `bus.CACHE_NORMAL`.
 
-    Storage: two requests a channel, one answer, a counter. Latency: one cycle from a request to its channel, one from R to
-    `beats`, one from B to `writes_idle`. Throughput: a read and a write a cycle.
+    Storage: two requests per channel, one answer, counters. Latency: one cycle from a request to its channel, one from R to
+    `beats`, one from B to `writes_idle`. Throughput: one read and one write per cycle.
     """
 
     def __init__(self, config: AcceleratorConfig, readers: int, writers: int, in_flight: int = IN_FLIGHT):
@@ -81,7 +81,7 @@ class AxiMaster(wiring.Component):
         return m
 
     def _read(self, m: Module) -> Signal:
-        """The read channels; whether any read is on its way."""
+        """The read channels; returns whether any read is outstanding."""
         request = data.StructLayout({"id": self.id_bits, "beat": BEAT_BITS})
         m.submodules.read_turn = turn = RoundRobin(len(self.reads))
         m.submodules.ar = ar = Buffer(request)
@@ -110,7 +110,7 @@ class AxiMaster(wiring.Component):
         return count.any()
 
     def _write(self, m: Module) -> Signal:
-        """The write channels; whether any write is on its way."""
+        """The write channels; returns whether any write is outstanding."""
         request = data.StructLayout({"id": self.id_bits, "beat": BEAT_BITS})
         m.submodules.write_turn = turn = RoundRobin(len(self.writes))
         m.submodules.aw = aw = Buffer(request)
@@ -152,8 +152,3 @@ class AxiMaster(wiring.Component):
             m.d.sync += flag.eq(1)
         with m.Elif(self.clear_errors):
             m.d.sync += flag.eq(0)
-
-
-def emit_axi_master(config: AcceleratorConfig) -> str:
-    """Verilog of module `axi_master` with the machine's clients."""
-    return to_verilog(AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS)), "axi_master")

@@ -1,4 +1,4 @@
-"""The queue before a unit's read port: a request goes out only if there is room for its answer."""
+"""The queue before a unit's read port. It passes a request on only if there is free space for its answer."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from spec.memory import read_data, read_request
 
 
 class ReadQueue(wiring.Component):
-    """Between a unit that may let its beats wait and a bus that must not wait.
+    """A queue between a unit, which may let its beats wait, and a bus, which must not wait.
 
-    Every request passed on takes a credit, every beat that the unit takes returns it; there are as many credits as places.
+    Every request that is passed on takes a credit, and every beat that the unit takes returns one. There are as many credits as
+    the queue has places.
 
     Parameters:
         config: the machine.
-        depth: beats that fit, requests in flight at most; 3 or more. A memory that answers after L cycles is used to the full
-            by L + 4.
+        depth: number of beats that fit, and so of requests that may be outstanding; 3 or more. A depth of L + 4 allows one beat
+            per cycle from a memory that answers after L cycles.
 
     Ports:
         reads: the unit's requests.
-        data: their beats in the same order, kept until the unit takes them.
-        requests: requests with room for their answers; held until taken.
-        beats: their answers, in order; `ready` is always high.
+        data: the beats in the order of the requests, held until the unit takes them.
+        requests: the requests that have free space for their answers; each is held until it is taken.
+        beats: the answers, in order; `ready` is always high.
 
-    Storage: `depth` beats in memory and registers. Throughput: one request and one beat a cycle. Latency: a request none (valid
-    and ready pass through, together with the credit), a beat two cycles::
+    Storage: `depth` beats in memory and registers. Throughput: one request and one beat per cycle. Latency: none for requests
+    (valid and ready pass through, gated by the credits), two cycles for beats::
 
         cycle        0    1    2    3    4
         beats      < A >< B >
@@ -40,7 +41,7 @@ class ReadQueue(wiring.Component):
     def __init__(self, config: AcceleratorConfig, depth: int):
         if not isinstance(depth, int) or isinstance(depth, bool):
             raise TypeError(f"depth must be an integer, not {depth!r}")
-        if depth < 3:  # the queue's last place is its output register, which a beat reaches a cycle late
+        if depth < 3:  # the queue's last place is its output register, which a beat reaches a cycle later
             raise ValueError(f"depth must be at least 3, not {depth!r}")
         self.depth, self._record = depth, read_data(config)
         request, beat = layout(read_request(config)), layout(self._record)

@@ -1,14 +1,13 @@
-"""The host's registers as `spec.registers` describes them."""
+"""The register file of the host, built from the description in `spec.registers`."""
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal, Value, unsigned
+from amaranth.hdl import Cat, Const, Module, Signal, Value, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
 from rtl.axi.lite import LiteSlave
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.host_settings import limits, settings
@@ -29,29 +28,31 @@ from spec.registers import (
 
 
 def counters_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """All counters, by name, in the order of their registers."""
+    """The layout of all counters, by name, in the order of their registers."""
     return data.StructLayout({counter.name: counter.width for counter in counters(config)})
 
 
 class RegisterFile(wiring.Component):
-    """An AXI4-Lite slave with the machine's registers, and the bookkeeping of frames.
+    """An AXI4-Lite slave with the machine's registers. It also keeps track of the start and the end of frames.
 
     Parameters:
         config: the machine; formats, `row_width`, `counters` matter here.
 
     Ports:
         s_axi_*: the bus; see `LiteSlave`.
-        settings: the frame's, a copy taken when the frame was begun.
-        start: strobe: begin a frame; settings have been found legal and are stable from here to the next start.
-        abort: strobe: end the frame; may come when none is under way.
+        settings: the settings of the frame, a copy that was taken when the frame began.
+        start: strobe: begin a frame; the settings are legal and stable from here to the next start.
+        abort: strobe: end the frame; it may also come when no frame is under way.
         clear: strobe: set the counters to 0.
-        finished: strobe: the frame begun last has ended; `error` says how (an ErrorCode, NONE for a frame in memory).
-        busy, phase: the machine's, for the status; a frame whose end was not yet told counts as busy in any case.
-        read_errors, write_errors: a bit a client: memory answered it with an error.
-        counters: as `counters_layout`; only where the machine has counters.
+        finished: strobe: the frame that began last has ended; `error` says how (an ErrorCode; NONE: the frame is in memory).
+        busy, phase: state of the machine for the status register. The machine also counts as busy from the start of a frame
+            until its `finished`.
+        read_errors, write_errors: one bit per client: memory answered the client with an error.
+        counters: the counters, as `counters_layout`; only where the machine has counters.
         interrupt: level: an enabled interrupt is pending.
 
-    Latency: two cycles from the write of `control.start` to `start`; settings are checked in between::
+    Throughput: that of `LiteSlave`. Latency: two cycles from the write of `control.start` to `start`; settings are checked in
+    between::
 
         cycle       0        1        2        3
         write       ~~~~~~~~~_________________________   control.start
@@ -59,7 +60,7 @@ class RegisterFile(wiring.Component):
         checked     __________________~~~~~~~~~_______
         start       __________________~~~~~~~~~_______   or else error BAD_SETTING
 
-    Storage: the settings twice, flip-flops.
+    Storage: two copies of the settings, in flip-flops.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -104,7 +105,7 @@ class RegisterFile(wiring.Component):
         return slave.write & (slave.write_index == self._registers[name].offset // 4)
 
     def _commands(self, m: Module, slave: LiteSlave) -> dict[str, Value]:
-        """Bits of `control` that are being written as 1, by name."""
+        """For every command bit of `control`, by name, whether it is being written as 1."""
         here, found = self._is_written(slave, "control"), {}
         for bits in self._registers["control"].bits:
             if bits.strobe:
@@ -114,7 +115,7 @@ class RegisterFile(wiring.Component):
     def _frame(
         self, m: Module, slave: LiteSlave, commands: dict[str, Value], written: dict[str, Signal],
     ) -> dict[str, Value]:
-        """From start to end; what the control registers read."""
+        """The state of a frame from its start to its end. Returns the values of the control registers by name."""
         copying, checked, running, forgetting = Signal(), Signal(), Signal(), Signal()
         done, failed, pending, enabled = Signal(), Signal(), Signal(2), Signal(2)
         code, number = Signal(ErrorCode.width()), Signal(range(len(written)))
@@ -163,13 +164,15 @@ class RegisterFile(wiring.Component):
                 self._registers["error_clients"], {"read": self.read_errors, "write": self.write_errors})}
 
     def _check(self, m: Module, written: dict[str, Signal]) -> tuple[Signal, Signal]:
-        """Whether a setting is out of its limits, and which is the first; a cycle after they were looked at."""
+        """Whether a setting is out of its limits, and the number of the first one that is. Both are registered: they come a
+        cycle after the settings."""
         illegal, first = Signal(), Signal(range(len(written)))
         numbers = {s.name: s.number for s in settings(self.config)}
         m.d.sync += illegal.eq(0)
-        for limit in reversed(limits(self.config)):  # the last assignment that applies is of the first
+        for limit in reversed(limits(self.config)):  # the first setting comes last, because the last assignment wins
             value = written[limit.setting]
-            outside = (value < limit.low) | (value > limit.high)
+            below = value < limit.low if limit.low else Const(0)  # patterns are unsigned: none is below 0
+            outside = below | (value > limit.high)
             with m.If(outside & written[limit.where] if limit.where else outside):
                 m.d.sync += [illegal.eq(1), first.eq(numbers[limit.setting])]
         return illegal, first
@@ -182,7 +185,7 @@ class RegisterFile(wiring.Component):
                         m.d.sync += signal[8 * byte : 8 * byte + 8].eq(slave.write_data[8 * byte : 8 * byte + 8])
 
     def _counters(self, m: Module, slave: LiteSlave) -> dict[str, Value]:
-        """What the counters' registers read; the upper half of the one whose lower half was read last is kept."""
+        """The values of the counters' registers. Reading the lower half of a counter stores its upper half for a later read."""
         if not self.config.counters:
             return {r.name: Value.cast(0) for r in self._registers.values() if r.offset >= COUNTERS_BASE}
         upper, values = Signal(32, reset_less=True), {}
@@ -198,14 +201,9 @@ class RegisterFile(wiring.Component):
 
 
 def _packed(register: Register, parts: dict[str, Value]) -> Value:
-    """A register's value from those of its bits; strobes read 0."""
+    """The value of a register, put together from its parts; strobes read 0."""
     places = {bits.name: bits for bits in register.bits}
     value = Value.cast(0)
     for name, part in parts.items():
         value = value | (Value.cast(part)[: places[name].width] << places[name].low)
     return value
-
-
-def emit_register_file(config: AcceleratorConfig) -> str:
-    """Verilog of module `register_file`."""
-    return to_verilog(RegisterFile(config), "register_file")

@@ -1,19 +1,23 @@
-"""Culling and conversion: Gaussians to splats, and the dataflow engine that its units are made with.
+"""Projection, tile test and colours of Gaussians, and the dataflow engine from which these units are made.
 
     dataflow    a unit's arithmetic as a graph of operations
-    schedule    when each operation starts and what keeps each value, for one slot every `interval` cycles
-    retime      fewest registers for one slot a cycle
+    schedule    the cycle in which each operation starts, and the registers that hold each value, for one slot every `interval`
+                cycles
+    retime      the schedule with the fewest registers for one slot per cycle
     datapath    the graph as hardware between two streams
     values      combinational logic between operations
 
-    near, projection, projection_unit   points to splats that may touch a tile of the frame
-    tile_test   splats to tile entries; its parts: tile_runs (rows and runs of a splat's box), level_table (of the tiles),
-                tile_columns (the ellipse test), tile_expand (runs to entries, the foveation filter)
-    colour      splats with an entry to views in memory; its parts: harmonics (the basis), fixed_multiply, colour_sum, views
-    frame       ports for settings, counts of a frame's items
-    compare     one unit at full rate against several that take turns (`python -m rtl.culling.compare`)
+    near, projection, projection_unit   turn Gaussians into splats that may touch a tile of the frame
+    tile_test   turns splats into intersections; its parts are tile_runs (rows and runs of a splat's box), level_table (the
+                levels of the tiles), tile_columns (the ellipse test) and tile_expand (runs to intersections, the foveation
+                filter)
+    colour      computes the colours of splats with an intersection and writes splat records to memory; its parts are harmonics
+                (the basis functions), fixed_multiply, colour_sum and views
+    frame       ports for settings, and counts of a frame's items
+    compare     compares one unit at full rate with several that take turns (`python -m rtl.culling.compare`)
 
-A unit is a graph and the interval at which slots (points, splats, runs of tiles) enter::
+A slot is one item on its way through a unit: a Gaussian, a splat or a run of tiles. A unit is described by a graph and the
+interval at which slots enter::
 
     g = Dataflow()
     x, y = g.input("x", VIEW), g.input("y", VIEW)
@@ -23,15 +27,15 @@ A unit is a graph and the interval at which slots (points, splats, runs of tiles
     g.output("pixels", g.to_fixed(g.mul(larger, focal, VIEW), MEAN2D))
     unit = Datapath(g, interval=4, carried=unsigned(24))
 
-Operations (`to` is the result's format; every one is rounded once, as rtl.float says):
+These are the operations. `to` is the format of the result, which is rounded once, as rtl.float says:
 
     add(a, b, to)  sub(a, b, to)  mul(a, b, to)  divide(a, b, to)  reciprocal(a, to)  rsqrt(a, to)  sqrt(a, to)
     to_fixed(a, to, rounding)  to_float(a, to)
-    logic(name, to, fn, *operands)      combinational fn of the operands' Values, registered at its end; `to` a format or shape;
-                                        with lets=True fn(let, ...) names what it uses more than once
-    view(name, to, fn, operand)         the same of one operand, wiring only: no register, no cycle (a field, a sign flipped)
+    logic(name, to, fn, *operands)      combinational fn of the operands' Values, with a register at its output; `to` is a
+                                        format or a shape; with lets=True, fn(let, ...) names values that it uses more than once
+    view(name, to, fn, operand)         wiring only, of one operand: it takes no register and no cycle (a field, a flipped sign)
     input(name, to)  setting(name, to)  settings(name, to, count)  constant(value, to)  output(name, node)
 
-`Datapath` has the streams `sink` (payload: the inputs, and `carried`) and `source` (the outputs, and `carried`), and a port for
-every setting. Whoever builds for several intervals writes the graph once.
+`Datapath` has the streams `sink` (payload: the inputs, and `carried`) and `source` (payload: the outputs, and `carried`), and a
+port for every setting. One graph serves for all intervals.
 """

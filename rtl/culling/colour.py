@@ -1,8 +1,6 @@
-"""The colour unit: survivors of culling in, their views for the array into memory."""
+"""The colour unit: computes the colours of splats with an intersection and writes splat records for the array to memory."""
 
 from __future__ import annotations
-
-from functools import partial
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -13,7 +11,6 @@ from rtl.culling.colour_sum import ColourSum, by_degree
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
 from rtl.culling.views import ViewWriter
-from rtl.emit import to_verilog
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.harmonics import terms
@@ -22,22 +19,22 @@ from spec.queues import COLOUR_LOOKAHEAD
 from spec.records import surviving_splat
 
 LEAST_INTERVAL = 4
-"""Cycles a splat takes at least: three beats come one a cycle, and a step reads two of them."""
+"""Least number of cycles per splat: three beats come at one per cycle, and a step reads two of them."""
 
 
 def splat_interval(config: AcceleratorConfig) -> int:
-    """Cycles a splat takes in the unit."""
+    """Number of cycles that a splat takes in the unit."""
     return max(LEAST_INTERVAL, config.colour_interval)
 
 
 def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What passes the unit as it came: SurvivingSplat without `offset` and `end`."""
+    """The fields that pass the unit unchanged: those of SurvivingSplat without `offset` and `end`."""
     return data.StructLayout({name: field.shape for name, field in layout(surviving_splat(config)) if name not in (
         "offset", "end")})
 
 
 class ColourUnit(wiring.Component):
-    """Reads a survivor's colour record, evaluates its harmonics, writes one view for each of its levels.
+    """Reads a survivor's colour record, evaluates its harmonics, and writes one splat record for each of its levels.
 
         survivors -+-> waiting --> Datapath(harmonics) --> ColourSum --> ViewWriter --> writes
                    |                                          ^
@@ -45,21 +42,21 @@ class ColourUnit(wiring.Component):
 
     Parameters:
         config: the machine.
-        sh_degree: of the largest records, 0..3; what lower degrees do not need is left out.
+        sh_degree: degree of the largest records, 0..3; hardware that only higher degrees need is left out.
 
     Ports:
-        survivors: SurvivingSplat items; after a frame's last one follows an item with `end`.
-        reads, data: the memory's; colour_beats(sh_degree) beats at colour_base + index * beats, for every splat in order.
-        writes: a SplatView beat for every level of every splat, in order.
-        sh_degree: setting of the frame, at most the parameter.
-        colour_base, views_base, view_shift: settings of the frame.
-        finished: `end` has come and every write has been taken; until the next frame's first item is. Settings may change where
-            it is high, and after a reset.
-        error: the memory answered with an error; until the next frame's first item. The frame goes on.
+        survivors: SurvivingSplat items; an item with `end` follows the last one of a frame.
+        reads, data: read port of memory; colour_beats(sh_degree) beats at colour_base + index * beats, for every splat in
+        order. writes: one beat, a splat record (SplatView), for every level of every splat, in order. sh_degree: setting of the
+        frame, at most the parameter. colour_base, views_base, view_shift: settings of the frame. finished: `end` has come and
+        every write has been taken; high until the next frame's first item is taken. Settings may
+            change while it is high, and after a reset.
+        error: the memory answered with an error; high until the next frame's first item. The frame goes on.
 
-    Throughput: a splat every `splat_interval` cycles, whatever its degree, while memory answers within COLOUR_LOOKAHEAD cycles;
-    one of 3 or 4 levels may take 1 or 2 cycles more where the interval is 4. Latency, from transfer to first write: that of the
-    datapath or that of memory, whichever is longer, and the degree's steps and 5 cycles.
+    Throughput: one splat every `splat_interval` cycles, whatever the degree, while memory answers within COLOUR_LOOKAHEAD
+    cycles; where the interval is 4, a splat with 3 or 4 levels may take 1 or 2 cycles more. Latency from the transfer of a
+    splat to its first write: the latency of the datapath or of memory, whichever is longer, plus the degree's steps and 5
+    cycles.
     """
 
     def __init__(self, config: AcceleratorConfig, *, sh_degree: int = 3) -> None:
@@ -76,7 +73,7 @@ class ColourUnit(wiring.Component):
         self._views = ViewWriter(config, carried=carried)
         inside = self._path.schedule.depth if self._path else 0
         self._waiting = max(2, -(-COLOUR_LOOKAHEAD // interval) - inside)
-        self._most = self._waiting + inside + 8  # with those in registers on the way
+        self._most = self._waiting + inside + 8  # 8 for the splats in registers between the queues
         super().__init__({
             "survivors": In(stream.Signature(layout(surviving_splat(config)))),
             "reads": Out(stream.Signature(layout(read_request(config)))),
@@ -117,14 +114,14 @@ class ColourUnit(wiring.Component):
         return m
 
     def _item(self, of: data.StructLayout) -> Value:
-        """What of a survivor waits."""
+        """The fields of a survivor that wait in the queue."""
         splat = self.survivors.payload
         parts = {**dict(zip(OFFSETS, splat.offset, strict=True)), "carried": Cat(
             Value.cast(splat[name]) for name, _ in carried_layout(self.config))}
         return Cat(parts[name] for name, _ in of)
 
     def _accept(self, m: Module, waiting: SyncFIFOBuffered, leaves: Value) -> None:
-        """Survivors in, with a read for every beat of their records, and the frame's end."""
+        """Takes survivors, requests every beat of their records, and detects the end of the frame."""
         splat, left, inside, ending = self.survivors.payload, Signal(2), Signal(range(self._most + 1)), Signal()
         taken, enters = Signal(), Signal()
         beats = by_degree(self.sh_degree, [colour_beats(self.config, d) for d in range(self._degree + 1)])
@@ -150,12 +147,3 @@ class ColourUnit(wiring.Component):
             m.d.sync += self.error.eq(0)
         with m.If(ending & (inside == 0) & self._sum.idle & ~self.writes.valid):
             m.d.sync += [self.finished.eq(1), ending.eq(0)]
-
-
-def emit_colour_unit(config: AcceleratorConfig, *, sh_degree: int = 3) -> str:
-    """Verilog of the unit."""
-    return to_verilog(ColourUnit(config, sh_degree=sh_degree), "colour_unit")
-
-
-emitters = {degree: partial(emit_colour_unit, sh_degree=degree) for degree in range(4)}
-"""Verilog of the unit for records of a degree at most."""

@@ -1,4 +1,4 @@
-"""Spherical harmonics times their coefficients: the sums of a splat's three channels, from its colour record in memory."""
+"""Multiplies spherical harmonics by the coefficients of a splat's colour record and sums the products of each channel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CHANNELS = 3
 
 
 def colour_sum_layout(config: AcceleratorConfig, carried: ShapeLike) -> data.StructLayout:
-    """A splat's sums over the coefficients, raw `sum_format`; its base colours, raw `sh_dc`; what was carried."""
+    """A splat's sums over the coefficients, raw `sum_format`; its base colours, raw `sh_dc`; and the carried data."""
     n = config.formats
     return data.StructLayout({
         "total": data.ArrayLayout(shape(sum_format(n)), _CHANNELS),
@@ -32,19 +32,19 @@ def colour_sum_layout(config: AcceleratorConfig, carried: ShapeLike) -> data.Str
 
 
 def basis_layout(config: AcceleratorConfig, sh_degree: int, carried: ShapeLike) -> data.StructLayout:
-    """A splat's basis functions beyond the first, raw `sh_basis`, and what is carried: a datapath's output."""
+    """A splat's basis functions beyond the first, raw `sh_basis`, and the carried data, as the datapath outputs them."""
     basis = shape(config.formats.sh_basis)
     return data.StructLayout({**{basis_name(i): basis for i in range(terms(sh_degree))}, "carried": carried})
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step over a record.
+    """One step through a colour record.
 
     Attributes:
-        terms: basis functions that are multiplied.
-        base: beat of the record in which their coefficients begin, or that of the base colours for the first step.
-        end: for every degree, the beat after the last that the step reads.
+        terms: the basis functions that are multiplied in this step.
+        base: the beat of the record in which their coefficients begin; for the first step, the beat of the base colours.
+        end: for every degree, the beat after the last one that the step reads.
     """
 
     terms: range
@@ -53,7 +53,7 @@ class Step:
 
 
 def record_steps(config: AcceleratorConfig, sh_degree: int, lanes: int) -> list[Step]:
-    """The steps over a record of a degree, `lanes` basis functions each; one at least."""
+    """The steps through a record of a degree, with `lanes` basis functions each; there is at least one step."""
     count, steps = terms(sh_degree), []
     for first in range(0, max(count, 1), max(lanes, 1)):
         group = range(first, min(first + lanes, count))
@@ -61,50 +61,52 @@ def record_steps(config: AcceleratorConfig, sh_degree: int, lanes: int) -> list[
         base = coefficient_place(config, first) // BEAT_WIDTH if first else 0
         steps.append(Step(group, base, tuple((end - 1) // BEAT_WIDTH + 1 for end in ends)))
         if steps[-1].end[-1] > base + 2:
-            raise ValueError(f"lanes must be so few that a step reads two beats, not {lanes!r}")
+            raise ValueError(f"lanes must be so few that a step reads at most two beats, not {lanes!r}")
     return steps
 
 
 def coefficient_place(config: AcceleratorConfig, term: int) -> int:
-    """First bit of a term's coefficients in the record."""
+    """The first bit of a term's coefficients in the record."""
     n = config.formats
     return _CHANNELS * (MAX_LEVELS * n.sh_dc.width + term * n.sh_rest.width)
 
 
 def by_degree(sh_degree: Value, numbers: Sequence[int]) -> Value:
-    """One of several constants; the last for degrees beyond them."""
+    """The constant for a degree; degrees beyond the last constant get the last one."""
     constants = [Const(number, max(numbers).bit_length()) for number in numbers]
     return Value.cast(Array([*constants, *constants[-1:] * (4 - len(constants))])[sh_degree])
 
 
 class ColourSum(wiring.Component):
-    """Multiplies and accumulates, exactly, `lanes` basis functions for three channels a cycle.
+    """Multiplies and accumulates `lanes` basis functions for three channels per cycle, without rounding.
 
-    Two beats of the record are at hand; a step reads its coefficients at places fixed for that step, and beats move up as they
-    are used up. Steps of a splat follow each other without a gap, and so do splats, while beats come one a cycle::
+    The unit holds two beats of the record. Each step reads its coefficients at fixed positions of these beats, and a beat is
+    dropped when it is used up. The steps of a splat follow each other without a gap, and so do splats, while one beat comes per
+    cycle. In the waveform, 0' is beat 0 of the next record::
 
         lanes 4       0    1    2    3    4    5    6    7    8
         step          0    1    2    3    0    1    2    3
-        beats at hand 0,1  1,2  1,2  2,0' 0,1  1,2  1,2  2,0'
+        beats held    0,1  1,2  1,2  2,0' 0,1  1,2  1,2  2,0'
         operands           0    1    2    3    0    1    2    3
         products                0    1    2    3    0    1    2
-        sums                                   ^              (taken, or held until it is)
+        sums                                   ^              (held until they are taken)
 
     Parameters:
         config: the machine.
-        sh_degree: of the largest records.
-        lanes: basis functions a cycle, 0 for degree 0.
-        carried: shape of what goes with a splat.
+        sh_degree: degree of the largest records.
+        lanes: basis functions per cycle, 0 for degree 0.
+        carried: shape of the data that passes the unit with a splat.
 
     Ports:
-        basis: `basis_layout`; taken with the last step.
-        data: the splats' records, `colour_beats` beats each.
-        sums: `colour_sum_layout`, in order. Latency 3 from the last step.
-        sh_degree: of the records, at most the parameter; functions beyond it count as 0.
-        idle: no beat is left over of the last record.
+        basis: `basis_layout` items; each is taken with its splat's last step.
+        data: the splats' colour records, `colour_beats` beats each.
+        sums: `colour_sum_layout` items, in order.
+        sh_degree: degree of the records, at most the parameter; basis functions beyond it count as 0.
+        idle: no beat of the last record is left.
 
-    Throughput: a splat every max(steps, beats, 3) cycles, steps being the degree's terms over `lanes`. A splat makes its last
-    step when the sums of the one before are taken.
+    Throughput: one splat every max(steps, beats, 3) cycles, where steps is the number of the degree's terms divided by `lanes`.
+    A splat makes its last step only when the sums of the splat before have been taken. Latency: 3 cycles from the last step to
+    `sums`.
     """
 
     def __init__(self, config: AcceleratorConfig, *, sh_degree: int, lanes: int, carried: ShapeLike) -> None:
@@ -122,7 +124,7 @@ class ColourSum(wiring.Component):
         m = Module()
         step, number, first, last = Signal(), Signal(range(len(self._steps))), Signal(), Signal()
         beats = self._beats(m, step, number, last)
-        lasts = Signal(2)  # whether the steps now among the operands, and among the products, are their splats' last
+        lasts = Signal(2)  # whether the step in the operand registers, and that in the product registers, is a splat's last
         free = ~lasts.any() & (~self.sums.valid | self.sums.ready)
         m.d.comb += [
             first.eq(number == 0),
@@ -143,15 +145,15 @@ class ColourSum(wiring.Component):
         return m
 
     def _degree_steps(self, degree: int) -> list[Step]:
-        """The steps that a record of a degree takes."""
+        """The steps for a record of a degree."""
         return [s for s in self._steps if s.terms.start < max(terms(degree), 1)]
 
     def _by_degree(self, number: Callable[[int], int]) -> Value:
-        """A constant chosen by the degree set."""
+        """A constant, chosen by the setting `sh_degree`."""
         return by_degree(self.sh_degree, [number(d) for d in range(self._degree + 1)])
 
     def _beats(self, m: Module, step: Signal, number: Signal, last: Signal) -> _Beats:
-        """Two beats at hand: whether they are enough for the step, and their bits."""
+        """The two beats that are held: their bits, and whether they suffice for the step."""
         held = [Signal(BEAT_WIDTH, name=f"beat_{i}", reset_less=True) for i in range(2)]
         place, count, move, taken = Signal(2), Signal(2), Signal(), Signal()
         base, following, end = Signal(2), Signal(2), Signal(2)
@@ -180,7 +182,7 @@ class ColourSum(wiring.Component):
         return _Beats(enough, Cat(*held))
 
     def _base_colours(self, m: Module, step: Signal, first: Signal, last: Signal, bits: Value) -> None:
-        """The base colours, and what is carried, wait for the sums from the last step on."""
+        """Holds the base colours and the carried data from the last step until the sums are taken."""
         payload = self.sums.payload
         width = len(payload.dc.as_value())
         early = Signal(width, reset_less=True)
@@ -191,7 +193,7 @@ class ColourSum(wiring.Component):
                 payload.dc.eq(Mux(first, bits[:width], early)), payload.carried.eq(self.basis.payload.carried)]
 
     def _multiply(self, m: Module, step: Signal, number: Signal, first: Signal, bits: Value, last: Value) -> None:
-        """Operands, products, sums: a stage each."""
+        """Three stages: registers for operands, for products, and for sums."""
         n, total = self.config.formats, self.sums.payload.total
         basis = [Signal(shape(n.sh_basis), name=f"basis_operand_{i}", reset_less=True) for i in range(self._lanes)]
         rest = [[Signal(shape(n.sh_rest), name=f"rest_operand_{i}_{c}", reset_less=True) for c in range(_CHANNELS)]
@@ -216,7 +218,7 @@ class ColourSum(wiring.Component):
                 m.d.sync += total[c].eq(now)
 
     def _operands(self, m: Module, s: Step, bits: Value, basis: list[Signal], rest: list[list[Signal]]) -> None:
-        """The operands of one step; a coefficient beyond the record counts as 0."""
+        """Loads the operands of one step; coefficients beyond the record count as 0."""
         width = self.config.formats.sh_rest.width
         for i in range(self._lanes):
             if i >= len(s.terms):
@@ -233,13 +235,13 @@ class ColourSum(wiring.Component):
 
 @dataclass(frozen=True)
 class _Beats:
-    """What is at hand."""
+    """The bits of the beats that are held, and whether they suffice for the step."""
 
     enough: Value
     bits: Value
 
 
 def _tree(values: list[Value]) -> Value:
-    """Their sum, halves first."""
+    """The sum of the values as a balanced tree."""
     middle = len(values) // 2
     return values[0] if len(values) == 1 else _tree(values[:middle]) + _tree(values[middle:])

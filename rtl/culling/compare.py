@@ -1,10 +1,11 @@
-"""Many units or one: what the projection unit costs at a throughput, by how many units share it.
+"""Compares one projection unit at full rate with several slower units that have the same throughput together.
 
     python -m rtl.culling.compare --points-per-cycle 1
 
-`k` units that each take a point every `n` cycles do k / n points a cycle. All rows of the table have the same throughput and
-do the same arithmetic; they differ in how many operations an operator serves. Shared operators need multiplexers before them,
-every one of many units holds its own points' values, and kinds of operators that are needed once are idle most of the time.
+`k` units that each take a Gaussian every `n` cycles process k / n Gaussians per cycle. All rows of the table have the same
+throughput and do the same arithmetic. They differ in how many operations an operator serves. With more units, operators are
+shared by more operations, which needs multiplexers; every unit holds the values of its own Gaussians; and operators of a kind
+that is needed only once are idle most of the time.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from spec.errors import InputError, run_command_line
 from spec.records import gaussian_point, projected_splat
 
 INTERVALS = (1, 2, 4, 8)
-"""Cycles a point that are compared."""
+"""The intervals, in cycles per Gaussian, that are compared."""
 
 
 def unit_cost(config: AcceleratorConfig, interval: int) -> Cost:
-    """Counts of one unit, near test and projection, for a point every `interval` cycles."""
+    """Cost of one unit, near test and projection, that takes a Gaussian every `interval` cycles."""
     point, splat = layout(gaussian_point(config)), layout(projected_splat(config))
     near = cost(schedule(near_graph(config), interval), _bits(point) - _bits(point["mean"].shape))
     carried = sum(_bits(splat[name].shape) for name in ("index", "bound", "log2_opacity", "offset", "depth", "end"))
@@ -46,7 +47,7 @@ def _bits(shape: object) -> int:
 
 
 def comparison(config: AcceleratorConfig, points_per_cycle: Fraction = Fraction(1)) -> dict[tuple[int, int], Cost]:
-    """Costs of all units together, by (units, interval); intervals at which no whole number of units has the throughput are
+    """Costs of all units together, by (units, interval). Intervals at which no whole number of units has the throughput are
     left out."""
     found = {}
     for interval in INTERVALS:
@@ -70,7 +71,7 @@ def table(costs: dict[tuple[int, int], Cost]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line and returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m rtl.culling.compare", description=__doc__.splitlines()[0])
     parser.add_argument("--points-per-cycle", default="1", help="throughput, such as 1 (default), 1/2 or 2")
     args = parser.parse_args(argv)

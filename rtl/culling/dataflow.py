@@ -1,4 +1,5 @@
-"""A unit's arithmetic as a graph: what is computed of what, and in which format; not when, nor by which operator."""
+"""A unit's arithmetic as a graph. The graph says what is computed from what and in which format, but not when, nor by which
+operator instance."""
 
 from __future__ import annotations
 
@@ -23,13 +24,13 @@ Logic = Callable[..., ValueLike]
 
 @dataclass(frozen=True)
 class Operator:
-    """A kind of float unit: what one instance of it can do.
+    """A kind of arithmetic unit: its class and formats.
 
     Attributes:
-        unit: class.
-        operands: formats, in the order of the unit's ports a, b.
-        result: format.
-        rounding: of FloatToFixed.
+        unit: class of the unit.
+        operands: formats of the operands, in the order of the unit's ports a, b.
+        result: format of the result.
+        rounding: rounding of FloatToFixed; None for other units.
     """
 
     unit: type[FloatUnit]
@@ -49,14 +50,14 @@ class Operator:
 
     @property
     def name(self) -> str:
-        """A module name: kind, and formats by sign, width and fraction."""
+        """The name of the unit's module: its class, and the formats by sign, width and fraction."""
         numbers = [f"{'s' if f.signed else 'u'}{f.width}_{f.frac_bits if isinstance(f, Fixed) else f'{f.exp_bits}_{f.bias}'}"
                    for f in (*self.operands, self.result)]
         suffix = [self.rounding.value] if self.rounding else []
         return "_".join([self.unit.__name__.lower(), *numbers, *suffix]).replace("-", "m")
 
     def make(self) -> FloatUnit:
-        """An instance."""
+        """A new instance of the unit."""
         options = {"rounding": self.rounding} if self.rounding else {}
         return self.unit(**dict(zip(self.ports, self.operands, strict=True)), result=self.result, **options)
 
@@ -66,13 +67,13 @@ class Node:
     """A value of the graph.
 
     Attributes:
-        name: for signals.
-        to: format or shape.
-        operands: what it is computed of.
-        operator: the unit's kind, for an operation.
-        subtract: of FloatAdd, whether b is taken away.
-        fn: of logic and views.
-        lets: fn's first argument is `let`, which names intermediate values (`rtl.float.number.Let`).
+        name: name of its signals.
+        to: format or shape of the value.
+        operands: the nodes from which it is computed.
+        operator: kind of arithmetic unit, for an operation.
+        subtract: for an operation of FloatAdd, whether b is subtracted.
+        fn: function that builds the logic, for logic and views; makes the constant, for constants.
+        lets: whether the first argument of fn is `let`, which names intermediate values (`rtl.float.number.Let`).
         kind: "input", "setting", "constant", "operation", "logic" or "view".
     """
 
@@ -87,23 +88,23 @@ class Node:
 
     @cached_property
     def shape(self) -> Shape | ShapeCastable:
-        """Of its signals."""
+        """The shape of its signals."""
         return shape(self.to) if isinstance(self.to, Format) else self.to if isinstance(
             self.to, ShapeCastable) else Shape.cast(self.to)
 
     @property
     def width(self) -> int:
-        """Bits."""
+        """Number of bits."""
         return Shape.cast(self.shape).width
 
     @property
     def steady(self) -> bool:
-        """Constant during a frame: settings, constants, and views of them."""
+        """Whether it is constant during a frame: a setting, a constant, or a view of one."""
         return self.kind in ("setting", "constant") or (self.kind == "view" and self.operands[0].steady)
 
     @property
     def stored(self) -> Node:
-        """The node whose registers hold it: a view's is its operand's."""
+        """The node whose registers hold it; a view is held by the registers of its operand."""
         return self.operands[0].stored if self.kind == "view" else self
 
 
@@ -117,11 +118,12 @@ def _number(name: str, node: Node, kind: type | tuple[type, ...] = SmallFloat) -
 
 @dataclass
 class Dataflow:
-    """A graph under construction; nodes are in an order in which operands come first.
+    """A graph under construction. Nodes are in an order in which operands come before their users.
 
     Attributes:
-        nodes: all of them.
-        inputs, ports, outputs: nodes by name; of a setting port its numbers.
+        nodes: all nodes.
+        inputs, outputs: nodes by name.
+        ports: for every setting, by name, the nodes of its numbers.
     """
 
     nodes: list[Node] = field(default_factory=list)
@@ -135,26 +137,26 @@ class Dataflow:
         return node
 
     def input(self, name: str, to: Format | ShapeLike) -> Node:
-        """A field of the sink's payload."""
+        """A new field of the sink's payload."""
         self._unused(name, self.inputs)
         self.inputs[name] = node = self._new(name, "input", to)
         return node
 
     def setting(self, name: str, to: Format | ShapeLike) -> Node:
-        """A port that is constant during a frame."""
+        """A new port, whose value is constant during a frame."""
         self._unused(name, self.ports)
         node = self._new(name, "setting", to)
         self.ports[name] = (node,)
         return node
 
     def settings(self, name: str, to: Format, count: int) -> tuple[Node, ...]:
-        """A port of several numbers, an array, as a field of `frame_settings`."""
+        """A new port with an array of `count` numbers, like a field of `frame_settings`."""
         self._unused(name, self.ports)
         self.ports[name] = tuple(self._new(f"{name}_{i}", "setting", to) for i in range(count))
         return self.ports[name]
 
     def constant(self, value: float | int, to: Format) -> Node:
-        """A number known when the hardware is made; it must be one of the format's."""
+        """A number that is known when the hardware is made. Raises ValueError where the format does not hold it exactly."""
         exact = to.round(value) if isinstance(to, SmallFloat) else to.to_float(to.quantise(value))
         if exact != value:
             raise ValueError(f"value must be representable in {to}, not {value!r}")
@@ -174,59 +176,60 @@ class Dataflow:
         return self._operation(FloatMul, (a, b), to)
 
     def divide(self, a: Node, b: Node, to: SmallFloat) -> Node:
-        """a / b; by zero: the largest number of a's sign, or zero for zero."""
+        """a / b. Division by zero gives the largest number with a's sign, or zero where a is zero."""
         return self._operation(FloatDivide, (a, b), to)
 
     def reciprocal(self, a: Node, to: SmallFloat) -> Node:
-        """1 / a; of zero the largest number."""
+        """1 / a. For zero the result is the largest number."""
         return self._operation(FloatReciprocal, (a,), to)
 
     def rsqrt(self, a: Node, to: SmallFloat) -> Node:
-        """1 / sqrt(a); of zero and of negative numbers the largest number."""
+        """1 / sqrt(a). For zero and negative numbers the result is the largest number."""
         return self._operation(FloatRsqrt, (a,), to)
 
     def sqrt(self, a: Node, to: SmallFloat) -> Node:
-        """sqrt(a); of negative numbers zero."""
+        """sqrt(a). For negative numbers the result is zero."""
         return self._operation(FloatSqrt, (a,), to)
 
     def to_fixed(self, a: Node, to: Fixed, rounding: Rounding = Rounding.HALF_UP) -> Node:
-        """a in fixed point, saturating."""
+        """a as a fixed-point number, saturating."""
         return self._operation(FloatToFixed, (a,), to, rounding=rounding)
 
     def to_float(self, a: Node, to: SmallFloat) -> Node:
-        """Fixed-point a as a small float."""
+        """The fixed-point number a as a small float."""
         return self._operation(FixedToFloat, (a,), to, of=Fixed)
 
     def logic(self, name: str, to: Format | ShapeLike, fn: Logic, *operands: Node, lets: bool = False) -> Node:
-        """Combinational `fn` of the operands' Values, registered at its end. Numbers of fixed point are integers there.
+        """Combinational `fn` of the operands' Values, with a register at its output. Fixed-point numbers are integers in fn.
 
-        With `lets`, fn is called with `let` before the operands: what it uses more than once it should name.
+        With `lets`, fn is called with `let` before the operands. It should name values that it uses more than once.
         """
         return self._new(name, "logic", to, operands, fn=fn, lets=lets)
 
     def view(self, name: str, to: Format | ShapeLike, fn: Logic, operand: Node) -> Node:
-        """`fn` of the operand's Value wherever it is wanted: wiring, without a register and without a cycle."""
+        """`fn` of the operand's Value. It must be wiring only: it takes no register and no cycle, and is repeated for each
+        user."""
         return self._new(name, "view", to, (operand,), fn=fn)
 
     def operation(self, name: str, operator: Operator, *operands: Node) -> Node:
-        """An operator of one's own: a FloatUnit with ports a, b of the operands' formats."""
+        """An operation by any FloatUnit whose ports a, b have the operands' formats. Raises ValueError for other formats."""
         formats = tuple(_number(port, node, (SmallFloat, Fixed)) for port, node in zip("ab", operands, strict=False))
         if formats != operator.operands:
             raise ValueError(f"operands must be of {operator.operands}, not {formats!r}")
         return self._new(name, "operation", operator.result, operands, operator)
 
     def negative(self, a: Node) -> Node:
-        """-a of a small float: its sign flipped, which zero does not mind."""
+        """-a of a small float: its sign bit is flipped. A zero stays zero, because its sign is ignored."""
         _number("a", a)
         return self.view(f"minus_{a.name}", a.to, lambda x: x ^ (1 << (len(x) - 1)), a)
 
     def dot3(self, to: SmallFloat, a: tuple[Node, Node, Node], b: tuple[Node, Node, Node]) -> Node:
-        """a . b with every product and sum rounded, left to right."""
+        """The scalar product a . b. Every product and every sum is rounded; sums are taken from left to right."""
         x, y, z = (self.mul(i, j, to) for i, j in zip(a, b, strict=True))
         return self.add(self.add(x, y, to), z, to)
 
     def output(self, name: str, node: Node) -> None:
-        """A field of the source's payload."""
+        """Makes a node a field of the source's payload. Raises ValueError where it depends on no input."""
         self._unused(name, self.outputs)
         if node.stored.steady:
             raise ValueError(f"output {name} must depend on an input, not {node.name!r}")
@@ -254,11 +257,11 @@ class Dataflow:
             raise ValueError(f"name must be a new one, not {name!r}")
 
     def input_layout(self, carried: ShapeLike | None = None) -> data.StructLayout:
-        """Payload of the sink."""
+        """The payload of the sink."""
         return _layout(self.inputs, carried)
 
     def output_layout(self, carried: ShapeLike | None = None) -> data.StructLayout:
-        """Payload of the source."""
+        """The payload of the source."""
         return _layout(self.outputs, carried)
 
 
@@ -268,5 +271,5 @@ def _layout(nodes: dict[str, Node], carried: ShapeLike | None) -> data.StructLay
 
 
 def as_value(x: ValueLike) -> Value:
-    """A Value of anything that stands for one; views stay what they are."""
+    """x as an Amaranth Value; a data.View is returned unchanged."""
     return x if isinstance(x, data.View) else Value.cast(x)

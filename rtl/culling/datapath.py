@@ -1,4 +1,4 @@
-"""A graph as hardware: operators, registers and queues by a schedule, between two streams."""
+"""Makes hardware from a graph: operators, registers and an output queue, arranged by a schedule, between two streams."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ def _make(kind: Operator) -> FloatUnit:
 
 
 class Datapath(wiring.Component):
-    """The operations of a graph on one slot after another.
+    """Evaluates the operations of a graph for one slot after another.
 
     Parameters:
         graph: what is computed.
-        interval: cycles between slots at least; with more than 1, operators are shared by a static schedule and a slot enters
-            in phase 0 only, one cycle in `interval`.
-        carried: shape of what waits in memory beside the graph and leaves with its slot; None: nothing does.
+        interval: least number of cycles between slots. With more than 1, operators are shared by a static schedule, and a slot
+            enters only in phase 0, which is one cycle in `interval`.
+        carried: shape of data that does not enter the graph but leaves with its slot; None where there is none.
 
     Ports:
-        sink: payload with a field for each input of the graph, and `carried`.
-        source: payload with a field for each output, and `carried`; in the order of the sink.
-        a port for every setting of the graph, named like it: an array where it has several numbers. They may change when no
-            slot is inside.
+        sink: items with a field for each input of the graph, and `carried`.
+        source: items with a field for each output of the graph, and `carried`, in the order of the sink.
+        one port for every setting of the graph, with the setting's name; it is an array where the setting has several numbers.
+            Settings may change while no slot is inside.
 
     Attributes:
-        schedule: times, instances and registers.
+        schedule: start times, instances and registers.
 
-    Throughput: a slot every `interval` cycles. Latency: schedule.length + 2 cycles from a slot's transfer to its offer. Nothing
-    inside ever waits: a slot enters only when a row of the output queue is free for it, and there are as many rows as slots
-    fit between entry and exit at full rate. Outputs are written into their slot's row as they are born, so that early ones take
-    no registers::
+    Throughput: one slot every `interval` cycles. Latency: schedule.length + 2 cycles from the transfer of a slot at the sink
+    until the source offers it. No slot waits on its way: a slot enters only when a row of the output queue is free for it, and
+    the queue has as many rows as slots fit between entry and exit at full rate. The cycle in which a value is first available
+    is called its birth. Each output is written into its slot's row at its birth, so that early outputs need no registers::
 
         interval 4       0    1    2    3    4    5    6    7    8
         phase            0    1    2    3    0    1    2    3    0
@@ -63,7 +63,7 @@ class Datapath(wiring.Component):
 
     @property
     def setting_names(self) -> tuple[str, ...]:
-        """The ports that are settings."""
+        """The names of the ports that are settings."""
         return tuple(self._graph.ports)
 
     def elaborate(self, platform) -> Module:
@@ -83,15 +83,15 @@ class _Elaboration:
         self.m, self.platform, self.unit, self.plan = m, platform, unit, plan
         self.interval, self.copies = plan.interval, plan.copies()
         self.origin: dict[Node, Value] = {}
-        """Values at their birth."""
+        """The wire of each value in the cycle of its birth."""
         self.chain: dict[Node, list[Value]] = {}
-        """The registers behind a value."""
+        """The registers that delay each value."""
         for node, count in self.copies.items():
             self.chain[node] = [
                 Signal(node.shape, name=f"{node.name}_{i + 1}", reset_less=True) for i in range(count)]
 
     def control(self) -> None:
-        """Phase, which slots are real, and entry."""
+        """The phase, the shift register of slots that hold data, and the entry of slots."""
         m, sink, rows = self.m, self.unit.sink, self.plan.depth
         self.phase = Signal(self.interval, init=1)
         if self.interval > 1:
@@ -105,14 +105,14 @@ class _Elaboration:
             m.d.sync += self.active.eq(Cat(self.enter, self.active)[:rounds])
 
     def now(self, cycle: int) -> Value:
-        """Whether a slot is real and entered `cycle` cycles ago."""
+        """Whether a slot with data entered `cycle` cycles ago."""
         if cycle == 0:
             return self.enter
         active = self.active[-(-cycle // self.interval) - 1]
         return active & self.phase[cycle % self.interval] if self.interval > 1 else active
 
     def read(self, node: Node, cycle: int) -> Value:
-        """A node's value as it is to be had in that cycle of its slot."""
+        """The wire or register that holds a node's value `cycle` cycles after its slot entered."""
         if node.kind == "view":
             return as_value(node.fn(self.read(node.operands[0], cycle)))
         if node.kind == "constant":
@@ -130,7 +130,7 @@ class _Elaboration:
         raise KeyError(node.name)
 
     def at_birth(self, node: Node) -> Value:
-        """A value in the cycle of its birth, a wire."""
+        """The wire of a value in the cycle of its birth."""
         if node not in self.origin:
             if node.kind == "input":
                 value = self.unit.sink.payload[node.name]
@@ -143,7 +143,7 @@ class _Elaboration:
         return self.origin[node]
 
     def namer(self, prefix: str) -> Let:
-        """Gives an intermediate value of a node's logic a wire."""
+        """A `let` function, which gives intermediate values of a node's logic named wires."""
         def let(name: str, value: Value) -> Signal:
             wire = Signal(value.shape(), name=f"{prefix}_{name}")
             self.m.d.comb += wire.eq(value)
@@ -151,7 +151,7 @@ class _Elaboration:
         return let
 
     def operators(self) -> None:
-        """The instances, and what they read in each phase."""
+        """The instances of operators, and the operands that they read in each phase."""
         instances = []
         for kind, users in self.plan.instances.items():
             for i, nodes in enumerate(users):
@@ -172,8 +172,8 @@ class _Elaboration:
     def choose(
         self, port: Value, name: str, nodes: list[Node], value: Callable[[Node], Value], key: Callable[[Node], object],
     ) -> None:
-        """Drives an instance's port with the value of the operation whose turn it is: a phase and its source are one to one,
-        and sources that are wanted in several phases are selected once."""
+        """Drives an instance's port with the value of the operation whose turn it is in the current phase. A source that is
+        used in several phases takes one input of the multiplexer only."""
         phases: dict[object, tuple[Node, list[int]]] = {}
         for node in nodes:
             phases.setdefault(key(node), (node, []))[1].append(self.plan.start[node] % self.interval)
@@ -187,7 +187,7 @@ class _Elaboration:
         self.m.d.comb += port.eq(total)
 
     def registers(self) -> None:
-        """Chains of waiting values: each register loads when its slot is as old as that."""
+        """The chains of registers that delay values: register i loads when its slot is `i * interval` cycles past the birth."""
         for node, chain in self.chain.items():
             birth, value = self.plan.birth(node), self.at_birth(node)
             for i, register in enumerate(chain):
@@ -196,7 +196,8 @@ class _Elaboration:
                 value = register
 
     def queue(self) -> None:
-        """Rows of outputs, written as they are born, read in turn into the source's register."""
+        """The output queue: outputs are written into their slot's row at their birth, and rows are read in order to the
+        source."""
         m, source, plan, rows = self.m, self.unit.source, self.plan, self.plan.depth
         fetch, read, done = Signal(), Signal(range(rows)), Signal(range(rows + 1))
         fields = {name: (node.shape, self.at_birth_of(node), plan.birth(node)) for name, node in plan.graph.outputs.items()}
@@ -213,11 +214,11 @@ class _Elaboration:
             m.d.sync += read.eq(_next(read, rows))
 
     def at_birth_of(self, node: Node) -> Value:
-        """An output's value at its birth, through its views."""
+        """The value of an output at its birth; views of nodes are applied."""
         return as_value(node.fn(self.at_birth_of(node.operands[0]))) if node.kind == "view" else self.at_birth(node)
 
     def rows(self, fields: dict[str, tuple[ShapeLike, Value]], born: int, fetch: Value, read: Value) -> None:
-        """The part of the queue that is written at one age of a slot."""
+        """The memory of the queue for the outputs that are born `born` cycles after their slot entered."""
         m, rows = self.m, self.plan.depth
         layout = data.StructLayout({name: of for name, (of, _) in fields.items()})
         m.submodules[f"rows_{born}"] = words = memory.Memory(shape=layout, depth=rows, init=[])

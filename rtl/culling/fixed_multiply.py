@@ -1,4 +1,4 @@
-"""Product of two fixed-point numbers, as an operator of datapaths."""
+"""The product of two fixed-point numbers, as an operator of datapaths."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from spec.formats import Fixed
 
 
 class FixedMul(FloatUnit):
-    """`result` = a * b, rounded HALF_UP. Latency 4: the operands, which may come through multiplexers; a times the
-    halves of b; the sum; rounded.
+    """`result` = a * b, rounded HALF_UP. Latency: 4 cycles. Throughput: one product per cycle.
 
-    The result is exact modulo its format's range; `saturated` says that it does not fit.
+    Stages: registers for the operands, which may come through multiplexers; a times each half of b; the sum; the rounded sum.
+
+    The result is exact modulo its format's range. `saturated` is high where it does not fit.
 
     Parameters:
-        a, b, result: formats, signed; the result's fraction is shorter than those of a and b together.
+        a, b, result: signed formats; the result has fewer fraction bits than a and b together.
     """
 
     latency = 4
@@ -40,7 +41,7 @@ class FixedMul(FloatUnit):
         operand, other = (p.data(name, port).to(1) for name, port in (("a", self.a), ("b", self.b)))
         low = p.reg("low", lambda a, b: a * b[:half], operand, other)
         high = p.reg("high", lambda a, b: a * b[half:].as_signed(), operand, other)
-        # The bits below the one that rounds decide nothing.
+        # The bits below the rounding bit do not influence the result.
         total = p.reg("product", lambda low, high: (
             Cat(low[:half], (low[half:].as_signed() + high)).as_signed() >> (drop - 1)), low, high)
 

@@ -1,4 +1,4 @@
-"""What units of a frame have in common: ports for its settings, and counts of one frame's items."""
+"""Parts that the units of the geometry phase share: ports for the frame's settings, and counts of a frame's items."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from spec.memory import frame_settings
 from spec.records import INDEX_BITS
 
 COUNTER_BITS = INDEX_BITS
-"""Of a frame's points."""
+"""Bits of a count of a frame's Gaussians."""
 
 
 def setting_ports(config: AcceleratorConfig, names: Iterable[str]) -> dict[str, Member]:
-    """In ports named and shaped like those fields of `frame_settings`."""
+    """In ports with the names and shapes of these fields of `frame_settings`."""
     if not isinstance(config, AcceleratorConfig):
         raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
     fields = layout(frame_settings(config))
@@ -27,26 +27,27 @@ def setting_ports(config: AcceleratorConfig, names: Iterable[str]) -> dict[str, 
 
 
 def connect_settings(m: Module, unit: object, datapath: Datapath) -> None:
-    """The unit's settings to those ports of its datapath that bear the same names."""
+    """Connects the unit's settings to the ports of its datapath that have the same names."""
     for name in datapath.setting_names:
         m.d.comb += getattr(datapath, name).eq(getattr(unit, name))
 
 
 def count_items(m: Module, moves: Value, end: Value, *counters: tuple[Signal, Value]) -> None:
-    """Counts, in each of `counters`, the frame's items for which its condition holds.
+    """Counts in each of `counters` the frame's items for which the counter's condition holds.
 
-    `moves` says that an item passes, `end` that it is no item but the frame's end; the first behind an end starts afresh.
+    `moves` is high where an item passes, and `end` where this is the frame's end, which is not counted. The first item after an
+    end restarts the counts.
     """
     fresh = Signal(init=1)
     with m.If(moves):
         m.d.sync += fresh.eq(end)
         for counter, condition in counters:
-            counts = condition & ~end  # it chooses, late as it may come, and is not waited for by a carry
+            counts = condition & ~end  # may be on the critical path, so it drives multiplexers and no adder
             m.d.sync += counter.eq(Mux(fresh, counts, Mux(counts, counter + 1, counter)))
 
 
 def flatten(fields: dict[str, Value | data.View]) -> dict[str, Value]:
-    """Arrays as `name_i`, one field a number, as graphs name their inputs."""
+    """Splits arrays into one field `name_i` per number, as graphs name their inputs."""
     found = {}
     for name, value in fields.items():
         shape = value.shape()

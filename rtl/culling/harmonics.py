@@ -1,4 +1,5 @@
-"""A point's offset from the camera to its spherical harmonics, as a graph of fixed-point products (`spec.harmonics`)."""
+"""Computes spherical harmonics from a Gaussian's offset from the camera, as a graph of fixed-point products
+(`spec.harmonics`)."""
 
 from __future__ import annotations
 
@@ -13,21 +14,21 @@ from spec.formats import Fixed
 from spec.harmonics import SEED_FRAC_BITS, SEED_INDEX_BITS
 
 OFFSETS = ("dx", "dy", "dz")
-"""Inputs of the graph, `view`."""
+"""Inputs of the graph, in the format `view`."""
 
 
 def basis_name(term: int) -> str:
-    """Output of the graph that is basis function 1 + `term` in 3DGS order, `sh_basis`."""
+    """Name of the graph's output for basis function 1 + `term` in the order of 3DGS; its format is `sh_basis`."""
     return f"basis_{term}"
 
 
 def harmonics_graph(config: AcceleratorConfig, sh_degree: int) -> Dataflow:
-    """The graph of all functions up to a degree of 1, 2 or 3: 11, 18 or 30 products of one kind."""
+    """The graph of all basis functions up to degree 1, 2 or 3. It has 11, 18 or 30 products, all with the same formats."""
     return _Harmonics(config, sh_degree).graph
 
 
 def _extended(x: Value, width: int) -> Value:
-    """The bits of signed x at another width."""
+    """The signed x, sign-extended or cut to another width."""
     return Cat(x, x[-1].replicate(max(0, width - len(x))))[:width]
 
 
@@ -47,12 +48,12 @@ class _Harmonics:
             self.degrees_2_and_3(x, y, z, sh_degree)
 
     def as_(self, to: Fixed, node: Node) -> Node:
-        """A number at another width, its value known to fit."""
+        """A number at another width, which must hold its value."""
         return node if node.to == to else self.graph.view(
             f"{node.name}_as_{to.width}", to, lambda x: _extended(x, to.width), node)
 
     def times(self, name: str, a: Node, b: Node) -> Node:
-        """a * b, rounded; every product is of these formats, so that all can share an operator."""
+        """a * b, rounded. All products have the same formats, so that they can share operators."""
         operands = self.as_(self.first, a), self.as_(self.second, b)
         operator = Operator(FixedMul, (self.first, self.second), self.product)
         return self.graph.operation(name, operator, *operands)
@@ -61,7 +62,7 @@ class _Harmonics:
         self.graph.output(basis_name(term), self.as_(self.basis, node))
 
     def direction(self) -> tuple[Node, Node, Node]:
-        """The scaled direction, x and y negated."""
+        """The scaled direction, with x and y negated."""
         aligned = self.aligned()
         squares = [self.times(f"square_{axis}", a, a) for axis, a in zip("xyz", aligned, strict=True)]
         root = self.scaled_root(*squares)
@@ -69,7 +70,7 @@ class _Harmonics:
         return x, y, z
 
     def aligned(self) -> list[Node]:
-        """The offsets in units in which the largest magnitude lies in [1, 2), truncated."""
+        """The offsets divided by a common power of two, so that the largest magnitude lies in [1, 2), and truncated."""
         g, view, to = self.graph, self.formats.view, self.second
         offsets = [g.input(name, view) for name in OFFSETS]
         width = to.int_bits + to.frac_bits
@@ -96,7 +97,7 @@ class _Harmonics:
         return aligned
 
     def scaled_root(self, xx: Node, yy: Node, zz: Node) -> Node:
-        """DIRECTION_SCALE / sqrt(xx + yy + zz): a table and one step of Newton."""
+        """DIRECTION_SCALE / sqrt(xx + yy + zz), by a table and one Newton step."""
         g, frac = self.graph, self.basis.frac_bits
         one, length_bits = 1 << frac, harmonics.length_format(self.formats).width - 1
         roots, inverses = harmonics.root_seeds(self.formats)

@@ -1,4 +1,4 @@
-"""The levels of a frame's tiles on the chip, read sixteen tiles of a row at a time."""
+"""The on-chip table of the levels of a frame's tiles, from which sixteen tiles of a row are read at a time."""
 
 from __future__ import annotations
 
@@ -16,27 +16,30 @@ GROUP_PLACES = LEVEL_GROUP.bit_length() - 1
 
 
 def code_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What is kept of a tile: its TileLevel without the number."""
+    """The code of a tile, which the table holds: its TileLevel without the tile's number."""
     return data.StructLayout({
         f.name: unsigned(f.format.width) for f in tile_level(config).fields if f.name in ("level", "blend", "rendered")})
 
 
 class LevelTable(wiring.Component):
-    """Filled in tile order, once a frame; then read.
+    """A table that is filled in tile order once per frame, and then read.
 
     Parameters:
         config: the machine; `row_width` matters here.
 
     Ports:
-        table: TileLevel items, one per tile, row-major; `tile` is not looked at. Taken until all tiles of the frame have come.
-        filled: they have.
-        clear: strobe, the frame is over: the next one's items may come.
-        tiles_x, tiles_y: the frame's.
-        enable, row, group: read the tiles 16 group, 16 group + 1, ... of a tile row.
-        codes: what they are, a cycle after `enable`; it stays until the next. Tiles beyond the row's end are undefined.
-        row_start: the number of the row's first tile, likewise: kept, lest somebody multiply.
+        table: TileLevel items, one per tile, row-major; their field `tile` is ignored. They are taken until all tiles of the
+            frame have come.
+        filled: all tiles of the frame have come.
+        clear: strobe: the frame is over, and the next frame's items may come.
+        tiles_x, tiles_y: columns and rows of tiles of the frame.
+        enable, row, group: reads the tiles 16 group, 16 group + 1, ... of a tile row.
+        codes: the codes of these tiles, a cycle after `enable`; they stay until the next read. The codes of tiles beyond the
+            end of the row are undefined.
+        row_start: the number of the row's first tile, with the same timing. It is stored to save a multiplier.
 
-    Storage: a memory of 48 bits (with stereo 64) for 16 tiles and one of a tile number a row: for PAPER 960 and 120 words.
+    Throughput: one write or read of the table per cycle. Latency: one cycle from `enable` to `codes`. Storage: a memory with a
+    word of 48 bits (64 with stereo) for 16 tiles, and a memory with a tile number for each row; for PAPER 960 and 120 words.
     """
 
     def __init__(self, config: AcceleratorConfig):

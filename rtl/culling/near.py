@@ -1,4 +1,5 @@
-"""The near test: every point's offset from the camera and its depth; what is behind the near plane, or too faint, ends here."""
+"""The near test: computes the offset of every Gaussian from the camera and its depth, and culls Gaussians that lie at or before
+the near plane or are too faint."""
 
 from __future__ import annotations
 
@@ -24,12 +25,13 @@ SETTINGS = ("position", "rotation", "near", "depth_scale")
 
 
 def limit_format(formats: NumberFormats) -> Fixed:
-    """Of the falloff limit: the largest opacity over the faintest that shows, and the margin."""
+    """Format of the falloff limit: log2 of the largest opacity over the faintest visible one, plus the margin."""
     return UQ(formats.log2_opacity.int_bits + 1, formats.log2_opacity.frac_bits)
 
 
 def near_graph(config: AcceleratorConfig) -> Dataflow:
-    """A point's offset, depth and falloff limit, and whether it is behind the near plane or too faint."""
+    """The graph of a Gaussian's offset, depth and falloff limit, and of whether it is at or before the near plane or too
+    faint."""
     n, g = config.formats, Dataflow()
     view = n.view
     position, rotation = g.settings("position", view, 3), g.settings("rotation", view, 9)
@@ -59,14 +61,14 @@ def near_graph(config: AcceleratorConfig) -> Dataflow:
 
 
 def _strongest(bound: Value, *opacity: Value) -> Value:
-    """The largest of the levels that use the point."""
+    """The largest opacity of the levels that use the Gaussian."""
     used = [opacity[0], *(Mux(bound >= level, x, opacity[0]) for level, x in enumerate(opacity) if level)]
     pairs = [Mux(a > b, a, b) for a, b in zip(used[::2], used[1::2], strict=True)]
     return reduce(lambda a, b: Mux(a > b, a, b), pairs)
 
 
 def survivor_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A point that goes on to projection: what is left of its record, and what the near test found."""
+    """A Gaussian that passed the near test: the rest of its record, and the results of the near test."""
     n, point = config.formats, layout(gaussian_point(config))
     kept = {name: field.shape for name, field in point if name != "mean"}
     return data.StructLayout({
@@ -75,19 +77,21 @@ def survivor_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class NearTest(wiring.Component):
-    """Points to those that may be seen.
+    """Passes on the Gaussians that may be visible, and drops the others.
 
     Parameters:
-        config: the machine; a point enters every `point_interval` cycles.
+        config: the machine; a Gaussian enters every `point_interval` cycles.
 
     Ports:
-        sink: GaussianPoint; a frame ends with an item with `end`.
-        source: survivors of the test, in order, and every `end`.
+        sink: GaussianPoint items; a frame ends with an item with `end`.
+        source: `survivor_layout` items of the Gaussians that pass, in order, and every item with `end`.
         position, rotation, near, depth_scale: settings; near is positive.
-        culled_near, culled_faint: points of the frame that ended here, up to the last one that left the test; they stay until
-            the next frame's first point does. A point for both reasons counts as near.
+        culled_near, culled_faint: number of the frame's Gaussians that were culled for each reason, among those that have left
+            the test. The counts stay until the first Gaussian of the next frame leaves. A Gaussian that is culled for both
+            reasons counts as near.
 
-    Throughput: a point every `point_interval` cycles, culled or not. Latency, storage: those of the datapath of `near_graph`.
+    Throughput: one Gaussian every `point_interval` cycles, culled or not. Latency and storage: those of the datapath of
+    `near_graph`.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

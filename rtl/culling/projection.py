@@ -1,4 +1,4 @@
-"""Projection: a point in front of the camera to a splat, its conic and the box of tiles it may touch."""
+"""Projection: turns a Gaussian in front of the camera into a splat with its conic and the box of tiles that it may touch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from spec.records import TILE_BITS, projected_splat
 
 SETTINGS = ("rotation", "turn", "centre", "limits", "near", "width", "height")
 Triple = tuple[Node, Node, Node]
-"""A vector's components."""
+"""The components of a vector."""
 
 
 class _Projection:
@@ -55,7 +55,7 @@ class _Projection:
         return g
 
     def row(self, name: str, i: int) -> Triple:
-        """Of a setting that is a matrix."""
+        """Row i of a setting that is a 3x3 matrix."""
         return self.settings[name][3 * i : 3 * i + 3]
 
     def narrow(self, name: str, x: Node) -> Node:
@@ -63,7 +63,7 @@ class _Projection:
         return self.g.logic(name, self.n.work, lambda let, v: rescale(let, v, x.to, self.n.work), x, lets=True)
 
     def jacobian_row(self, i: int, slope: Node) -> Triple:
-        """Row i of J R times z."""
+        """Row i of z J R, where J is the Jacobian of the projection and R the rotation from world to camera."""
         g, work = self.g, self.n.work
         low, high = self.settings["limits"][2 * i : 2 * i + 2]
         held = self.narrow(f"slope_{i}", g.logic(f"clamped_{i}", self.n.view, clamp, slope, low, high))
@@ -71,7 +71,7 @@ class _Projection:
             self.row("turn", i), self.row("turn", 2), strict=True))
 
     def rotation_columns(self, quat: list[Node]) -> tuple[Triple, Triple, Triple]:
-        """Of the rotation matrix of a quaternion."""
+        """The columns of the rotation matrix of a quaternion."""
         g, work = self.g, self.n.work
         one = g.constant(1.0, work)
         w, x, y, z = (g.to_float(q, work) for q in quat)
@@ -88,15 +88,15 @@ class _Projection:
                 (g.add(xz, wy, work), g.sub(yz, wx, work), rest(xx, yy)))
 
     def splatted_axis(self, rows: list[Triple], column: Triple, scale: Node, near: Node) -> tuple[Node, Node]:
-        """One scaled axis of the ellipsoid on the image plane, along x and along y."""
+        """The x and y component, on the image plane, of one scaled axis of the ellipsoid."""
         g, work = self.g, self.n.work
-        if self.config.point_interval != 1:  # one kind of product for all, where operators are shared
+        if self.config.point_interval != 1:  # shared operators need operands of one format
             scale = g.view("length", work, lambda v: widen(v, self.n.scale, work), scale)
         length = g.mul(scale, near, work)
         return tuple(g.mul(g.dot3(work, row, column), length, work) for row in rows)
 
     def conic(self, axes: list[tuple[Node, Node]]) -> tuple[Node, Node]:
-        """Outputs the Cholesky factors; the variances, low-pass included."""
+        """Outputs the Cholesky factors of the conic. Returns the variances along x and y, including the low-pass."""
         g, work, to = self.g, self.n.work, self.n.conic
         p, t = zip(*axes, strict=True)
         low_pass = g.constant(tables.scaled_low_pass(self.n), work)
@@ -113,13 +113,14 @@ class _Projection:
         def positive(x: Value) -> Value:
             return at_least_smallest(x, to)
 
-        # Brought to the format a cycle before they are outputs: those go to memory, which wants them early.
+        # The conversion is registered before the output, because outputs are written to a memory, whose inputs need time.
         for i, x in enumerate((g.mul(cov_yy, factor, work), g.mul(cov_xy, factor, work), root_yy)):
             g.output(f"conic_{i}", g.logic(f"l{i + 1}", to, (lambda x: x) if i == 1 else positive, narrowed(i, x)))
         return cov_xx, cov_yy
 
     def pixels(self, i: int, slope: Node) -> Node:
-        """Outputs the projected mean: the slope with a bit more, and the principal point."""
+        """Outputs one coordinate of the projected mean: the slope, in fixed point with one more bit, plus the principal
+        point."""
         g, to = self.g, self.n.mean2d
         raw = g.to_fixed(slope, SQ(to.int_bits + 1, to.frac_bits))
         mean = g.logic(
@@ -128,7 +129,7 @@ class _Projection:
         return mean
 
     def box(self, i: int, mean: Node, square: Node) -> None:
-        """Outputs first and last tile along an axis, and whether there is none."""
+        """Outputs the first and the last tile along one axis, and whether the splat touches no tile of the frame there."""
         g, to = self.g, self.n.mean2d
         size, frac = self.settings[("width", "height")[i]], to.frac_bits
         margin, half, axis = int(to.quantise(TILE_EDGE_MARGIN)), 1 << (frac - 1), "xy"[i]
@@ -138,7 +139,7 @@ class _Projection:
             m - as_integer(e) + (half - 1)) >> frac, mean, extent)
         last = g.logic(f"last_pixel_{axis}", SQ(to.int_bits + 3, 0), lambda m, e: (
             m + as_integer(e) - half) >> frac, mean, extent)
-        # An end of the interval that is off the frame is not a number of pixels any more, but the frame's edge.
+        # Where an end of the interval lies off the frame, the frame's edge replaces it.
         edge = g.logic(f"edge_{axis}", size.to, lambda size: size - 1, size)
         shift = TILE.bit_length() - 1
         ends = g.logic(f"tiles_{axis}", 2 * TILE_BITS + 1, lambda first, last, edge: Cat(
@@ -149,30 +150,32 @@ class _Projection:
         g.output(f"outside_{axis}", g.view("outside", 1, lambda x: x[-1], ends))
 
     def depth_key(self, z: Value, near: Value) -> Value:
-        """Ulps of z above the near plane."""
+        """The number of ulps between the near plane and z, saturating."""
         ulps, largest = z[:-1] - near[:-1], self.n.depth_key.raw_max
         return Mux(ulps > largest, largest, ulps)
 
 
 def projection_graph(config: AcceleratorConfig) -> Dataflow:
-    """A survivor's mean, conic, sort key and box."""
+    """The graph of a splat's mean, conic, sort key and box."""
     return _Projection(config).build()
 
 
 class Projection(wiring.Component):
-    """Survivors of the near test to splats whose box meets the frame.
+    """Turns survivors of the near test into splats, and drops splats whose box lies outside the frame.
 
     Parameters:
-        config: the machine; a point enters every `point_interval` cycles.
+        config: the machine; a Gaussian enters every `point_interval` cycles.
 
     Ports:
-        sink: survivors; a frame ends with an item with `end`.
-        source: ProjectedSplat, in order, and every `end`, all zero beside it.
-        rotation, turn, centre, limits, near, width, height: settings; near and the sizes are positive, limits in order.
-        culled_outside: points of the frame that ended here, up to the last one that left; it stays until the next frame's first
-            item does.
+        sink: `survivor_layout` items; a frame ends with an item with `end`.
+        source: ProjectedSplat items, in order, and every item with `end`, whose other fields are 0.
+        rotation, turn, centre, limits, near, width, height: settings; near and the sizes are positive, and the lower of two
+            limits comes first.
+        culled_outside: number of the frame's Gaussians that were culled here, among those that have left the unit. The count
+            stays until the first item of the next frame leaves.
 
-    Throughput: a point every `point_interval` cycles, culled or not. Latency, storage: those of the datapath.
+    Throughput: one Gaussian every `point_interval` cycles, culled or not. Latency and storage: those of the datapath of
+    `projection_graph`.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -199,7 +202,7 @@ class Projection(wiring.Component):
         passes = end | ~outside
         for name, _ in self._carried:
             m.d.comb += entry.carried[name].eq(point[name])
-        with m.If(~end):  # an item with `end` is all zero beside it
+        with m.If(~end):  # the other fields of an item with `end` are 0
             for name, _ in self._carried:
                 m.d.comb += splat[name].eq(found.carried[name])
             others = {name: splat[name] for name, _ in self._splat if name not in self._carried.members}

@@ -1,4 +1,4 @@
-"""The first half of culling and conversion: points to splats that may touch a tile of the frame."""
+"""The projection unit: turns Gaussians into splats that may touch a tile of the frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from rtl.culling import near, projection
 from rtl.culling.frame import COUNTER_BITS, setting_ports
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.records import gaussian_point, projected_splat
@@ -19,26 +18,27 @@ SETTINGS = tuple(dict.fromkeys((*near.SETTINGS, *projection.SETTINGS)))
 
 
 class ProjectionUnit(wiring.Component):
-    """Near test, then projection of what passed it, then the box test.
+    """The near test, then projection of the Gaussians that pass it, then the test of their box against the frame.
 
-    One pipeline whose operators each serve `point_interval` operations stands for `culling_units` units of eight cycles a
-    point: as many operators do the same work, but values wait in fewer registers and behind fewer multiplexers
+    One pipeline, whose operators each serve `point_interval` operations, replaces `culling_units` units that take eight cycles
+    per Gaussian. It does the same work with as many operators, but with fewer registers and multiplexers
     (`python -m rtl.culling.compare` prints both).
 
     Parameters:
         config: the machine.
 
     Ports:
-        sink: GaussianPoint; a frame ends with an item with `end`.
-        source: ProjectedSplat, in order; a frame ends with an item with `end`, all zero beside it.
+        sink: GaussianPoint items; a frame ends with an item with `end`.
+        source: ProjectedSplat items, in order; a frame ends with an item with `end`, whose other fields are 0.
         position, rotation, turn, centre, limits, near, depth_scale, width, height: settings, constant from a frame's first
-            point to its `end` at the source. near, width and height are positive, limits in order, and no float is a zero with
-            a fraction or a sign.
-        culled_near, culled_faint, culled_outside: counts of the frame by reason, the first that holds; final when `end` leaves,
-            until the next frame's first point leaves the near test (its first survivor, for culled_outside).
+            Gaussian until its `end` leaves the source. near, width and height are positive, the lower of two limits comes
+            first, and no float is a zero with a fraction or a sign.
+        culled_near, culled_faint, culled_outside: the frame's culled Gaussians by reason; each counts for the first reason that
+            holds. The counts are final when `end` leaves, and stay until the next frame's first Gaussian leaves the near test
+            (for culled_outside, until the next frame's first survivor leaves projection).
 
-    Throughput: a point every `point_interval` cycles, whatever becomes of it, while the source is taken. Latency: about 120 to
-    150 cycles. Storage: the datapaths' queues, with room for the points that are under way.
+    Throughput: one Gaussian every `point_interval` cycles, culled or not, while the source is taken. Latency: about 120 to
+    150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -61,8 +61,3 @@ class ProjectionUnit(wiring.Component):
             self.culled_near.eq(self.near_test.culled_near), self.culled_faint.eq(self.near_test.culled_faint),
             self.culled_outside.eq(self.projection.culled_outside)]
         return m
-
-
-def emit_projection_unit(config: AcceleratorConfig) -> str:
-    """Verilog of the unit as module `projection_unit`."""
-    return to_verilog(ProjectionUnit(config), "projection_unit")

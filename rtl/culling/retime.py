@@ -1,10 +1,10 @@
-"""Fewest registers for a pipeline of one slot a cycle: operations start as late as it takes, and no later.
+"""Finds the schedule with the fewest registers for a pipeline that takes one slot per cycle.
 
-A value's registers are its width times the cycles from its birth to its last use; the sum over all values is a convex
-function of the start times (L-natural convex: a linear program whose corners are integers). So from the earliest schedule,
-moves of a whole set of operations to a later cycle lead to the optimum, as long as one saves registers. The set that saves
-most is a maximum closure: an operation earns its own result's width, costs that of operands of which it is the last reader,
-and takes with it the readers that follow without a gap. A minimum cut finds it (Picard 1976).
+A value needs its width times the cycles from its birth to its last use in register bits. The sum over all values is a convex
+function of the start times (L-natural convex: a linear program whose corners are integers). So the optimum is reached from the
+earliest schedule by moving sets of operations to a later cycle as long as a move saves registers. The set that saves most is a
+maximum closure: moving an operation saves the width of its result, costs the width of the operands that it reads last, and also
+moves the readers that follow without a gap. A minimum cut finds this set (Picard 1976).
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from rtl.culling.dataflow import Node
 
 
 class _Cut:
-    """A network whose minimum cut is wanted: Dinic's algorithm."""
+    """A network, and Dinic's algorithm to find its minimum cut. `room` holds the residual capacities."""
 
     def __init__(self) -> None:
         self.room: dict[Hashable, dict[Hashable, float]] = defaultdict(dict)
 
     def edge(self, a: Hashable, b: Hashable, capacity: float) -> None:
-        """Adds capacity from a to b."""
+        """Adds capacity to the edge from a to b."""
         self.room[a][b] = self.room[a].get(b, 0) + capacity
         self.room[b].setdefault(a, 0)
 
     def reached(self, source: Hashable) -> dict[Hashable, int]:
-        """Distances over edges with room."""
+        """The distances from `source` over edges with residual capacity, for all nodes that are reached."""
         level, queue = {source: 0}, deque([source])
         while queue:
             a = queue.popleft()
@@ -39,7 +39,7 @@ class _Cut:
         return level
 
     def fill(self, source: Hashable, sink: Hashable) -> None:
-        """Pushes the largest flow."""
+        """Pushes the maximum flow from `source` to `sink`."""
         while sink in (level := self.reached(source)):
             edges = {a: iter(list(self.room[a])) for a in level}
             while self._push(source, sink, inf, level, edges):
@@ -54,7 +54,7 @@ class _Cut:
                 if pushed:
                     self.room[a][b] -= pushed
                     self.room[b][a] += pushed
-                    edges[a] = _before(b, edges[a])  # it may have room for more
+                    edges[a] = _before(b, edges[a])  # this edge may have residual capacity for more
                     return pushed
         return 0
 
@@ -68,14 +68,14 @@ def fewest_registers(
     timed: Sequence[Node], readers: Mapping[Node, Sequence[Node]], start: dict[Node, int], birth: Callable[[Node], int],
     first_use: Callable[[Node], int], length: int,
 ) -> None:
-    """Moves the nodes of an earliest schedule, in place, to where the fewest registers are needed.
+    """Moves the nodes of an earliest schedule, in place, to the start times that need the fewest registers.
 
     Args:
-        timed: nodes that have a start.
-        readers: of every value, inputs included, the nodes that read it; not empty.
-        start: their starts.
-        birth, first_use: cycles of a value under `start`.
-        length: the cycle at which all values must be born.
+        timed: the nodes that have a start time.
+        readers: for every value, inputs included, the nodes that read it; values without readers are ignored.
+        start: the start times, which are changed.
+        birth, first_use: functions that give, under `start`, a value's birth and the first cycle in which it can be read.
+        length: the cycle by which all values must be born.
     """
     values = [value for value in readers if readers[value]]
     while moved := _closure(timed, values, readers, start, birth, first_use, length):
@@ -96,7 +96,7 @@ def _closure(
     timed: Sequence[Node], values: Sequence[Node], readers: Mapping[Node, Sequence[Node]], start: dict[Node, int],
     birth: Callable[[Node], int], first_use: Callable[[Node], int], length: int,
 ) -> set[Node]:
-    """The nodes that save most when they start a cycle later; empty where no set saves anything."""
+    """The set of nodes that saves most registers when it starts a cycle later; empty where no set saves any."""
     cut = _Cut()
     for node in timed:
         if birth(node) >= length:

@@ -1,4 +1,4 @@
-"""Counts of values at their formats' limits, read off the records that pass."""
+"""Counts the values at the limits of their formats in the records that pass a place of the machine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
@@ -20,7 +19,7 @@ def at_limit(value: Value, number: Fixed) -> Value:
 
 
 class SaturationCounters(wiring.Component):
-    """Counts what `spec.saturations` names. It only looks on: nothing waits for it, and nothing hangs on when it looks.
+    """Counts the saturated values that `spec.saturations` names. The unit only observes: no other unit waits for it.
 
     Parameters:
         config: the machine; formats matter here.
@@ -29,14 +28,15 @@ class SaturationCounters(wiring.Component):
         splats, views: the records of `spec.saturations.STREAMS` that are offered.
         splats_move, views_move: such a record is transferred.
         clear: strobe: set all counts to 0.
-        saturated_means, saturated_depths, saturated_keys, saturated_colours: records since `clear` with a number at a limit.
+        saturated_means, saturated_depths, saturated_keys, saturated_colours: number of records since `clear` with a number at
+            a limit.
 
-    Latency: a record counts three cycles after its transfer: comparisons and handshakes end in registers, so that they lengthen
-    no path of the units that they look at::
+    Throughput: one record of each kind per cycle. Latency: a record counts three cycles after its transfer. Comparisons and
+    handshakes are registered first, so that they do not lengthen paths of the observed units::
 
         cycle        0      1      2      3
         splats_move  ~~~~~~~______________
-        moved        _______~~~~~~~_______   and beside it which numbers are at a limit
+        moved        _______~~~~~~~_______   with a register of the numbers that are at a limit
         step         ______________~~~~~~~
         count        <  n                 ><  n + 1
     """
@@ -69,8 +69,3 @@ class SaturationCounters(wiring.Component):
             count.eq(count + step)]
         with m.If(self.clear):
             m.d.sync += count.eq(0)
-
-
-def emit_saturation_counters(config: AcceleratorConfig) -> str:
-    """Verilog of module `saturation_counters`."""
-    return to_verilog(SaturationCounters(config), "saturation_counters")

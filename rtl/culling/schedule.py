@@ -1,9 +1,9 @@
-"""When each operation starts, in cycles after its slot entered, and which instance of an operator does it.
+"""Schedules a graph: in which cycle after its slot entered each operation starts, and which instance of an operator does it.
 
-A slot enters every `interval` cycles at most. Two operations can share an instance if their start times differ modulo the
-interval: then they never meet, whichever slots they belong to (modulo scheduling; without loops in the graph any interval
-is feasible). A value born in cycle b and last read in cycle u is kept by a chain of ceil((u - b) / interval) registers, each of
-which moves once an interval.
+At most one slot enters every `interval` cycles. Two operations can share an instance if their start times differ modulo the
+interval, because then they never meet, whichever slots they belong to. (This is modulo scheduling; as the graph has no loops,
+every interval is feasible.) The birth of a value is the cycle in which it is first available. A value that is born in cycle b
+and last read in cycle u is held by a chain of ceil((u - b) / interval) registers, each of which moves once per interval.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _PASSES = 20
 
 @dataclass(frozen=True)
 class Schedule:
-    """Of a graph at an interval.
+    """The schedule of a graph at an interval. All cycles are counted from the entry of a slot.
 
     Attributes:
         graph, interval: what was scheduled.
-        start: cycle in which a node takes its operands, for operations and logic.
-        instance: number of an operation's operator instance, from 0 for each kind.
-        length: cycle in which the last output is born, and written to the output queue.
+        start: cycle in which each node, an operation or logic, takes its operands.
+        instance: number of the operator instance that does each operation, from 0 for each kind of operator.
+        length: cycle in which the last output is born and written to the output queue.
     """
 
     graph: Dataflow
@@ -37,15 +37,16 @@ class Schedule:
     length: int
 
     def birth(self, node: Node) -> int:
-        """The cycle in which a value is first there: an operation's at the unit's output, others' before their register."""
+        """The cycle in which a value is first available: that of an operation at its unit's output, others before their
+        register."""
         return _birth(node.stored, self.start)
 
     def place(self, node: Node, cycle: int) -> int:
-        """How many registers behind its source a value is read in that cycle."""
+        """The number of registers between a value's source and the place where it is read in that cycle."""
         return 0 if node.stored.steady else ceil((cycle - self.birth(node)) / self.interval)
 
     def copies(self) -> dict[Node, int]:
-        """Registers of every value that is kept."""
+        """The number of registers of every value that is held."""
         found: dict[Node, int] = defaultdict(int)
         for node, start in self.start.items():
             for operand in node.operands:
@@ -55,7 +56,7 @@ class Schedule:
 
     @property
     def instances(self) -> dict[Operator, list[list[Node]]]:
-        """The operations of every instance of every kind."""
+        """The operations of every instance, for every kind of operator."""
         found: dict[Operator, list[list[Node]]] = {}
         for node, number in self.instance.items():
             users = found.setdefault(node.operator, [])
@@ -65,20 +66,20 @@ class Schedule:
 
     @property
     def depth(self) -> int:
-        """Slots that fit between entry and the output register at full rate: rows of the output queue."""
+        """Rows of the output queue: the number of slots between entry and the output register at full rate."""
         return ceil((self.length + 2) / self.interval)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a schedule needs, before synthesis.
+    """Estimate of the hardware that a schedule needs, before synthesis.
 
     Attributes:
-        operators: instances by kind of unit.
-        register_bits: of values that wait, outside the operators.
-        mux_bits: two-to-one multiplexers, a bit each, before the operators.
-        queue_bits: memory of outputs and of what is carried.
-        latency: cycles from entry to the source at least.
+        operators: number of instances by kind of unit.
+        register_bits: register bits that hold values outside the operators.
+        mux_bits: number of two-to-one multiplexers of one bit before the operators.
+        queue_bits: bits of memory for outputs and carried data.
+        latency: least number of cycles from entry to the source.
     """
 
     operators: dict[str, int]
@@ -89,7 +90,7 @@ class Cost:
 
 
 def cost(schedule: Schedule, carried_bits: int = 0) -> Cost:
-    """Counts of a schedule; `carried_bits` is the width of what is carried beside the graph."""
+    """The cost of a schedule; `carried_bits` is the width of the data that is carried beside the graph."""
     operators: Counter[str] = Counter()
     mux_bits = 0
     for kind, users in schedule.instances.items():
@@ -104,13 +105,13 @@ def cost(schedule: Schedule, carried_bits: int = 0) -> Cost:
 
 
 def source(schedule: Schedule, node: Node, port: int) -> tuple[Node, int]:
-    """Where an operation reads an operand: the node and how many registers behind it."""
+    """Where an operation reads an operand: the node, and the number of registers behind it."""
     operand = node.operands[port]
     return operand, schedule.place(operand, schedule.start[node])
 
 
 def _duration(node: Node) -> int:
-    """Cycles from a node's start to its value's birth."""
+    """Cycles from the start of a node to the birth of its value."""
     return node.operator.latency if node.operator else 0
 
 
@@ -119,13 +120,13 @@ def _birth(node: Node, start: dict[Node, int]) -> int:
 
 
 def _first_use(node: Node, start: dict[Node, int]) -> int:
-    """The first cycle in which others can read it: inputs and logic are registered first."""
+    """The first cycle in which other nodes can read a node's value; inputs and logic are registered before that."""
     node = node.stored
     return 0 if node.steady else _birth(node, start) + (node.operator is None)
 
 
 class _Scheduler:
-    """The work of `schedule`: list scheduling, then moves that save registers."""
+    """The algorithm of `schedule`: list scheduling, then moves of operations that save registers."""
 
     def __init__(self, graph: Dataflow, interval: int) -> None:
         self.graph, self.interval = graph, interval
@@ -159,7 +160,7 @@ class _Scheduler:
         return cycle
 
     def place_all(self) -> None:
-        """The most urgent first, each as early as an instance is free."""
+        """Places the most urgent nodes first, each in the earliest cycle in which an instance is free."""
         urgency: dict[Node, int] = {}
         for node in reversed(self.timed):
             after = max((urgency[reader] for reader in self.readers[node]), default=0)
@@ -172,16 +173,16 @@ class _Scheduler:
             waiting.remove(node)
 
     def length(self) -> int:
-        """When the last output is born."""
+        """The cycle in which the last output is born."""
         return max(_birth(node.stored, self.start) for node in self.graph.outputs.values())
 
     def latest(self, node: Node, length: int) -> int:
-        """The last start at which all its readers have its value in time."""
+        """The last cycle in which a node can start so that all its readers have its value in time."""
         limits = [self.start[reader] - (node.operator is None) for reader in self.readers[node]]
         return min(limits, default=length) - _duration(node)
 
     def bits(self, values: set[Node]) -> int:
-        """Register bits of these values."""
+        """The register bits that hold these values."""
         total = 0
         for value in values:
             uses = [self.start[reader] for reader in self.readers[value] if reader in self.start]
@@ -189,7 +190,7 @@ class _Scheduler:
         return total
 
     def improve(self) -> None:
-        """Fewer registers: the fewest, or single moves that save some where operators are shared."""
+        """Saves registers: finds the least number at interval 1, or moves single nodes where operators are shared."""
         if self.interval == 1:
             fewest_registers(
                 self.timed, self.readers, self.start, lambda node: _birth(node, self.start),
@@ -203,7 +204,8 @@ class _Scheduler:
         self.start = best[1]
 
     def improve_one(self, node: Node, length: int) -> None:
-        """Moves a node to where it needs fewest registers; of equal ones the latest, which makes room for its operands."""
+        """Moves a node to the cycle with the fewest registers; of several, to the latest, which leaves its operands more
+        freedom."""
         touched, best = {node, *_sources(node)}, None
         self.take(node)
         for cycle in range(self.earliest(node), self.latest(node, length) + 1):
@@ -214,7 +216,7 @@ class _Scheduler:
         self.put(node, -best[1])
 
     def assign(self) -> dict[Node, int]:
-        """Instances: an operation goes where its operands already come from the same places, if one such is free."""
+        """Chooses instances: an operation goes to the free instance whose ports already read most of its operands' places."""
         made = Schedule(self.graph, self.interval, self.start, {}, 0)
         instance, taken, known = {}, set(), defaultdict(set)
         for node in sorted((n for n in self.timed if n.operator), key=lambda n: self.start[n]):
@@ -229,12 +231,12 @@ class _Scheduler:
 
 
 def _sources(node: Node) -> Iterator[Node]:
-    """The stored nodes, steady ones apart, that a node reads."""
+    """The nodes whose registers a node reads; settings and constants have none."""
     return (operand.stored for operand in node.operands if not operand.stored.steady)
 
 
 def _live(graph: Dataflow) -> set[Node]:
-    """Nodes that an output depends on."""
+    """The nodes on which an output depends."""
     found, todo = set(), list(graph.outputs.values())
     while todo:
         node = todo.pop()
@@ -245,7 +247,7 @@ def _live(graph: Dataflow) -> set[Node]:
 
 
 def schedule(graph: Dataflow, interval: int) -> Schedule:
-    """Schedules a graph for one slot every `interval` cycles; deterministic.
+    """Schedules a graph for one slot every `interval` cycles. The result is deterministic.
 
     Raises:
         TypeError, ValueError: a bad interval, or a graph without outputs.

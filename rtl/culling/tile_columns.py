@@ -1,4 +1,4 @@
-"""The ellipse test of a tile row: which tile columns hold pixels that a splat can change."""
+"""The ellipse test: finds the columns of a tile row that have pixels which a splat can change."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TILE_PLACES = TILE.bit_length() - 1
 
 
 def _ordered(x: Value) -> Value:
-    """The pattern of a small float as a signed integer of the same order; a negative zero comes below zero."""
+    """The pattern of a small float as a signed integer with the same order; a negative zero comes before zero."""
     return (x ^ Cat(x[-1].replicate(len(x) - 1), Const(0, 1))).as_signed()
 
 
@@ -29,7 +29,7 @@ def _smaller(a: Value, b: Value) -> Value:
 
 
 def falloff_format(config: AcceleratorConfig) -> Fixed:
-    """Of the tile test's falloff limit, margin included, which is positive."""
+    """Format of the tile test's falloff limit, which includes the margin and is positive."""
     n, support = config.formats, tables.support_exponent(config)
     strongest = n.log2_opacity.raw_max - tables.log2_alpha_min(n)
     most = (strongest if support is None else min(strongest, support)) + _raw(TILE_REACH_MARGIN, n.cut)
@@ -44,7 +44,7 @@ def _raw(x: float, number: Fixed) -> int:
 
 
 def _as(x: Value, number: SmallFloat, to: SmallFloat) -> Value:
-    """The same number in a format that holds all of the other's."""
+    """x in another format, which must hold every number of its own."""
     if number.sig_bits > to.sig_bits or number.exp_min < to.exp_min or number.exp_max > to.exp_max:
         raise ValueError(f"{to} must hold every number of the format, not {number!r}")
     fraction, exponent = x[: number.sig_bits - 1], x[number.sig_bits - 1 : -1]
@@ -53,7 +53,7 @@ def _as(x: Value, number: SmallFloat, to: SmallFloat) -> Value:
 
 
 class _Ellipse:
-    """The graph under construction, and what its steps have in common."""
+    """The graph under construction, and the steps from which it is built."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self.config, self.formats, self.g = config, config.formats, Dataflow()
@@ -61,7 +61,8 @@ class _Ellipse:
         self._wide: dict[Node, Node] = {}
 
     def wide(self, x: Node) -> Node:
-        """x in the view format where operators are shared, so that all of them can be: the result is the same."""
+        """x in the `view` format where operators are shared, so that operands of both formats can share one. Results do not
+        change."""
         if x.to == self.view or self.config.point_interval == 1:
             return x
         if x not in self._wide:
@@ -77,7 +78,8 @@ class _Ellipse:
         return self.g.reciprocal(self.wide(a), self.view)
 
     def limit(self, opacity: Node, other: Node) -> tuple[Node, Node]:
-        """The falloff limit of the stronger opacity in the work format, and whether that is too faint to be seen."""
+        """The falloff limit of the larger opacity, in the `work` format, and whether that opacity is too faint to be
+        visible."""
         g, n, number = self.g, self.formats, falloff_format(self.config)
         faintest, margin = tables.log2_alpha_min(n), _raw(TILE_REACH_MARGIN, n.cut)
         most = number.raw_max - margin if self.config.support_sigma is None else tables.support_exponent(self.config)
@@ -91,7 +93,7 @@ class _Ellipse:
         return limit, g.logic("faint", 1, lambda x: x[-1], falloff)
 
     def rows(self, row: Node, mean_y: Node, height: Node) -> tuple[Node, Node]:
-        """The heights of the row's first and last pixel centres over the mean, margins added, in the view format."""
+        """The y of the row's first and last pixel centres relative to the mean, widened by margins, in the `view` format."""
         g, n = self.g, self.formats
         frac, margin = n.mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, n.mean2d)
         inset = (1 << frac - 1) - margin
@@ -108,27 +110,29 @@ class _Ellipse:
         return g.to_float(g.logic("low", n.reach, low, row, mean_y), self.view), g.to_float(high, self.view)
 
     def reach(self, y: Node, narrow: Node, l2: Node, l3: Node, limit: Node) -> Node:
-        """How far the ellipse reaches to the left at height y, and to the right at -y."""
+        """The distance from the mean to the ellipse's left edge at height y, which is also that to its right edge at -y."""
         g, work, view = self.g, self.work, self.view
         v = self.mul(l3, y, work)
         u = g.sqrt(g.sub(limit, self.mul(v, v, work), work), work)
         return g.to_fixed(self.mul(g.add(u, self.mul(l2, y, view), view), narrow, view), self.formats.reach)
 
     def clamped(self, name: str, steep: Node, low: Node, high: Node) -> Node:
-        """The height, within the row and the ellipse, at which it reaches farthest to the left."""
+        """The height of the ellipse's leftmost (or rightmost) point, limited to the heights low..high of row and ellipse."""
         return self.g.logic(name, self.view, lambda x, low, high: Mux(
             _ordered(x) > _ordered(high), high, _larger(x, low)), steep, low, high)
 
 
 def tile_columns(config: AcceleratorConfig) -> Dataflow:
-    """The graph of the test, one slot a run of tiles.
+    """The graph of the ellipse test; each slot is one run of tiles.
 
-    Inputs: l1, l2, l3; mean_x, mean_y; row, the tile row; opacity, other_opacity, the stronger of which counts.
+    Inputs: l1, l2, l3: Cholesky factors of the conic; mean_x, mean_y; row: the tile row; opacity, other_opacity: the larger of
+    the two counts.
     Settings: width, height of the frame.
-    Outputs: first and last tile column, inside the frame; none, high where the ellipse meets no pixel centre.
+    Outputs: first, last: tile columns, inside the frame; none: high where the ellipse contains no pixel centre of the row.
 
-    The ellipse is u^2 + v^2 <= limit with u = l1 x + l2 y, v = l3 y. It reaches sqrt(limit) / l3 along y. Its leftmost point
-    lies at y = sqrt(limit) l2 / (l3 sqrt(l2^2 + l3^2)), its rightmost opposite. It reaches (u + l2 y) / l1 to the left.
+    The ellipse is u^2 + v^2 <= limit with u = l1 x + l2 y, v = l3 y. Along y it reaches to +-sqrt(limit) / l3. Its leftmost
+    point lies at y = sqrt(limit) l2 / (l3 sqrt(l2^2 + l3^2)), its rightmost point opposite. At height y its left edge lies at a
+    distance of (u + l2 y) / l1 from the mean, with u = sqrt(limit - v^2).
     """
     e = _Ellipse(config)
     g, n, work, view = e.g, e.formats, e.work, e.view
@@ -157,9 +161,9 @@ def tile_columns(config: AcceleratorConfig) -> Dataflow:
 
 
 def _columns(g: Dataflow, mean2d: Fixed, width: Node, mean: Node, left: Node, right: Node, hidden: Node) -> None:
-    """The outputs, from the ellipse's reaches."""
+    """Makes the outputs from the distances between the mean and the ellipse's left and right edges."""
     frac, margin, pixel = mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, mean2d), uint(width.to.width)
-    half, whole = 1 << frac - 1, mean2d.int_bits + 3  # a sum of three such numbers, with a sign
+    half, whole = 1 << frac - 1, mean2d.int_bits + 3  # enough for a signed sum of three such numbers
     first = g.logic("first_pixel", Fixed(whole, 0, True), lambda mean, x: (mean - x + (half - 1 - margin)) >> frac, mean, left)
     last = g.logic("last_pixel", Fixed(whole, 0, True), lambda mean, x: (mean + x - (half - margin)) >> frac, mean, right)
     edge = g.logic("edge", pixel, lambda last, width: Mux(last < width, last, width - 1)[: pixel.width], last, width)

@@ -1,4 +1,4 @@
-"""Runs of tiles to tile entries, through the foveation filter; and which splats have any."""
+"""Turns runs of tiles into intersections, applies the foveation filter, and finds the splats that have an intersection."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from spec.records import TILE_BITS, Record, entry_item, projected_splat, survivi
 
 
 def kept_record(config: AcceleratorConfig) -> Record:
-    """What entries and survivors want of a splat."""
+    """The fields of a splat that intersections and survivors need."""
     wanted = {f.name for f in surviving_splat(config).fields} - {"end"} | {"depth_key"}
     return Record("KeptSplat", kept_record.__doc__, tuple(f for f in projected_splat(config).fields if f.name in wanted))
 
 
 def carried_run(config: AcceleratorConfig) -> data.StructLayout:
-    """A run as it passes the ellipse test: as `run_layout`, and whether the foveation filter lets it pass."""
+    """A run beside the ellipse test: fields of `run_layout`, and `passes`: whether the foveation filter passes it."""
     return data.StructLayout({
         "tile": unsigned(tile_index(config).width), "group": unsigned(TILE_BITS - GROUP_PLACES), "begin": PLACE, "stop": PLACE,
         "level": unsigned(2), "passes": 1, "last": 1, "end": 1})
 
 
 def tested_run(config: AcceleratorConfig) -> data.StructLayout:
-    """A run and what the ellipse test found: first and last tile column, whether any."""
+    """A run with the result of the ellipse test: first and last tile column, and `none` where the ellipse meets no pixel."""
     return data.StructLayout({
         "first": unsigned(TILE_BITS), "last": unsigned(TILE_BITS), "none": 1, "carried": carried_run(config)})
 
 
 class TileExpand(wiring.Component):
-    """One entry a cycle of each run that passes; a run that is rejected, or of which nothing is left, takes a cycle.
+    """Emits the intersections of each run that passes the filter, in the order of the runs, each run by column.
 
     Parameters:
         config: the machine.
 
     Ports:
         runs: `tested_run` items.
-        splats: `kept_record` items, one per splat; taken with its last run.
+        splats: `kept_record` items, one per splat; each is taken with its splat's last run.
         entries: EntryItem items; survivors: SurvivingSplat items. Both end with a frame's `end`.
-        obb: all tiles of a run, whatever the ellipse test found.
-        touched, filtered: tiles of the runs that touch, and of those among them that are rejected, since `clear`; two cycles
-            late.
-        clear: strobe, counts begin at 0.
-        done: strobe, a frame's `end` has left for both streams.
+        obb: all tiles of a run touch, whatever the ellipse test found.
+        touched, filtered: number of tiles that touch since `clear`, and how many of them were rejected; both are delayed by
+            two cycles.
+        clear: strobe: the counts restart from 0.
+        done: strobe: a frame's `end` has left in both streams.
 
-    Throughput: as above. Latency: 2 cycles.
+    Throughput: one intersection per cycle; a run that is rejected or touches no tile takes one cycle. Latency: 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -85,7 +85,7 @@ class TileExpand(wiring.Component):
         return m
 
     def _clip(self, m: Module, clipped: data.View) -> None:
-        """The tiles that the run and the ellipse have in common."""
+        """The first stage: the tiles of the run that lie between the first and the last column of the ellipse."""
         run, plan = self.runs.payload, self.runs.payload.carried
         group_first, group_last = run.first[GROUP_PLACES:], run.last[GROUP_PLACES:]
         places = slice(0, GROUP_PLACES)
@@ -105,7 +105,7 @@ class TileExpand(wiring.Component):
         ]
 
     def _expand(self, m: Module, clipped: data.View, clipped_valid: Signal, load: Signal) -> None:
-        """The run whose entries leave, and the levels of its splat's entries so far."""
+        """The second stage: the run whose intersections leave, and the levels of its splat's intersections so far."""
         run, valid = Signal.like(clipped, name="run", reset_less=True), Signal()
         tile, levels = Signal(tile_index(self.config).width, reset_less=True), Signal(MAX_LEVELS)
         m.submodules.surviving = surviving = Buffer(self.survivors.payload.shape())
@@ -128,7 +128,7 @@ class TileExpand(wiring.Component):
             load.eq(~valid | (go & final)),
         ]
         kept, entry, survivor = Signal.like(self.splats.payload, name="kept"), self.entries.payload, surviving.sink.payload
-        with m.If(~run.end):  # an item with `end` is all zero beside it
+        with m.If(~run.end):  # the other fields of an item with `end` are 0
             m.d.comb += [kept.eq(self.splats.payload), entry.tile.eq(tile), survivor.levels.eq(all_levels)]
         m.d.comb += [
             entry.index.eq(kept.index), entry.depth_key.eq(kept.depth_key), entry.end.eq(run.end), survivor.end.eq(run.end),
@@ -142,11 +142,11 @@ class TileExpand(wiring.Component):
         self._count(m, go & ~run.end & ~run.nothing, emits, run.rest)
 
     def _count(self, m: Module, touches: Signal, emits: Signal, rest: Signal) -> None:
-        """Adds up tiles: an entry at a time, a rejected run at once."""
+        """Counts tiles: those of a run that passes one by one, those of a rejected run at once."""
         more, rejected = Signal(GROUP_PLACES + 1), Signal()
         m.d.sync += [more.eq(Mux(touches, Mux(emits, 1, rest + 1), 0)), rejected.eq(~emits)]
         for total, amount in ((self.touched, more), (self.filtered, Mux(rejected, more, 0))):
-            half = len(total) // 2  # the upper half follows a cycle later: no carry runs through both
+            half = len(total) // 2  # the upper half is added a cycle later, so that no carry passes through both halves
             carry = Signal(name=f"{total.name}_carry")
             m.d.sync += [Cat(total[:half], carry).eq(total[:half] + amount), total[half:].eq(total[half:] + carry)]
             with m.If(self.clear):

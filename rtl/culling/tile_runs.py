@@ -1,4 +1,4 @@
-"""Splats to runs of tiles: the stretches of a tile row, within a splat's box, whose tiles are of one kind."""
+"""Cuts the boxes of splats into runs of tiles: parts of a tile row in which all tiles have the same level and flags."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from spec.queues import LEVEL_GROUP
 from spec.records import TILE_BITS, Record, projected_splat, tile_index
 
 PLACE = unsigned(GROUP_PLACES)
-"""A tile of a group."""
+"""Shape of a tile's position in its group of LEVEL_GROUP tiles."""
 
 _TESTED = ("bound", "mean2d", "conic", "log2_opacity")
-"""What the ellipse test and the filter want of a splat."""
+"""The fields of a splat that the ellipse test and the foveation filter need."""
 
 
 def run_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A run: its splat, its tiles `begin` to `stop` of a group, which is number `group` in tile row `row`; what they are.
+    """A run: its splat, the tiles `begin` to `stop` of group number `group` in tile row `row`, and the `code` of those tiles.
 
-    `tile`: the number of the group's first tile. `last`: the splat's last run. `end`: no run, all of the frame have come.
+    `tile` is the number of the group's first tile. `last` marks the splat's last run. An item with `end` is no run; it follows
+    the frame's last run.
     """
     return data.StructLayout({
         "splat": _tested(config), "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES),
@@ -40,7 +41,7 @@ def _tested(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class _Stage:
-    """A register between two stages: `valid` and `payload`, and `ready` where what it holds is taken."""
+    """A register between two stages: `payload`, `valid`, and `ready`, which is high when the next stage takes the payload."""
 
     def __init__(self, name: str, config: AcceleratorConfig, more: dict) -> None:
         item = data.StructLayout({
@@ -51,7 +52,7 @@ class _Stage:
 
 
 class TileRuns(wiring.Component):
-    """Walks the boxes of splats, row by row, a group of tiles at a time, and cuts the groups into runs.
+    """Walks through the boxes of splats, row by row and one group of tiles at a time, and cuts the groups into runs.
 
     Parameters:
         config: the machine.
@@ -59,10 +60,11 @@ class TileRuns(wiring.Component):
     Ports:
         splats: ProjectedSplat items.
         enable, row, group, codes, row_start: the read port of `LevelTable`.
-        runs: `run_layout` items: of each splat row by row, then by column; and an item with `end` for each one that comes.
+        runs: `run_layout` items, for each splat row by row, then by column; and one item with `end` for each one at the input.
 
-    Throughput: a run a cycle, between rows and splats, too. Latency: 4 cycles, a stage each: the walk, which addresses the
-    table; what the table says, which decides where runs stop; the runs of a group in turn; the run on offer::
+    Throughput: one run per cycle, without gaps between rows and splats. Latency: 4 cycles, one for each stage: the walk, which
+    addresses the table; the answer of the table, from which follows where runs stop; the runs of a group one after the other;
+    the output register::
 
         walk    < row 3, group 0 >< row 3, group 1 ><       row 4, group 0      >
         codes                     < 11112222        ><    1111   ><     ..
@@ -95,7 +97,7 @@ class TileRuns(wiring.Component):
         return m
 
     def _walk(self, m: Module, walked: _Stage) -> None:
-        """The splat under way and the place in its box; loads `walked`."""
+        """The current splat and the current group in its box; loads the stage `walked`."""
         splat, present = Signal.like(self.splats.payload, name="splat", reset_less=True), Signal()
         row, group = Signal(TILE_BITS, reset_less=True), Signal(TILE_BITS - GROUP_PLACES, reset_less=True)
         first, final = splat.first_x[GROUP_PLACES:], splat.last_x[GROUP_PLACES:]
@@ -124,10 +126,10 @@ class TileRuns(wiring.Component):
             m.d.sync += walked.valid.eq(0)
 
     def _cut(self, m: Module, walked: _Stage, cut: _Stage) -> None:
-        """Where the group's runs stop: at the box's end, and where the next tile is of another kind."""
+        """Finds where the group's runs stop: at the end of the box, and where the next tile has another code."""
         item, out, codes = walked.payload, cut.payload, [Value.cast(code) for code in self.codes]
-        changes = Cat(*(a != b for a, b in pairwise(codes)), 0)
-        within = Cat((item.begin <= i) & (i < item.stop) for i in range(LEVEL_GROUP))
+        changes = Cat(a != b for a, b in pairwise(codes))
+        within = Cat((item.begin <= i) & (i < item.stop) for i in range(LEVEL_GROUP - 1))
         stops = (changes & within) | (1 << item.stop)
         m.d.comb += walked.ready.eq(cut.ready | ~cut.valid)
         passed_on = ("splat", "row", "group", "last", "end", "begin")
@@ -139,14 +141,14 @@ class TileRuns(wiring.Component):
                              out.tile.eq(self.row_start + (item.group << GROUP_PLACES))]
 
     def _pick(self, m: Module, cut: _Stage) -> None:
-        """One run after the other: the lowest of the stops that are left."""
+        """Emits one run after the other; each stops at the lowest of the remaining stops."""
         item, runs, free = cut.payload, self.runs, Signal()
         rest, lowest = Signal(LEVEL_GROUP), Signal(LEVEL_GROUP)
         passed_on = ("splat", "row", "group", "tile", "begin", "end")
         place = Cat(Cat(lowest[i] for i in range(LEVEL_GROUP) if i >> k & 1).any() for k in range(GROUP_PLACES))
         code = reduce(or_, (Mux(lowest[i], Value.cast(item.codes[i]), 0) for i in range(LEVEL_GROUP)))
         m.d.comb += [
-            lowest.eq(Cat(item.stops[i] & ~item.stops[:i].any() for i in range(LEVEL_GROUP))),  # trees, not a borrow's chain
+            lowest.eq(Cat(item.stops[i] & ~item.stops[:i].any() for i in range(LEVEL_GROUP))),  # trees, no borrow chain
             rest.eq(item.stops & ~lowest),
             free.eq(runs.ready | ~runs.valid),
             cut.ready.eq(free & (rest == 0)),

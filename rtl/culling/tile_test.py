@@ -1,4 +1,4 @@
-"""The tile test: which tiles a splat touches, and the foveation filter (paper section 6.1)."""
+"""The tile test: finds the tiles that a splat touches, and applies the foveation filter (paper section 6.1)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
 from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
-from rtl.emit import to_verilog
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -22,31 +21,36 @@ from spec.records import TILE_BITS, entry_item, projected_splat, surviving_splat
 
 
 class TileTest(wiring.Component):
-    """Splats to tile entries: `TileRuns`, the ellipse test, `TileExpand`; what only the last of them needs waits in a queue.
+    """Turns splats into intersections. Splats pass `TileRuns`, the ellipse test and `TileExpand`; the fields of a splat that
+    only `TileExpand` needs wait in a queue beside the ellipse test.
 
     Parameters:
         config: the machine; `point_interval`, `row_width` and formats matter here.
 
     Ports:
-        splats: ProjectedSplat items; a frame ends with `end`. Taken once the frame's table is full.
-        table: TileLevel items, one per tile of the frame, row-major. Taken before a frame's splats, never while any are inside.
-        entries: EntryItem items, splat by splat in the order they came, each by tile row, then by column; then `end`.
-        survivors: SurvivingSplat items of the splats with an entry, in that order; then `end`.
-        width, height, obb: as `frame_settings`.
-        touched: (splat, tile) pairs of the frame that touch. filtered: those of them that the foveation filter rejects, or
-            whose tile is not rendered; the others are entries. From 0 at the frame's first item; they hold from its `end` in
-            both streams to the next's first.
-        filled: the frame's table is full; until its `end` has left for both streams.
-        busy: high from a frame's last table item until its last items are taken: whenever splats or entries are inside.
+        splats: ProjectedSplat items; a frame ends with `end`. They are taken once the frame's level table is full.
+        table: TileLevel items, one per tile of the frame, row-major. They are taken before a frame's splats, never while splats
+            are inside.
+        entries: EntryItem items, one per intersection, splat by splat in the order of the input, for each splat by tile row,
+            then by column; then `end`.
+        survivors: SurvivingSplat items of the splats with an intersection, in the same order; then `end`.
+        width, height, obb: settings as in `frame_settings`.
+        touched: number of the frame's intersections before the foveation filter. filtered: how many of them the filter rejects;
+            the others become `entries`. Both start from 0 at the frame's first item, and are valid from its `end` in both
+            streams until the first item of the next frame.
+        filled: the frame's level table is full; high until the frame's `end` has left in both streams.
+        busy: high from a frame's last table item until its last items are taken, so whenever splats or intersections are
+            inside.
 
-    A pair touches if the ellipse on which the splat is just visible, widened by margins, meets a pixel centre of the tile, at
-    the larger of the opacities of the tile's levels that use it; with `obb`, if the tile is in the splat's box. It passes if
-    the tile's level is at most the splat's bound and the tile is rendered, as all are without stereo. A run of a splat lies in
-    a tile row, within 16 columns, and ends where the next tile is of another level or blend, or the one of both is rendered.
+    A splat touches a tile if the ellipse on which the splat is just visible, widened by margins, contains a pixel centre of the
+    tile. The ellipse is that of the largest opacity among the tile's levels that use the Gaussian. With `obb`, the splat
+    touches all tiles of its box. The foveation filter passes the intersection if the tile's level is at most the splat's bound
+    and, with stereo, the tile is rendered. A run is a part of a tile row of a splat's box. It lies within 16 columns, and all
+    its tiles have the same level and blend flag (and, with stereo, are all rendered or all not rendered).
 
-    Throughput: a run every `point_interval` cycles, an entry a cycle; a run without entries takes the cycle of one. Between
-    frames the unit runs empty. Latency: 8 cycles and the schedule's length of the ellipse test, for PAPER 66 in all. Storage:
-    `LevelTable`, and a queue of splats, for PAPER 70 of 324 bits.
+    Throughput: one run every `point_interval` cycles and one intersection per cycle; a run without intersections takes one
+    cycle. The unit is empty between frames. Latency: 8 cycles plus the length of the ellipse test's schedule, which is 66 in
+    all for PAPER. Storage: `LevelTable`, and a queue of splats, which for PAPER holds 70 of 324 bits.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -87,14 +91,14 @@ class TileTest(wiring.Component):
         return m
 
     def _settings(self, m: Module, levels: LevelTable, expand: TileExpand) -> None:
-        """Sizes in tiles, registered: they are stable long before they matter."""
+        """Registers the frame's size in tiles; it is stable long before it is used."""
         tiles_x, tiles_y = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1)
         places = TILE.bit_length() - 1
         m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places)]
         m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.obb.eq(self.obb)]
 
     def _enter(self, m: Module, levels: LevelTable, runs: TileRuns, expand: TileExpand) -> None:
-        """A frame's splats: into the walk, and into the queue for the expansion."""
+        """Sends a frame's splats to `TileRuns`, and into the queue to `TileExpand`."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
             width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
@@ -119,7 +123,7 @@ class TileTest(wiring.Component):
             m.d.sync += [begun.eq(0), ended.eq(0)]
 
     def _test(self, m: Module, runs: TileRuns, ellipse: Datapath, expand: TileExpand) -> None:
-        """Runs into the ellipse test, and on to the expansion."""
+        """Connects runs to the ellipse test, and the ellipse test to `TileExpand`."""
         run, splat, code = runs.runs.payload, runs.runs.payload.splat, runs.runs.payload.code
         operands, plan = ellipse.sink.payload, ellipse.sink.payload.carried
         blends = code.blend & (splat.bound > code.level)
@@ -140,8 +144,3 @@ class TileTest(wiring.Component):
             ellipse.source.ready.eq(expand.runs.ready),
             *(expand.runs.payload[name].eq(ellipse.source.payload[name]) for name in ("first", "last", "none", "carried")),
         ]
-
-
-def emit_tile_test(config: AcceleratorConfig) -> str:
-    """Verilog of module `tile_test`."""
-    return to_verilog(TileTest(config), "tile_test")

@@ -1,4 +1,4 @@
-"""Sums to colours, and views of splats into memory."""
+"""Rounds sums to colours, and writes splat records to memory."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from spec.memory import BEAT_BITS, WORDS, splat_view, write_request
 
 
 class ViewWriter(wiring.Component):
-    """One SplatView beat for every level that a splat has entries at, lowest level first.
+    """Writes one splat record (SplatView), which is one beat, for every level at which a splat has an intersection.
 
     Parameters:
         config: the machine.
-        carried: layout of what the sums carry: the fields of SurvivingSplat but `offset` and `end`.
+        carried: layout of the data that is carried with the sums: the fields of SurvivingSplat without `offset` and `end`.
 
     Ports:
-        sums: `colour_sum_layout`; taken with the splat's last beat, or at once where it has no level. Between two splats
-            nothing is offered for a cycle at least, and in the last such cycle `carried` is the next one's already: the
-            levels are looked at there.
-        writes: of level L of splat i at beat views_base + (i << view_shift) + L.
+        sums: `colour_sum_layout` items; each is taken with the splat's last beat, or at once where it has no level. The
+            producer must leave at least one cycle without an offer between two splats. In the last such cycle `carried` must
+            already be that of the next splat, because its levels are read there.
+        writes: writes in the order of the splats, lowest level first. Level L of splat i lies at beat
+            views_base + (i << view_shift) + L.
         views_base, view_shift: settings of the frame.
 
-    Throughput: a beat a cycle. Latency: 1.
+    Throughput: one beat per cycle. Latency: 1 cycle.
     """
 
     def __init__(self, config: AcceleratorConfig, *, carried: ShapeLike) -> None:
@@ -46,7 +47,7 @@ class ViewWriter(wiring.Component):
         m = Module()
         sums, request, splat = self.sums, self.writes.payload, self.sums.payload.carried
         left, following, lowest, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()
-        level, above = Signal(MAX_LEVELS), Signal(MAX_LEVELS)  # of the next beat, and the level above, where there is one
+        level, above = Signal(MAX_LEVELS), Signal(MAX_LEVELS)  # one-hot: the next beat's level, and the one above if any
         m.d.comb += [
             free.eq(~self.writes.valid | self.writes.ready),
             following.eq(Mux(sums.valid, left & ~level, splat.levels)),
@@ -67,7 +68,7 @@ class ViewWriter(wiring.Component):
         return m
 
     def _view(self, *both: Value) -> data.View:
-        """The view at a level and the one above, given by the bit that is set."""
+        """The splat record for a level and the one above, both one-hot."""
         splat, of = self.sums.payload.carried, layout(splat_view(self.config))
         values = {name: getattr(splat, name) for name in ("mean2d", "conic", "depth", "bound")}
         opacity = [splat.log2_opacity[i].as_unsigned() for i in range(MAX_LEVELS)]
@@ -76,7 +77,7 @@ class ViewWriter(wiring.Component):
         return data.View(of, Cat(Value.cast(values[name]) for name, _ in of))
 
     def _colour(self, channel: int, level: Value) -> Value:
-        """Sum and base colour, rounded and saturated once."""
+        """The sum plus the base colour, rounded and saturated once."""
         n, sums = self.config.formats, self.sums.payload
         frac = sum_format(n).frac_bits
         base = select(level, [sums.dc[3 * i + channel].as_unsigned() for i in range(MAX_LEVELS)]).as_signed()

@@ -1,16 +1,16 @@
-"""Arithmetic of small floats, correctly rounded, one result a cycle.
+"""Correctly rounded arithmetic of small floats, with one result per cycle.
 
-    number      fields, normalising shifts, rounding and packing: what the units are made of
+    number      the parts of the units: fields, normalising shifts, rounding and packing
     unit        the units' ports and valid pipeline
     add         sum and difference
     multiply    product
-    convert     from and to fixed point
+    convert     conversion from and to fixed point
     seed        tables of first approximations
-    iteration   what quotients and roots share: table, Newton step, exact residual
+    iteration   the parts that quotients and roots share: table, Newton step, exact residual
     divide      reciprocal and quotient
     roots       square root and its reciprocal
 
 Every unit gives the exact result rounded once, HALF_EVEN, flushed and saturated as `spec.formats.SmallFloat` says, whatever
-formats its operands and its result have. That is what one operation in float64 and one rounding give, but for one case: a sum
-with an operand longer than the result, which float64 may round to a tie.
+formats its operands and its result have. One operation in float64 followed by one rounding gives the same result, with one
+exception: where an operand of a sum is longer than the result, float64 may round the exact sum to a tie.
 """

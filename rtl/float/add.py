@@ -1,4 +1,4 @@
-"""Sum and difference of two small floats."""
+"""The sum and the difference of two small floats."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from spec.formats import SmallFloat
 
 
 class FloatAdd(FloatUnit):
-    """`result` = a + b, or a - b where `subtract` is high. Latency 5, a stage each:
+    """`result` = a + b, or a - b where `subtract` is high. Throughput: one result per cycle. Latency: 5 cycles, one per stage:
 
-    1. the larger magnitude and the smaller, and their distance in binary places;
-    2. the smaller, aligned, with a sticky bit for what leaves the window;
-    3. sum or difference;
-    4. normalised;
-    5. rounded and packed.
+    1. orders the operands by magnitude and finds the difference of their exponents;
+    2. aligns the smaller operand, with a sticky bit for the bits that leave the window;
+    3. adds or subtracts;
+    4. normalises;
+    5. rounds and packs.
 
-    One adder wide enough for the larger operand, the result and two guard bits serves cancellation and alignment alike: a
-    difference that loses more than one leading bit is of operands at most one place apart, and exact.
+    One adder, wide enough for the larger operand, the result and two guard bits, serves for cancellation and for alignment. A
+    difference that loses more than one leading bit has operands whose exponents differ by at most one, and is exact.
 
     Parameters:
         a, b, result: formats.
@@ -37,16 +37,16 @@ class FloatAdd(FloatUnit):
 
     @property
     def _window(self) -> int:
-        """Bits of the aligned operands, the sticky bit apart."""
+        """Number of bits of the aligned operands, without the sticky bit."""
         a, b, result = self._formats
         return max(a.sig_bits, b.sig_bits, result.sig_bits) + 2
 
     def _ordered(self, p: Pipeline, let: Let) -> dict[str, Staged]:
-        """What stage 1 registers; exponents are counted from the larger of the two biases."""
+        """The registers of stage 1. Exponents are relative to the larger of the two biases."""
         formats, bits = self._formats[:2], (self.a, self.b)
         bias, width = max(f.bias for f in formats), max(f.sig_bits for f in formats)
         a, b = numbers = [fields(x, f) for x, f in zip(bits, formats, strict=True)]
-        # A zero's exponent, like its significand, lies below all others.
+        # The exponent and the significand of a zero are 0, so that it counts as the smaller operand.
         e_a, e_b = (let(f"exponent_{name}", Mux(x.nonzero, x.exponent + (bias - f.bias), 0))
                     for name, x, f in zip("ab", numbers, formats, strict=True))
         s_a, s_b = (widened(x.significand, width) for x in numbers)
@@ -73,7 +73,7 @@ class FloatAdd(FloatUnit):
         normal = p.reg("normal", lambda x: Cat(*normalise(let, x)), total)
         places = normal.map(lambda x: x[window + 2 :])
         normal = normal.map(lambda x: x[: window + 2])
-        # A carry out of the larger operand's leading bit would be the exponent above its own.
+        # The top bit of `normal` is the carry out of the larger operand's leading bit, so its exponent is larger by one.
         bias = to.bias - max(f.bias for f in self._formats[:2]) + 1
         return p.reg(
             "outcome", lambda normal, places, exponent, negative: round_and_pack(

@@ -13,7 +13,9 @@ from spec.formats import Fixed, Rounding, SmallFloat
 
 
 class FixedToFloat(FloatUnit):
-    """`result` = a, rounded HALF_EVEN. Latency 3: magnitude; normalised; rounded and packed.
+    """`result` = a, rounded HALF_EVEN. Throughput: one result per cycle. Latency: 3 cycles.
+
+    Stages: takes the magnitude; normalises it; rounds and packs.
 
     Parameters:
         a, result: formats.
@@ -32,7 +34,7 @@ class FixedToFloat(FloatUnit):
         negative = p.data("negative", a[-1])
         magnitude = p.reg("magnitude", lambda a: Mux(a[-1], -a, a)[:width], p.data("a", a))
         normal = p.reg("normal", lambda x: Cat(*normalise(let, x)), magnitude)
-        exponent = width - 1 - self._a.frac_bits + self._result.bias  # of the top bit
+        exponent = width - 1 - self._a.frac_bits + self._result.bias  # biased exponent of the top bit
 
         def finish(x, negative):
             normal, places = x[:width], x[width:]
@@ -42,7 +44,10 @@ class FixedToFloat(FloatUnit):
 
 
 class FloatToFixed(FloatUnit):
-    """`result` = a as a multiple of the result's ulp, saturating. Latency 3: places to shift; shifted; rounded.
+    """`result` = a, rounded to a multiple of the result's ulp and saturated. Throughput: one result per cycle. Latency: 3
+    cycles.
+
+    Stages: finds the distance to shift; shifts; rounds and saturates.
 
     Parameters:
         a, result: formats.
@@ -62,9 +67,9 @@ class FloatToFixed(FloatUnit):
     def stages(self, p: Pipeline, let: Let) -> Staged:
         number, to = self._a, self._result
         a = fields(self.a, number)
-        # The significand starts with its leading one at 2^magnitude ulps, where it saturates, and shifts right from there.
+        # The significand first stands with its leading one at 2^magnitude ulps, where it saturates, and is then shifted right.
         magnitude = to.int_bits + to.frac_bits
-        width = max(magnitude + 2, number.sig_bits)  # at least one bit below the ulp
+        width = max(magnitude + 2, number.sig_bits)  # includes at least one bit below the ulp
         places = let("distance", as_integer(magnitude - to.frac_bits + number.bias - a.exponent))
         negative = p.data("negative", a.negative)
         large = p.reg("large", lambda x, nonzero: x[-1] & nonzero, p.data("places", places), p.data("nonzero", a.nonzero))
@@ -77,7 +82,7 @@ class FloatToFixed(FloatUnit):
             x, large = x[:-1], x[-1]
             below = len(x) - (magnitude + 1)
             whole, half, rest = x[below:] | large.replicate(magnitude + 1), x[below - 1], x[: below - 1].any()
-            # -(m + up) is ~m + not up.
+            # -(m + up) = ~m + (not up), so one adder serves for both signs.
             up = half & (~negative | rest) if self._rounding is Rounding.HALF_UP else negative & (half | rest)
             signed = Cat(whole, Const(0, 1)) ^ negative.replicate(magnitude + 2)
             rounded = let("rounded", signed.as_signed() + (up ^ negative))

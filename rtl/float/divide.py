@@ -1,4 +1,4 @@
-"""Reciprocal and quotient of small floats."""
+"""The reciprocal and the quotient of small floats."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from spec.formats import SmallFloat
 
 
 class FloatReciprocal(Iteration):
-    """`result` = 1 / a. Latency 6. The reciprocal of zero saturates and is positive.
+    """`result` = 1 / a. Throughput: one result per cycle. Latency: 6 cycles. The reciprocal of zero saturates and is positive.
 
-    Stages: table; seed y0; residual e = 1 - m y0; k from y0 + y0 e; sign of 1 - m h; packed.
+    Stages, where m is a's significand and k and h are those of `rtl.float.iteration`: table; seed y0; residual e = 1 - m y0;
+    k from y0 + y0 e; sign of 1 - m h; packing.
 
     Parameters:
         a, result: formats.
@@ -28,11 +29,11 @@ class FloatReciprocal(Iteration):
         super().__init__({"a": a}, result)
 
     def _keep(self, seed: Seed) -> int:
-        """Fraction bits to which the residual enters Newton's step."""
+        """Fraction bits of the residual that enter the Newton step."""
         return min(self._result.sig_bits + 2, seed.frac_bits + self._operands[0].sig_bits - 1)
 
     def _error(self, seed: Seed) -> tuple[float, float]:
-        # y0 (1 + e) = (1 - e^2) / m
+        # With e = 1 - m y0: y0 (1 + e) = (1 - e^2) / m.
         return (seed.worst**2 + (1 + seed.worst) * 2.0 ** -self._keep(seed)) * 2.0**self._result.sig_bits, 0.0
 
     def stages(self, p: Pipeline, let: Let) -> Staged:
@@ -42,7 +43,7 @@ class FloatReciprocal(Iteration):
         frac, bias = s.frac_bits + bits - 1, to.bias + number.bias - 2
         e = p.reg("e", lambda m, y: residual_bits(let, m * y - (1 << frac), frac, keep, s.worst), m, y0)
         k = p.reg("k", lambda y, e: self._step(let, y, s.frac_bits, y, e, s.frac_bits + keep, to.sig_bits), y0, e)
-        # m h has at least as many fraction bits as the window, so the 1 is not in it; |1 - m h| < m ulp.
+        # |1 - m h| < m ulp, so the low bits of m h, in which the 1 does not appear, show the sign.
         up = p.reg("up", lambda m, k: (m * midpoint(k))[bits + 1], m, k)
         return p.reg(
             "outcome", lambda exponent, k, up, negative, nonzero: self._pack(
@@ -51,13 +52,16 @@ class FloatReciprocal(Iteration):
 
 
 class FloatDivide(Iteration):
-    """`result` = a / b. Latency 7. A quotient by zero saturates and has a's sign, unless a is zero.
+    """`result` = a / b. Throughput: one result per cycle. Latency: 7 cycles.
 
-    With the significands' quotient in [1, 2), n being a's, doubled where it is smaller than b's, and m being b's: table; seed
-    y0 of 1 / m; q0 = n y0; d = n - m q0; k from q0 + y0 d; sign of n - m h; packed.
+    A division by zero saturates and has a's sign, or gives zero where a is zero.
+
+    m is b's significand; n is a's, doubled where it is smaller than m, so that n / m lies in [1, 2). k and h are those of
+    `rtl.float.iteration`. Stages: table; seed y0 of 1 / m; q0 = n y0; residual d = n - m q0; k from q0 + y0 d; sign of n - m h;
+    packing.
 
     Parameters:
-        a, b, result: formats; a has no more significand bits than the result, lest quotients be ties.
+        a, b, result: formats; a has no more significand bits than the result, because quotients could otherwise be ties.
     """
 
     latency = 7
@@ -80,11 +84,11 @@ class FloatDivide(Iteration):
         return max(self._operands[0].sig_bits, self._operands[1].sig_bits + self._quotient_frac(seed)) - 1
 
     def _keep(self, seed: Seed) -> int:
-        """Fraction bits to which d enters Newton's step."""
+        """Fraction bits of d that enter the Newton step."""
         return min(self._result.sig_bits + 1, self._residual_frac(seed))
 
     def _error(self, seed: Seed) -> tuple[float, float]:
-        # With y0 = (1 - e) / m and q0 = q (1 - b): q0 + y0 d = q (1 - e b), and e <= b <= e + floor, q < 2.
+        # Let q = n / m, y0 = (1 - e) / m, q0 = q (1 - b). Then q0 + y0 d = q (1 - e b), where e <= b <= e + floor and q < 2.
         floor, ulp = 2.0 ** -self._quotient_frac(seed), 2.0 ** (1 - self._result.sig_bits)
         return (2 * seed.worst * (seed.worst + floor) + (1 + seed.worst) * 2.0 ** -self._keep(seed)) / ulp, floor**2 / 2 / ulp
 
@@ -104,7 +108,7 @@ class FloatDivide(Iteration):
         d = p.reg("d", lambda n, m, q: residual_bits(
             let, m * raised(q, d_frac - bits + 1 - q_frac) - raised(n, d_frac - a_bits + 1), d_frac, keep, bound), n, m, q0)
         k = p.reg("k", lambda q, y, d: self._step(let, q, q_frac, y, d, s.frac_bits + keep, ulp_bits), q0, y0, d)
-        # n - m h, counted in 2^-(bits + ulp_bits), is within m ulp.
+        # |n - m h| < m ulp, so the low bits of m h - n, in units of 2^-(bits + ulp_bits), show the sign.
         up = p.reg("up", lambda n, m, k: (m * midpoint(k) - raised(n, bits + ulp_bits - a_bits + 1))[bits + 1], n, m, k)
         bias = to.bias - a_format.bias + b_format.bias - 1
         exponent = p.data("exponent", a.exponent - b.exponent).to(1)

@@ -1,16 +1,17 @@
-"""Reciprocals, quotients and roots: a table, one step of Newton, and the sign of an exact residual.
+"""Reciprocals, quotients and roots by a table, one Newton step, and the sign of an exact residual.
 
-They are correctly rounded without an argument about an approximation's last bits. With ulp the result's:
+The results are correctly rounded. This needs no proof about the last bits of an approximation (an ulp is one of the result):
 
-1. a table of straight lines gives a seed good to about half of the bits wanted;
-2. one step of Newton gives an approximation at most half an ulp from the exact result, once a constant has centred its
-   error; k is its floor in ulps, so the exact result rounds to k or to k + 1;
-3. the sign of an exact residual tells on which side of h = k + 1/2 it lies. It cannot lie there: the midpoint has one bit
-   more than the result, and its product or square more than the operand. The residual is of the order of ulps, so the
-   low bits of its products suffice.
+1. A table of straight lines gives a seed with about half of the bits of the result.
+2. One Newton step, plus a constant that centres its error, gives an approximation within half an ulp of the exact result. k is
+   this approximation rounded down to ulps, so the correctly rounded result is k or k + 1.
+3. The sign of an exact residual tells on which side of the midpoint h = k + 1/2 the exact result lies. The exact result is
+   never h itself: h has one bit more than the result, and its product or square has more bits than the operand. The residual is
+   of the order of ulps, so the low bits of its products suffice.
 
-Area decided, by estimate: a quadratic table instead of seed and step needs 64 segments of 50 bits against 16 of 21 for 20-bit
-reciprocals and as much multiplier; a recurrence of one digit a stage has as many adders and several times the registers.
+This method was chosen by estimates of the area. For 20-bit reciprocals a quadratic table instead of seed and step needs 64
+segments of 50 bits, against 16 of 21 bits, and equally large multipliers. A recurrence with one digit per stage needs as many
+adders and several times the registers.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from spec.formats import SmallFloat
 
 
 class Iteration(FloatUnit):
-    """The steps in common; the table is of the last operand's significand.
+    """The steps that all units of this kind share. The table is addressed by the last operand's significand m.
 
     Attributes:
-        root: whether the table is of 1/sqrt(m), and not of 1/m.
-        quarters: quarters of an ulp that centre the error of Newton's step.
+        root: whether the table approximates 1/sqrt(m) instead of 1/m.
+        quarters: the constant that centres the error of the Newton step, in quarters of an ulp.
     """
 
     root: bool
@@ -52,17 +53,17 @@ class Iteration(FloatUnit):
         super().__init__({name: shape(number) for name, number in operands.items()}, result)
 
     def _check(self) -> None:
-        """ValueError where a result could be a tie."""
+        """Raises ValueError where a result could be a tie."""
 
     def _error(self, seed: Seed) -> tuple[float, float]:
-        """How far Newton's step may lie below and above the exact result, in ulps."""
+        """The largest distances, in ulps, by which the Newton step may lie below and above the exact result."""
         raise NotImplementedError
 
     def _fits(self, below: float, above: float) -> bool:
         return below <= 0.5 + self.quarters / 4 and above <= 0.5 - self.quarters / 4
 
     def _first(self, p: Pipeline, let: Let, significand: Value, parity: Value | None = None) -> Staged:
-        """Stages 1 and 2: the table and its straight line."""
+        """Stages 1 and 2: the table, and the straight line of the segment, which is the seed."""
         s, fraction = self._seed, significand[:-1]
         used = fraction[len(fraction) - s.index_bits - s.t_bits :]
         index = p.data("index", used[s.t_bits :] if parity is None else Cat(used[s.t_bits :], parity))
@@ -76,9 +77,9 @@ class Iteration(FloatUnit):
     def _step(
         self, let: Let, first: Value, first_frac: int, y: Value, residual: Value, correction_frac: int, ulp_bits: int,
     ) -> Value:
-        """k: first + y * residual + the centring constant, floored to multiples of 2^-ulp_bits.
+        """k: first + y * residual + the centring constant, rounded down to multiples of 2^-ulp_bits.
 
-        `correction_frac` is the product's fraction; the residual is as `residual_bits` gives it.
+        `correction_frac` is the number of fraction bits of y * residual; `residual` is the result of `residual_bits`.
         """
         frac = max(first_frac, correction_frac, ulp_bits + 2)
         residual = raised(residual, frac - correction_frac)
@@ -87,7 +88,7 @@ class Iteration(FloatUnit):
         return let("step", total[frac - ulp_bits :][: self._result.sig_bits + 1])
 
     def _pack(self, let: Let, exponent: Value, k: Value, up: Value, **conditions: Value) -> Value:
-        """The result k + up ulps; `exponent` is that of k's leading one, less one for adding it."""
+        """The packed result, k + up ulps. `exponent` is that of k's leading one minus 1, because adding k adds 1 to it."""
         total = Cat(Const(0, self._result.sig_bits - 1), as_integer(exponent)).as_signed() + k + up
         return pack(let, self._result, total, **conditions)
 
@@ -98,19 +99,21 @@ def _look_up(table: tuple[int, ...], index: Value) -> Value:
 
 
 def midpoint(k: Value) -> Value:
-    """h in half ulps."""
+    """The midpoint h = k + 1/2 as a number of half ulps."""
     return Cat(Const(1, 1), k)
 
 
 def raised(x: Value, shift: int) -> Value:
-    """Unsigned x * 2^shift."""
+    """x * 2^shift for unsigned x."""
     return Cat(Const(0, shift), x)
 
 
 def residual_bits(let: Let, negated: Value, frac_bits: int, keep: int, bound: float) -> Value:
-    """-`negated`, which has `frac_bits` fraction bits and is below `bound`, to `keep` of them, plus half of the field's range.
+    """-`negated` cut to `keep` fraction bits, plus half of the result's range; `negated` has `frac_bits` fraction bits and a
+    magnitude below `bound`.
 
-    The offset spares a signed product and costs an inverter. What is left out lowers the residual by up to 2^-keep.
+    The offset makes the result unsigned, so that no signed product is needed; it costs one inverter. The bits that are cut off
+    lower the residual by up to 2^-keep.
     """
     width = int(bound * 2.0**keep + 1).bit_length() + 1
     bits = let("residual", negated[frac_bits - keep :][:width])
@@ -118,7 +121,7 @@ def residual_bits(let: Let, negated: Value, frac_bits: int, keep: int, bound: fl
 
 
 def square(x: Value) -> Value:
-    """x * x of an unsigned value, with half the partial products."""
+    """x * x for unsigned x, with half as many partial products as a general multiplier."""
     total = Cat(*(Cat(bit, Const(0, 1)) for bit in x))
     for i in range(1, len(x)):
         total = total + raised(x[:i] & x[i].replicate(i), i + 1)

@@ -1,4 +1,4 @@
-"""Product of two small floats."""
+"""The product of two small floats."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from spec.formats import SmallFloat
 
 
 class FloatMul(FloatUnit):
-    """`result` = a * b. Latency 3: a's significand times the parts of b's; the sum; normalised, rounded and packed.
+    """`result` = a * b. Throughput: one result per cycle. Latency: 3 cycles.
+
+    Stages: a's significand times the parts of b's; the sum of these products; normalising, rounding and packing.
 
     Parameters:
         a, b, result: formats.
@@ -32,7 +34,8 @@ class FloatMul(FloatUnit):
         exponent = p.data("exponent", a.exponent + b.exponent + (to.bias - a_format.bias - b_format.bias))
         negative, nonzero = p.data("negative", a.negative ^ b.negative), p.data("nonzero", a.nonzero & b.nonzero)
 
-        # Zeros are told by `nonzero` alone, so that the product need not wait for it: their hidden ones are taken for set.
+        # Only `nonzero` tells zeros apart. The hidden ones of both operands are taken as set, so that the product need not wait
+        # for `nonzero`.
         hidden = Const(1, 1)
         significand = product(
             p, let, "product", *(p.data(name, Cat(x[: number.sig_bits - 1], hidden)) for name, x, number in (

@@ -1,7 +1,8 @@
-"""Parts of the units: fields of a small float, shifts that lose nothing, rounding and packing.
+"""Parts of the units: fields of a small float, shifts with a sticky bit, rounding and packing.
 
-A magnitude on its way to the result is a normalised significand, its leading one on top, and a signed exponent counted
-like the result's exponent field; below 1 it is to be flushed, beyond the field it saturates.
+Before it is packed, a magnitude is a normalised significand, whose top bit is the leading one, and a signed exponent with the
+bias of the result's exponent field. Where the exponent is below 1 the result is flushed to zero; where it is too large for the
+field, the result saturates.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from rtl.pipeline import Pipeline, Staged
 from spec.formats import SmallFloat
 
 Let = Callable[[str, Value], Value]
-"""Gives a value a name, and so a wire: an expression that is used in several places is built once."""
+"""A function that gives a value a name and thereby a wire, so that an expression with several users is built once."""
 
 
 class Fields(NamedTuple):
-    """A number taken apart; `significand` carries the hidden one and is 0 for zero."""
+    """The parts of a number; `significand` includes the hidden one and is 0 for zero."""
 
     negative: Value
     nonzero: Value
@@ -29,7 +30,7 @@ class Fields(NamedTuple):
 
 
 def fields(bits: Value, number: SmallFloat) -> Fields:
-    """The fields of a bit pattern. Exponent 0 is zero whatever the other bits are, as in `SmallFloat.to_float`."""
+    """The fields of a bit pattern. An exponent of 0 means zero, whatever the other bits are, as in `SmallFloat.to_float`."""
     fraction, exponent = bits[: number.sig_bits - 1], bits[number.sig_bits - 1 : number.sig_bits - 1 + number.exp_bits]
     nonzero = exponent.any()
     negative = bits[-1] if number.signed else Const(0, 1)
@@ -37,12 +38,12 @@ def fields(bits: Value, number: SmallFloat) -> Fields:
 
 
 def widened(x: Value, width: int) -> Value:
-    """x with zeros below, `width` bits in all."""
+    """x extended to `width` bits by zeros below its lowest bit."""
     return Cat(Const(0, width - len(x)), x)
 
 
 def normalise(let: Let, x: Value) -> tuple[Value, Value]:
-    """x shifted left until its top bit is set, and by how much; the top bit of the first stays 0 for 0 alone."""
+    """x shifted left until its top bit is set, and the number of places. The top bit of the result is 0 only where x is 0."""
     count = []
     for k in reversed(range((len(x) - 1).bit_length())):
         empty = let(f"empty_{1 << k}", ~x[-(1 << k) :].any())
@@ -52,7 +53,7 @@ def normalise(let: Let, x: Value) -> tuple[Value, Value]:
 
 
 def shift_right(let: Let, x: Value, n: Value) -> Value:
-    """x >> n with one bit more at the bottom: whether a bit that was shifted out is set (sticky)."""
+    """x >> n with an additional lowest bit (sticky), which is set where any bit that was shifted out is set."""
     sticky, steps = Const(0, 1), len(x).bit_length()
     for k in range(min(steps, len(n))):
         low = min(1 << k, len(x))
@@ -66,11 +67,11 @@ def shift_right(let: Let, x: Value, n: Value) -> Value:
 
 
 _LONGEST_IN_HALVES = 18
-"""Bits of a factor whose halves' products take no longer than a stage."""
+"""Most bits of a factor for which the products with its two halves fit into a stage; longer factors are cut into thirds."""
 
 
 def product(p: Pipeline, let: Let, name: str, a: Staged, b: Staged) -> Staged:
-    """Unsigned a * b in two stages: the products of a with the halves of b, thirds of a long one; then their sum."""
+    """Unsigned a * b in two stages: first the products of a with the halves (or thirds) of b, then their sum."""
     bits, width = len(b.value), len(a.value) + len(b.value)
     names = ("low", "high") if bits <= _LONGEST_IN_HALVES else ("low", "middle", "high")
     cuts = [bits * i // len(names) for i in range(len(names) + 1)]
@@ -88,7 +89,7 @@ def product(p: Pipeline, let: Let, name: str, a: Staged, b: Staged) -> Staged:
 
 
 def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:
-    """(fraction, whether to round it up) of a normalised significand, its lowest bit sticky where it was not exact."""
+    """(fraction, whether to round it up) of a normalised significand; where that is inexact, its lowest bit is sticky."""
     x = widened(x, max(len(x), number.sig_bits + 1))
     drop = len(x) - number.sig_bits
     kept, half, rest = x[drop:-1], x[drop - 1], x[: drop - 1]
@@ -98,10 +99,11 @@ def nearest_even(x: Value, number: SmallFloat) -> tuple[Value, Value]:
 def pack(
     let: Let, number: SmallFloat, total: Value, *, negative: Value, nonzero: Value, infinite: Value | None = None,
 ) -> Value:
-    """Bit pattern, and above it whether it saturated, of a rounded magnitude.
+    """The bit pattern of a rounded magnitude, and above it one bit: whether it saturated.
 
-    `total` is fraction and exponent as one signed integer, so that a fraction rounded up to 2 has already carried.
-    `infinite` magnitudes saturate whatever `total` is. Numbers too small for the format are zero and do not saturate.
+    `total` is fraction and exponent as one signed integer, so that rounding the significand up to 2 has already carried into
+    the exponent. `infinite` magnitudes saturate whatever `total` is. Numbers too small for the format become zero and do not
+    count as saturated.
     """
     total = let("rounded", total)
     total = Cat(total, total[-1].replicate(max(0, number.sig_bits + number.exp_bits + 1 - len(total))))
@@ -114,7 +116,7 @@ def pack(
 
 
 def _bits(number: SmallFloat, total: Value, above: Value, present: Value, negative: Value) -> Value:
-    """What `pack` gives; `above` and `present`: the magnitude is too large for the format, is not zero."""
+    """The result of `pack`. `above`: the magnitude is too large for the format; `present`: it is not zero."""
     largest = above.replicate(number.width - number.signed)
     magnitude = (total[: len(largest)] | largest) & present.replicate(len(largest))
     if number.signed:
@@ -125,7 +127,7 @@ def _bits(number: SmallFloat, total: Value, above: Value, present: Value, negati
 def round_and_pack(
     let: Let, number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value,
 ) -> Value:
-    """`pack` of a normalised significand, rounded."""
+    """Rounds a normalised significand, HALF_EVEN, and packs it as `pack` does."""
     fraction, up = nearest_even(significand, number)
     total = Cat(fraction, as_integer(exponent)).as_signed() + up
     return pack(let, number, total, negative=negative, nonzero=nonzero)
@@ -135,10 +137,11 @@ def round_and_pack_early(
     let: Let, number: SmallFloat, significand: Value, exponent: Value, *, negative: Value, nonzero: Value,
     one_more: Value | None = None,
 ) -> Value:
-    """As `round_and_pack`, for an exponent that is there before the significand; `one_more`, a bit, is added to it.
+    """Like `round_and_pack`, but faster where the exponent is available before the significand; the bit `one_more` is added to
+    the exponent.
 
-    Whether the magnitude is in range is found beside the sum and not behind it: of the exponent as it came, and of the two
-    carries into it, `one_more` and that of a fraction of ones that is rounded up.
+    Whether the magnitude is in range is found in parallel with the sum, not after it. It follows from the exponent before the
+    sum and from the two carries into it: `one_more`, and the carry of a fraction of ones that is rounded up.
     """
     fraction, up = nearest_even(significand, number)
     up = let("up", up)

@@ -1,4 +1,4 @@
-"""Square root of a small float, and its reciprocal."""
+"""The square root of a small float, and the reciprocal of the square root."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spec.formats import SmallFloat
 
 
 class _Root(Iteration):
-    """What both share. Operands are m * 2^e with even e and m in [1, 4); negative ones count as zero.
+    """The parts that both roots share. An operand is m * 2^e with even e and m in [1, 4); negative operands count as zero.
 
     Parameters:
         a, result: formats.
@@ -35,10 +35,11 @@ class _Root(Iteration):
 
 
 class FloatRsqrt(_Root):
-    """`result` = 1 / sqrt(a). Latency 9. That of zero, and of negative numbers, saturates.
+    """`result` = 1 / sqrt(a). Throughput: one result per cycle. Latency: 9 cycles. For zero and negative a the result
+    saturates.
 
-    Stages: table; seed y0; s0 = m y0; residual e = 1 - s0 y0; k from y0 + y0 e / 2; h^2; m h^2 in two stages, for the sign
-    of 1 - m h^2; packed.
+    Stages, where k and h are those of `rtl.float.iteration`: table; seed y0; s0 = m y0; residual e = 1 - s0 y0; k from
+    y0 + y0 e / 2; h^2; two stages for m h^2, which gives the sign of 1 - m h^2; packing.
 
     Parameters:
         a, result: formats.
@@ -51,7 +52,7 @@ class FloatRsqrt(_Root):
         return min(self._result.sig_bits + 2, seed.frac_bits + self._operands[0].sig_bits - 1)
 
     def _keep(self, seed: Seed) -> int:
-        """Fraction bits to which the residual enters Newton's step."""
+        """Fraction bits of the residual that enter the Newton step."""
         return min(self._result.sig_bits + 1, self._root_frac(seed) + seed.frac_bits)
 
     def _error(self, seed: Seed) -> tuple[float, float]:
@@ -69,7 +70,7 @@ class FloatRsqrt(_Root):
         e = p.reg("e", lambda r, y: residual_bits(let, r * y - (1 << frac), frac, keep, bound), s0, y0)
         k = p.reg("k", lambda y, e: self._step(let, y, s.frac_bits, y, e, s.frac_bits + keep + 1, ulp_bits), y0, e)
         h_square = p.reg("h_square", lambda k: let("h_square", square(midpoint(k))), k)
-        # |1 - m h^2| < sqrt(m) (2 + ulp) ulp < 8 ulp; from 4 result bits on the 1 is not in the window.
+        # |1 - m h^2| < sqrt(m) (2 + ulp) ulp < 8 ulp, so low bits show its sign. With 4 result bits or more they exclude the 1.
         one, window = 2 * ulp_bits + bits + 1, ulp_bits + bits + 5
         up = product(p, let, "m_h_square", h_square, m).map(lambda x: (x - (1 << one) if one < window else x)[window - 1])
         return p.reg(
@@ -79,12 +80,13 @@ class FloatRsqrt(_Root):
 
 
 class FloatSqrt(_Root):
-    """`result` = sqrt(a). Latency 7. That of negative numbers is zero.
+    """`result` = sqrt(a). Throughput: one result per cycle. Latency: 7 cycles. For negative a the result is zero.
 
-    Stages: table; seed y0 of the reciprocal; s0 = m y0; d = m - s0^2; k from s0 + y0 d / 2; sign of m - h^2; packed.
+    Stages, where k and h are those of `rtl.float.iteration`: table; seed y0 of 1 / sqrt(m); s0 = m y0; residual d = m - s0^2;
+    k from s0 + y0 d / 2; sign of m - h^2; packing.
 
     Parameters:
-        a, result: formats; a has at most twice the result's significand bits, lest roots be ties.
+        a, result: formats; a has at most twice the result's significand bits, because roots could otherwise be ties.
     """
 
     latency = 7
@@ -102,16 +104,16 @@ class FloatSqrt(_Root):
         return max(2 * self._root_frac(seed), self._operands[0].sig_bits - 1)
 
     def _keep(self, seed: Seed) -> int:
-        """Fraction bits to which d enters Newton's step."""
+        """Fraction bits of d that enter the Newton step."""
         return min(self._result.sig_bits + 1, self._residual_frac(seed))
 
     def _bounds(self, seed: Seed) -> tuple[float, float]:
-        """Relative errors of y0 and of s0."""
+        """Bounds of the relative errors of y0 and of s0."""
         of_seed = seed.worst / 2 * (1 + seed.worst)
         return of_seed, of_seed + 2.0 ** -self._root_frac(seed)
 
     def _error(self, seed: Seed) -> tuple[float, float]:
-        # With y0 = (1 - a) / s and s0 = s (1 - b): s0 + y0 d / 2 = s (1 - b^2 / 2 - a b + a b^2 / 2), and s < 2.
+        # Let s = sqrt(m), y0 = (1 - a) / s, s0 = s (1 - b). Then s0 + y0 d / 2 = s (1 - b^2 / 2 - a b + a b^2 / 2), and s < 2.
         (a, b), ulp = self._bounds(seed), 2.0 ** (1 - self._result.sig_bits)
         return (b * b + 2 * a * b * (1 + b) + (1 + a) * 2.0 ** -(self._keep(seed) + 1)) / ulp, (a * a + 2 * a * b * b) / ulp
 
@@ -125,7 +127,7 @@ class FloatSqrt(_Root):
         d = p.reg("d", lambda m, r: residual_bits(
             let, raised(square(r), d_frac - 2 * s0_frac) - raised(m, d_frac - bits + 1), d_frac, keep, bound), m, s0)
         k = p.reg("k", lambda r, y, d: self._step(let, r, s0_frac, y, d, s.frac_bits + keep + 1, ulp_bits), s0, y0, d)
-        # |m - h^2| < (2 s + ulp) ulp < 8 ulp; both have 2 ulp_bits + 2 fraction bits.
+        # |m - h^2| < (2 s + ulp) ulp < 8 ulp, so low bits show its sign; m and h^2 have 2 ulp_bits + 2 fraction bits here.
         up = p.reg("up", lambda m, k: (square(midpoint(k)) - raised(m, 2 * ulp_bits + 3 - bits))[ulp_bits + 5], m, k)
         return p.reg(
             "outcome", lambda half, k, up, positive: self._pack(

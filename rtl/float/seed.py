@@ -1,4 +1,4 @@
-"""First approximations of 1/m and 1/sqrt(m): tables of straight lines, with bounds of their error that hold for every m."""
+"""First approximations of 1/m and 1/sqrt(m): tables of straight lines, with error bounds that hold for every m."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from functools import cache
 import numpy as np
 
 _SLOPE_GUARD = 1
-"""Fraction bits of a slope beyond those of t: its rounding moves a segment's end by a quarter of the seed's ulp at most."""
+"""Fraction bits of a slope beyond those of t. With them, rounding a slope moves a segment's end by at most a quarter of the
+seed's ulp."""
 
 
 @dataclass(frozen=True)
 class Seed:
     """y = (offset[i] * 2^slope_frac - slope[i] * t) >> slope_frac, in units of 2^-frac_bits, for a significand m in [1, 2).
 
-    i is the top `index_bits` bits of m's fraction, for the root with the exponent's parity above them; t the next `t_bits`.
+    i is the top `index_bits` bits of m's fraction, for roots with the parity of the exponent above them; t is the next `t_bits`
+    bits.
 
     Attributes:
-        root: 1/sqrt(m), or 1/sqrt(2 m) for parity 1, instead of 1/m.
-        index_bits, t_bits, frac_bits, slope_frac: as above.
+        root: whether y approximates 1/sqrt(m), or 1/sqrt(2 m) for parity 1, instead of 1/m.
+        index_bits, t_bits, frac_bits, slope_frac: the numbers of bits in the formula above.
         offset, slope: the tables.
-        low, high: bounds of the residual 1 - m y, or 1 - m y^2 for the root.
+        low, high: bounds of the residual 1 - m y, or 1 - m y^2 for roots.
     """
 
     root: bool
@@ -43,7 +45,7 @@ class Seed:
 
 @cache
 def seed(root: bool, sig_bits: int, index_bits: int, frac_bits: int) -> Seed:
-    """The table of 2^index_bits segments (an octave) and the residual's exact range over all significands of `sig_bits`."""
+    """The table with 2^index_bits segments per octave, and the residual's exact range over all significands of `sig_bits`."""
     t_bits = max(1, min(frac_bits, sig_bits - 1) - index_bits)
     slope_frac = t_bits + _SLOPE_GUARD
     offsets, slopes, low, high = [], [], 0.0, 0.0
@@ -61,7 +63,7 @@ def _segment(
 ) -> tuple[int, int, tuple[float, float]]:
     """Offset and slope of one segment, and the extremes of its residual.
 
-    The residual falls with m while t stands still, so its extremes lie at the ends of the 2^t_bits cells.
+    As long as t does not change, the residual falls with m, so its extremes lie at the ends of the 2^t_bits cells.
     """
     t = np.arange(1 << t_bits)
     cell = 2.0 ** -(index_bits + t_bits)
@@ -85,7 +87,7 @@ def _segment(
 
 
 def seeds(root: bool, sig_bits: int) -> Iterator[Seed]:
-    """Ever finer tables: the fewest segments first, then the fewest fraction bits."""
+    """Tables in order of size: those with the fewest segments first, and of these those with the fewest fraction bits first."""
     for index_bits in range(sig_bits - 1):
         for frac_bits in range(max(3, 2 * index_bits + 2), 2 * index_bits + 8):
             yield seed(root, sig_bits, index_bits, frac_bits)

@@ -1,4 +1,4 @@
-"""What the units have in common: ports and the valid pipeline."""
+"""The base class of the units, with their ports and the valid pipeline."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from spec.formats import Fixed, Format, SmallFloat
 
 
 def check_kind(name: str, number: object, kind: type[Format]) -> None:
-    """TypeError unless `number` is a format of that kind."""
+    """Raises TypeError unless `number` is a format of that kind."""
     if not isinstance(number, kind):
         raise TypeError(f"{name} must be a {kind.__name__}, not {number!r}")
 
 
 class FloatUnit(wiring.Component):
-    """A pipelined operation without back-pressure, for units whose schedule is fixed.
+    """A pipelined operation without back-pressure, for units with a fixed schedule. Throughput: one operation per cycle.
 
-    Operands are taken in every cycle in which `valid` is high; `result` and `saturated` belong to them `latency` cycles
-    later, when `result_valid` is high::
+    Operands are taken in every cycle in which `valid` is high. Their `result` and `saturated` come `latency` cycles later, in
+    order, when `result_valid` is high::
 
         cycle          0      1      2      3      4
         valid        ~~~~~~~~~~~~~~_______~~~~~~~_______
@@ -32,12 +32,13 @@ class FloatUnit(wiring.Component):
         result_valid ______________~~~~~~~~~~~~~~_______~~~    (latency 2)
         result                     <  A  ><  B  >       <  C  >
 
-    Cycles without operands clock no data register. Reset drops what is on its way; data registers have no reset.
+    Cycles without operands clock no data register. Reset drops operations that are in the pipeline; data registers have no
+    reset.
 
     Attributes:
         latency: cycles from operands to result.
 
-    `saturated` says that the result's magnitude was too large for its format, or its sign missing there.
+    `saturated` is high where the result's magnitude was too large for its format, or a negative result met an unsigned format.
     """
 
     latency: int
@@ -49,7 +50,7 @@ class FloatUnit(wiring.Component):
         })
 
     def stages(self, p: Pipeline, let: Let) -> Staged:
-        """Registers of the operation; returns the result's bits and above them `saturated`, `latency` registers deep."""
+        """Builds the registers of the operation. Returns the result's bits and, above them, `saturated`, at stage `latency`."""
         raise NotImplementedError
 
     def elaborate(self, platform) -> Module:

@@ -1,18 +1,18 @@
 """Tile merging and sorting. The modules are listed in the order in which data pass through them.
 
-    tile_merge      the tile merge unit: reads the tile of every intersection, gives every tile a group; `emit_tile_merge_unit`
+    tile_merge      the tile merge unit: reads the tile of every intersection, gives every tile a group
     tile_counters   its first stage: counts the intersections of each tile
     auto_beta       computes the merge threshold from the sums over a frame
     group_tiles     its second stage: turns the counts into groups of tiles
-    hierarchical_sorter   the hierarchical sorting unit: sorts each group; `emit_hierarchical_sorter`
-    chunk_sorter    its precise level: sorts a chunk, which is a group or a piece of a large one; `emit_chunk_sorter`
+    hierarchical_sorter   the hierarchical sorting unit: sorts each group
+    chunk_sorter    its precise level: sorts a chunk, which is a group or a piece of a large one
     merge_stage     one merge stage of the chunk sorter
     spill_dispatch  sends a sorted chunk to the output, or to memory as a run
     run_writer      writes runs to memory
     merge_plan      decides which runs are merged, and when
     run_reader      reads runs from memory ahead of their use
     merge_tree      the tree of comparators that merges these runs
-    handover        the line buffer or double buffer between the sorting unit and the array; `emit_handover`
+    handover        the line buffer or double buffer between the sorting unit and the array
 
 An intersection is a (splat, tile) pair. Intersections are ordered by the whole TileEntry record: native tile, then depth key,
 then Gaussian index. The order is made at three levels:

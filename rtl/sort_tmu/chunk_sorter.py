@@ -8,7 +8,6 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.merge_stage import Kind, MergeStage
 from spec.config import AcceleratorConfig
@@ -93,8 +92,3 @@ class ChunkSorter(wiring.Component):
         with m.Elif(left & ~taken):
             m.d.sync += inside.eq(inside - 1)
         return m
-
-
-def emit_chunk_sorter(config: AcceleratorConfig) -> str:
-    """Verilog of module `chunk_sorter`."""
-    return to_verilog(ChunkSorter(config), "chunk_sorter")

@@ -16,7 +16,6 @@ from amaranth.lib import memory, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import AcceleratorConfig
@@ -116,11 +115,6 @@ class DoubleBuffer(wiring.Component):
 def handover(config: AcceleratorConfig) -> LineBuffer | DoubleBuffer:
     """The handover that the machine has: a line buffer if `incremental` is set, otherwise a double buffer."""
     return LineBuffer(config) if _checked(config).incremental else DoubleBuffer(config)
-
-
-def emit_handover(config: AcceleratorConfig) -> str:
-    """Verilog of module `handover`."""
-    return to_verilog(handover(config), "handover")
 
 
 def _checked(config: AcceleratorConfig) -> AcceleratorConfig:

@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.merge_plan import MergePlan, merge_layout, part_layout, run_beats
@@ -208,8 +207,3 @@ class HierarchicalSorter(wiring.Component):
                 self.sorted.valid.eq(dispatch.direct.valid), out.eq(dispatch.direct.payload),
                 dispatch.direct.ready.eq(self.sorted.ready),
             ]
-
-
-def emit_hierarchical_sorter(config: AcceleratorConfig) -> str:
-    """Verilog of module `hierarchical_sorter`."""
-    return to_verilog(HierarchicalSorter(config), "hierarchical_sorter")

@@ -6,7 +6,6 @@ from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.auto_beta import AutoBeta
 from rtl.sort_tmu.group_tiles import GroupTiles
@@ -90,8 +89,3 @@ class TileMergeUnit(wiring.Component):
                 m.d.comb += counters.begin_sweep.eq(1)
                 m.next = "COUNTING"
         return m
-
-
-def emit_tile_merge_unit(config: AcceleratorConfig) -> str:
-    """Verilog of module `tile_merge_unit`."""
-    return to_verilog(TileMergeUnit(config), "tile_merge_unit")

@@ -1,11 +1,11 @@
-"""What the machine keeps in memory by tile and by Gaussian, written and read back (`spec.memory` says where it lies).
+"""Units that write and read data in memory by tile and by Gaussian. `spec.memory` has the memory map.
 
-    entry_writer     tile entries into their tiles' pages while culling runs; `emit_entry_writer`
-    list_reader      pages back, a group of tiles behind the other, to the sorter; `emit_list_reader`
-    page_walk        its requests: which beats hold a tile's entries
-    header_maker     the array's tile headers, from counts and the host's table; `emit_header_maker`
-    table_loader     levels of all tiles into the tile test's table; `emit_table_loader`
-    geometry_reader  Gaussians to culling; `emit_geometry_reader`
-    tile_settings    beats of the host's table to one tile a cycle
-    beats            a run of consecutive beats wanted
+    entry_writer     writes intersections into the pages of their tiles during the geometry phase
+    list_reader      reads the pages of one group of tiles after the other for the sorter
+    page_walk        makes the list reader's requests: it finds the beats that hold a tile's intersections
+    header_maker     makes the array's tile headers from the tiles' counts and the host's table
+    table_loader     loads the levels of all tiles into the tile test's table
+    geometry_reader  reads Gaussians for projection
+    tile_settings    unpacks beats of the host's table into one tile per cycle
+    beats            requests a run of consecutive beats
 """

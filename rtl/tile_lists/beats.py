@@ -1,4 +1,4 @@
-"""Ports to memory, and runs of consecutive beats."""
+"""Read ports of memory, and requests for consecutive beats."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from spec.memory import BEAT_BITS, read_data, read_request
 
 
 def check_config(config: AcceleratorConfig) -> None:
-    """TypeError for anything but a machine."""
+    """Raises TypeError unless `config` is an AcceleratorConfig."""
     if not isinstance(config, AcceleratorConfig):
         raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
 
 
 def read_port(config: AcceleratorConfig) -> dict[str, wiring.Member]:
-    """`reads` and `data` of a unit: requests for beats, and the beats in the same order, any number of cycles later."""
+    """The ports `reads` and `data` of a unit: requests for beats, and the beats in the same order, any number of cycles
+    later."""
     return {
         "reads": Out(stream.Signature(layout(read_request(config)))),
         "data": In(stream.Signature(layout(read_data(config)))),
@@ -26,15 +27,15 @@ def read_port(config: AcceleratorConfig) -> dict[str, wiring.Member]:
 
 
 class BeatRun(wiring.Component):
-    """Requests for `count` beats from `base` on, one a cycle from the cycle after `start`.
+    """Requests `count` consecutive beats from `base` on. Throughput: one request per cycle. Latency: one cycle from `start`.
 
     Parameters:
         config: the machine.
         count_bits: bits of `count`.
 
     Ports:
-        start: strobe; not while `busy`. `base` and `count` are taken in its cycle.
-        reads: the requests.
+        start: strobe; it must not come while `busy`. `base` and `count` are taken in its cycle.
+        reads: the requests, by ascending address.
         busy: a request is left.
     """
 

@@ -1,22 +1,24 @@
-"""Tile entries into their tiles' pages, while culling runs.
+"""Writes intersections into the pages of their tiles during the geometry phase.
 
-A tile's next entry has the place n + FIRST_PAGE_ENTRIES, n being its entries so far: the top bit of a place names its page, a
-power of two begins one, and with
+The place of a tile's next intersection is n + FIRST_PAGE_ENTRIES, where n is the number of the tile's intersections so far. The
+top bit of a place tells its page, and a place that is a power of two begins a page. Let
 
-    origin = page's first beat - (places of the page's first entry, in beats)
+    origin = page's first beat - (place of the page's first intersection, in beats).
 
-an entry lies at origin + place, with nothing to cut off. Places and origins are two memories, read one behind the other, so
-that each is read, changed and written back within two cycles, and only an entry on the same tile in the very next cycle
-must take the value from the register behind the adder (as `rtl.sort_tmu.tile_counters` does)::
+Then the beat of an intersection is origin + (its place, in beats), and no bits of the place need be masked. Places and origins
+lie in two memories that are read one after the other. The place of a tile is read, incremented and written back in a short
+pipeline; where one of the next two intersections has the same tile, it takes the place from that pipeline instead of the
+memory. The waveform shows an intersection that begins a page, as its place is a power of two. It takes two cycles, because the
+pointer to the page is also written, into the directory::
 
     cycle        0        1        2        3        4      ...      7          8
     entries  < tile 7 >
-    place             <   64   >                                                        new page: 64 is a power of two
-    origin                     < free page less 64 >                                    two cycles, as the page is a write, too
+    place             <   64   >
+    origin                     < free page - 64 >
     hits                                         < tile 7 >
-    writes                                                    <directory><  entry  >
+    writes                                                    <directory>< intersection >
 
-Pages are handed out in units of a first page, FIRST_PAGE_BEATS.
+Pages are allocated in units of the size of a first page, FIRST_PAGE_BEATS.
 """
 
 from __future__ import annotations
@@ -29,7 +31,6 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -39,17 +40,17 @@ from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOT
 from spec.records import ENTRY_BYTES, entry_item, frame_tiles, tile_entry, tile_hit
 
 FIRST_PAGE_BEATS = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-"""The unit of pages: each has a power of two of it, and begins at a multiple of it."""
+"""Beats of the unit in which pages are allocated: the size of a page is a power of two of units, and it begins at a unit."""
 
 UNIT_BITS = BEAT_BITS - (FIRST_PAGE_BEATS - 1).bit_length()
-"""Bits of a page's number in units."""
+"""Bits of a page's first unit."""
 
 _PAGE_LOW, _BEAT_LOW = (FIRST_PAGE_ENTRIES - 1).bit_length(), (BEAT_ENTRIES - 1).bit_length()
-"""Bits of a place inside its unit, and inside its beat."""
+"""Bits of a place's position in its unit, and in its beat."""
 
 
 def _several(value: Value) -> Value:
-    """More than one bit is set; no carry chain."""
+    """Whether more than one bit is set, without a carry chain."""
     if len(value) == 1:
         return Const(0, 1)
     low, high = value[: len(value) // 2], value[len(value) // 2 :]
@@ -57,53 +58,58 @@ def _several(value: Value) -> Value:
 
 
 class _Slot(NamedTuple):
-    """An entry where its page is chosen."""
+    """The pipeline stage in which an intersection's page is chosen."""
 
     valid: Signal
     item: Signal
-    inside: Signal  # an entry, of a tile of the frame
+    inside: Signal  # the item is an intersection of a tile of the frame
     place: Signal
-    begins: Signal  # a page other than the first
-    again: Signal  # the slot before was of the same tile
-    next_tile: Value  # of the slot behind
+    begins: Signal  # the place begins a page other than the first
+    again: Signal  # the item before had the same tile
+    next_tile: Value  # tile of the item in the stage before
 
 
 class EntryWriter(wiring.Component):
-    """EntryItems into memory, and each on to the tile merge unit as a TileHit.
+    """Writes intersections (EntryItem) into memory, and passes the tile of each on to the tile merge unit (TileHit).
 
     Parameters:
         config: the machine; `row_width` matters here.
-        slots: pages that a tile may have beyond its first, up to DIRECTORY_SLOTS.
+        slots: number of pages that a tile may have beyond its first, up to DIRECTORY_SLOTS.
 
     Ports:
-        entries: EntryItem items of a frame, then one with `end`. Frames follow each other.
-        hits: a TileHit for each entry, then one with `end`: that leaves only when everything the frame wrote is in memory.
-        writes: an entry each, and a word of the directory for each page but first ones. Words that are not written repeat those
-            that are.
+        entries: the EntryItem items of a frame, then one with `end`. The next frame may follow at once.
+        hits: a TileHit for each intersection, in order, then one with `end`, which leaves only when all writes of the frame are
+            in memory.
+        writes: one write for each intersection, in order, and before it one for a word of the directory where the intersection
+            begins a page other than the first. Words that are not written repeat those that are.
         writes_idle: all writes that were taken are in memory.
-        directory_base, entries_base, entries_beats: first beats of both, room for entries; stable while `busy`.
-        tile_count: tiles of the frame, 1 or more; likewise.
-        full: an entry found no room: too few beats for the frame's first pages or for the page it needed, or its tile has all
-            its pages. It and all that follow are neither written nor passed on. Until the next frame's first item.
-        busy: high from a frame's first item until the places are cleared behind its `end`, and while they are cleared after
-            a reset.
+        directory_base, entries_base, entries_beats: first beats of the directory and of the intersections, and the size of the
+            region of intersections; stable while `busy`.
+        tile_count: number of tiles of the frame, 1 or more; stable while `busy`.
+        full: there was no free space for an intersection: the region has too few beats for the frame's first pages or for the
+            page that the intersection needed, or its tile has all its pages. This intersection and all that follow are neither
+            written nor passed on. High until the next frame's first item.
+        busy: high from a frame's first item until the places have been cleared after its `end`, and while they are cleared
+            after a reset.
 
-    An entry outside the frame is passed on in any case, but not written.
+    An intersection whose tile is outside the frame is passed on in any case, but not written.
 
     Storage: for every tile of the largest frame a place of 23 bits and an origin of 24; for PAPER 14,400 x 47 bits.
-    Throughput: one entry a cycle whatever the tiles, and one cycle more for each page but first ones. Latency: 3 cycles to
-    `hits`, 7 to `writes`. Behind a frame's `end`, one cycle a tile of the frame is spent on clearing, while its lists are read;
-    the next frame's entries would wait for it. After a reset, one cycle a tile of the largest frame.
+    Throughput: one intersection per cycle, whatever the tiles, and one cycle more for each page other than a first one.
+    Latency: 3 cycles to `hits`, 7 to `writes`. After a frame's `end` the places are cleared, one cycle per tile of the frame,
+    while its lists are read; the next frame's intersections would have to wait. After a reset clearing takes one cycle per tile
+    of the largest frame.
 
-    Entries of a splat lie in different tiles, so that each is a write of its own, of a quarter of a beat. What beats would save
-    that wait for more entries of their tile is in reports/write_combining.md (`python -m msv2.studies write_combining`): in
-    frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, more than places and origins of PAPER together.
+    The intersections of a splat lie in different tiles, so each is a write of its own, of a quarter of a beat.
+    reports/write_combining.md (`python -m msv2.studies write_combining`) shows what would be saved if beats waited for more
+    intersections of their tile: in frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, which is more storage
+    than PAPER's places and origins together.
     """
 
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):
         check_config(config)
         if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         if not isinstance(slots, int) or isinstance(slots, bool):
             raise TypeError(f"slots must be an integer, not {slots!r}")
         if not 1 <= slots <= DIRECTORY_SLOTS:
@@ -128,14 +134,16 @@ class EntryWriter(wiring.Component):
         return m
 
     def _places(self, m: Module, advance: Signal, passed: Signal, begun: Signal) -> _Slot:
-        """Entries and their places, and the clearing of all places; `passed`: the frame's end leaves the slot that returns.
+        """Finds the places of intersections, and clears all places. Returns the slot, in which the page is chosen. `passed`:
+        the frame's end leaves the slot.
 
-        A place is read a cycle before its slot, and the next one of its tile written in the slot's cycle: behind the memory is
-        time for a choice and a sum, not for going back into it as well. The two entries behind may be of the same tile, and
-        get what is on its way::
+        The place of a tile is read in the cycle before the slot; the incremented place is written in the slot's cycle, because
+        one cycle has time for the read, a multiplexer and an adder, but not for the write as well. So the next two
+        intersections of the same tile must take the place from registers: `summed` if the one just before had the same tile,
+        `before` if only the one before that had::
 
             entries          < A >< B >< C >
-            read                  < A >< B >< C >    B of A's tile: `summed`; C of A's tile, B not: `before`
+            read                  < A >< B >< C >    B has A's tile: `summed`; C has A's tile, but B does not: `before`
             slot, written              < A >< B >
         """
         tiles, bits = frame_tiles(self.config), (FIRST_PAGE_ENTRIES << self.slots + 1).bit_length()
@@ -144,7 +152,7 @@ class EntryWriter(wiring.Component):
         item, taken, clearing = self.entries.payload, Signal(), Signal(range(tiles), init=tiles - 1)
         valid, entry, inside, again = Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal()
         again_later, place = Signal(), Signal(bits)
-        summed, before = Signal(bits, reset_less=True), Signal(bits, reset_less=True)  # on their way into the memory
+        summed, before = Signal(bits, reset_less=True), Signal(bits, reset_less=True)  # not yet in the memory
         slot = _Slot(
             Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal(bits, reset_less=True), Signal(reset_less=True),
             Signal(reset_less=True), entry.tile)
@@ -181,13 +189,13 @@ class EntryWriter(wiring.Component):
         return slot
 
     def _pages(self, m: Module, slot: _Slot, advance: Signal, begun: Signal) -> None:
-        """A slot's page, handed out where it begins one, and both outputs."""
+        """Finds the page of the intersection in the slot, allocates it where it begins there, and drives both outputs."""
         m.submodules.hit_buffer = hits = Buffer(self.hits.payload.shape())
         wiring.connect(m, hits.source, wiring.flipped(self.hits))
         units = slot.place[_PAGE_LOW:]
-        free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # first unit not handed out, and how many there are
+        free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # the first free unit, and the number of free units
         fits, works, links, linked = Signal(), Signal(), Signal(), Signal()
-        roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k fit: no carry chain
+        roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k units fit; no carry chain
         m.d.comb += [
             fits.eq(~self.full & ~left[-1] & (~slot.begins | roomy)),
             works.eq(slot.inside & fits),
@@ -216,7 +224,7 @@ class EntryWriter(wiring.Component):
                 m.d.sync += [free.eq(free + units), left.eq(left - units)]
 
     def _origin(self, m: Module, slot: _Slot, free: Signal, advance: Signal, begins: Value) -> Signal:
-        """A slot's origin: kept for its tile where it `begins` a page."""
+        """The origin for the intersection in the slot; it is stored for the tile where a page `begins`."""
         m.submodules.origins = origins = memory.Memory(shape=UNIT_BITS, depth=frame_tiles(self.config), init=[])
         write, read = origins.write_port(), origins.read_port()
         before, origin = Signal(UNIT_BITS, reset_less=True), Signal(UNIT_BITS)
@@ -238,13 +246,14 @@ class EntryWriter(wiring.Component):
     def _requests(
         self, m: Module, slot: _Slot, links: Signal, sends: Value, origin: Signal, free: Signal,
     ) -> tuple[Value, Value]:
-        """The write of an entry or, with `links`, of the page it begins; whether it is taken, whether all are in memory."""
+        """Sends the write of an intersection or, with `links`, of the pointer to the page that it begins. Returns whether the
+        write is taken, and whether all writes are in memory."""
         m.submodules.write_buffer = writes = Buffer(self.writes.payload.shape())
         wiring.connect(m, writes.source, wiring.flipped(self.writes))
         request, room = writes.sink.payload, writes.sink.ready
         p = Pipeline(m, load=slot.valid & sends, advance=room)
         units, entry = slot.place[_PAGE_LOW:], Cat(slot.item[f.name] for f in tile_entry(self.config).fields)
-        page = Cat(units[1 : 1 + self.slots], Const(0, DIRECTORY_SLOTS - self.slots))  # one bit of it, where one begins
+        page = Cat(units[1 : 1 + self.slots], Const(0, DIRECTORY_SLOTS - self.slots))  # one-hot where a page begins
         pairs = ((slot.place[:_BEAT_LOW] == i).replicate(WORDS // BEAT_ENTRIES) for i in range(BEAT_ENTRIES))
         parts = [page[i : i + WORDS] for i in range(0, DIRECTORY_SLOTS, WORDS)]
         pointer = Cat(Const(0, BEAT_BITS - UNIT_BITS), free, Const(0, 32 - BEAT_BITS))
@@ -267,8 +276,3 @@ class EntryWriter(wiring.Component):
         ]
         inside = reduce(or_, (valid.at(stage) for stage in range(1, end + 1)))
         return room, ~inside & ~self.writes.valid & self.writes_idle
-
-
-def emit_entry_writer(config: AcceleratorConfig) -> str:
-    """Verilog of module `entry_writer`."""
-    return to_verilog(EntryWriter(config), "entry_writer")

@@ -1,4 +1,4 @@
-"""Gaussians from memory to culling."""
+"""Reads Gaussians from memory for projection."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.tile_lists.beats import BeatRun, check_config, read_port
 from spec.config import AcceleratorConfig
@@ -15,28 +14,28 @@ from spec.records import INDEX_BITS, gaussian_geometry, gaussian_point
 
 
 class GeometryReader(wiring.Component):
-    """Every Gaussian of the model, in the order of their indices, then `end`.
+    """Reads every Gaussian of the model, in the order of the indices, and then emits an item with `end`.
 
     Parameters:
         config: the machine; the formats matter here. A GaussianGeometry must fit a beat.
 
     Ports:
-        start: strobe, not while `busy`; settings are stable from it on.
-        geometry_base, gaussians: the first one's beat, and how many there are; 0 gives `end` alone.
-        reads, data: memory; one beat a Gaussian.
+        start: strobe; it must not come while `busy`. Settings are stable from then on.
+        geometry_base, gaussians: the beat of the first Gaussian, and the number of Gaussians; 0 gives only the item with `end`.
+        reads, data: read port of memory; one beat per Gaussian.
         points: GaussianPoint items.
         busy: high from the cycle after `start` until `end` is taken.
-        error: memory answered with an error since `start`; the points of such beats mean nothing but go their way.
+        error: memory answered with an error since `start`. The items of such beats are undefined, but are passed on.
 
-    Throughput: one point a cycle as fast as memory gives beats. Latency: none, a point is its beat, whose words are not stored
-    here; the first request leaves in the cycle after `start`.
+    Throughput: one Gaussian per cycle, or as many as memory gives beats. Latency: none from a beat to its item, as beats are
+    not stored here; the first request leaves in the cycle after `start`.
     """
 
     def __init__(self, config: AcceleratorConfig):
         check_config(config)
         width = gaussian_geometry(config).width
         if width > 8 * BEAT_BYTES:
-            raise ValueError(f"formats must leave a GaussianGeometry {8 * BEAT_BYTES} bits, not {width!r}")
+            raise ValueError(f"formats must be so short that a GaussianGeometry fits {8 * BEAT_BYTES} bits, not {width!r}")
         self.config = config
         super().__init__({
             "start": In(1), "geometry_base": In(BEAT_BITS), "gaussians": In(INDEX_BITS),
@@ -55,7 +54,7 @@ class GeometryReader(wiring.Component):
             beats.start.eq(self.start), beats.base.eq(self.geometry_base), beats.count.eq(self.gaussians),
             end.eq(index == self.gaussians),
             Cat(point[f.name] for f in record.fields).eq(
-                Mux(end, 0, words.word.as_value()[: record.width])),  # what is no longer valid may change
+                Mux(end, 0, words.word.as_value()[: record.width])),  # without a valid beat these words may change
             point.index.eq(index), point.end.eq(end),
             self.points.valid.eq(self.busy & (end | self.data.valid)),
             self.data.ready.eq(self.busy & ~end & self.points.ready),
@@ -67,8 +66,3 @@ class GeometryReader(wiring.Component):
         with m.Elif(self.data.valid & self.data.ready):
             m.d.sync += self.error.eq(self.error | words.error)
         return m
-
-
-def emit_geometry_reader(config: AcceleratorConfig) -> str:
-    """Verilog of module `geometry_reader`."""
-    return to_verilog(GeometryReader(config), "geometry_reader")

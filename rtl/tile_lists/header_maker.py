@@ -1,4 +1,4 @@
-"""What the array and the splat fetch unit must know of a tile before its entries."""
+"""Makes the tile headers, which the array and the splat fetch unit need before a tile's intersections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config, read_port
@@ -20,33 +19,38 @@ from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_header, tile_
 
 
 def waiting_tiles(config: AcceleratorConfig) -> int:
-    """Tiles that may wait: the array's next tile can come only when its whole group has been read and sorted, and the list
-    reader gets no group that this unit does not take. A group is a row of tiles at most; two of them, and some."""
+    """Number of tiles that may wait in the header maker: two rows of tiles, and HEADER_TILES more.
+
+    The list reader gets a tile only if this unit takes it, too. The array's next tile comes only when its whole group, which is
+    at most a row of tiles, has been read and sorted. So this unit must take at least that many tiles before its outputs move.
+    """
     return 2 * -(-config.row_width // TILE) + HEADER_TILES
 
 
 class HeaderMaker(wiring.Component):
-    """Counts of the tile merge unit and the host's table to TileHeaders and TileUses.
+    """Makes TileHeader and TileUse items from the counts of the tile merge unit and the host's table, both in tile order.
 
     Parameters:
         config: the machine; `row_width` and the plane's format matter here.
 
     Ports:
-        tiles: TileGroup items of every tile of a frame, in order. `waiting_tiles` are taken whatever the other ports do.
-        tiles_base, tiles_x, tile_count: the table's first beat; tiles of a row and of the frame; stable during a frame.
-        reads, data: memory; four tiles a beat, asked for as tiles come.
-        headers: TileHeader items, one per tile; up to 16 more than `levels` has given may wait inside.
+        tiles: TileGroup items of every tile of a frame, in order. `waiting_tiles` of them are taken even if no other port
+        moves. tiles_base, tiles_x, tile_count: the table's first beat; the number of tiles in a row and in the frame; stable
+        during a
+            frame.
+        reads, data: read port of memory; a beat holds four tiles and is requested when the first of them comes.
+        headers: TileHeader items, one per tile; up to 16 headers whose TileUse has left may wait in the unit.
         levels: TileUse items, one per tile.
-        clear: strobe, lowers `error`.
-        error: memory answered with an error; the items of such beats mean nothing but go their way.
+        clear: strobe: resets `error`.
+        error: memory answered with an error. The items of such beats are undefined, but are passed on.
 
-    With stereo, tiles that are not rendered give neither a header nor a level:
+    With stereo, tiles that are not rendered give neither a header nor a TileUse, and there are more ports:
         target, mask_tile, mask: see `mask_port`.
-        done: all tiles of a frame have gone since `clear`.
+        done: all tiles of a frame have passed since `clear`.
 
-    Storage: `waiting_tiles` counts, a beat, 16 headers. Throughput: one tile a cycle, for any latency of memory of up to
-    about `waiting_tiles` cycles. Latency: a cycle from a tile to its beat's request, 3 from the beat's data to the header, and
-    memory's. Order: a frame's first tile is taken when all beats of the frame before have been asked for.
+    Storage: `waiting_tiles` counts, a beat, 16 headers. Throughput: one tile per cycle, for memory latencies of up to about
+    `waiting_tiles` cycles. Latency: one cycle from a tile to its beat's request, the latency of memory, and 3 cycles from the
+    beat to the header. A frame's first tile is taken only when all beats of the frame before have been requested.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -78,7 +82,7 @@ class HeaderMaker(wiring.Component):
         return m
 
     def _ask(self, m: Module, waiting: SyncFIFOBuffered, waits: data.StructLayout) -> None:
-        """Tiles into the queue; a beat is owed for every fourth of them."""
+        """Puts tiles into the queue, and requests a beat of the table for every fourth of them."""
         tile = self.tiles.payload
         owed = Signal(range(frame_tiles(self.config) // BEAT_TILES + 2))
         first, taken = tile.tile == 0, Signal()
@@ -102,7 +106,7 @@ class HeaderMaker(wiring.Component):
             m.d.sync += place.eq(place + 1)
 
     def _join(self, m: Module, tile: data.View, waiting: SyncFIFOBuffered, table: TileSettings) -> None:
-        """A tile and its setting to both outputs."""
+        """Joins a tile with its setting and sends both outputs."""
         m.submodules.levels = levels = Buffer(self.levels.payload.shape())
         m.submodules.headers = headers = SyncFIFOBuffered(width=tile_header(self.config).width, depth=HEADERS)
         wiring.connect(m, levels.source, wiring.flipped(self.levels))
@@ -122,7 +126,7 @@ class HeaderMaker(wiring.Component):
             self.headers.valid.eq(headers.r_rdy), self.headers.payload.as_value().eq(headers.r_data),
             headers.r_en.eq(self.headers.ready),
         ]
-        m.d.sync += last_column.eq(self.tiles_x - 1)  # stable from the first tile's transfer on, before its beat is asked for
+        m.d.sync += last_column.eq(self.tiles_x - 1)  # stable when the first tile is taken, so before the first header
         with m.If(moves):
             row_ends = column == last_column
             m.d.sync += column.eq(Mux(row_ends | tile.ends, 0, column + 1))
@@ -133,8 +137,3 @@ class HeaderMaker(wiring.Component):
                 m.d.sync += self.done.eq(0)
             with m.Elif(moves & tile.ends):
                 m.d.sync += self.done.eq(1)
-
-
-def emit_header_maker(config: AcceleratorConfig) -> str:
-    """Verilog of module `header_maker`."""
-    return to_verilog(HeaderMaker(config), "header_maker")

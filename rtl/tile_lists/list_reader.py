@@ -1,4 +1,4 @@
-"""Tiles' entries from memory to the sorter, a group behind the other."""
+"""Reads the intersections of tiles from memory for the sorter, one group of tiles after the other."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -21,31 +20,36 @@ from spec.records import ENTRY_BYTES, chunk_entry, tile_entry, tile_group
 
 
 class ListReader(wiring.Component):
-    """TileGroups to the entries of their tiles, in the order in which they were written, as ChunkEntry items.
+    """Turns TileGroup items into the intersections of their tiles, as ChunkEntry items. The order of a tile's intersections is
+    that in which they were written.
 
     Parameters:
         config: the machine; `row_width` matters here.
 
     Ports:
-        tiles: TileGroup items of every tile of a frame, in order. A tile's count is that of its entries in memory.
-        directory_base, entries_base: first beats of both; stable during a frame.
-        reads, data: memory. Only tiles of more than one page need their directory.
-        groups: ChunkEntry items, `last` with a group's last entry; a group without entries gives none; `empty` is 0.
-        clear: strobe, lowers `error`.
-        error: memory answered with an error; the entries of such beats mean nothing but go their way, and pages whose
-            pointers were lost are read from anywhere. As many entries leave in any case.
+        tiles: TileGroup items of every tile of a frame, in order. A tile's count is the number of its intersections in memory.
+        directory_base, entries_base: first beats of the directory and of the intersections; stable during a frame.
+        reads, data: read port of memory. The directory is read only for tiles with more than one page.
+        groups: ChunkEntry items; `last` is set in a group's last intersection. A group without intersections gives no item, and
+            `empty` is always 0.
+        clear: strobe: resets `error`.
+        error: memory answered with an error. The intersections of such beats are undefined, but are passed on, and pages whose
+            pointers were lost are read from undefined addresses. The number of items does not change.
 
-    Storage: LIST_TILES tiles, LIST_POINTERS pointers, LIST_BEATS descriptors of beats, two beats. Throughput: one entry a
-    cycle while memory keeps up, LIST_BEATS beats ahead; for a latency of 100 cycles wherever 32 neighbouring tiles with entries
-    have more than about 130 of them. At a frame's beginning a latency more, if its first tiles need their directory.
-    Latency: 8 cycles from a tile to its first request, one from a beat to its entry; a tile that may be its group's last with
-    entries waits for those behind it.
+    Storage: LIST_TILES tiles, LIST_POINTERS pointers, LIST_BEATS descriptors of beats, two beats.
+
+    Throughput: one intersection per cycle while memory keeps up; the unit requests up to LIST_BEATS beats ahead. At a latency
+    of 100 cycles this rate is reached where 32 neighbouring tiles with intersections have more than about 130 intersections
+    together. At the beginning of a frame whose first tiles need their directory, one latency of memory is added.
+
+    Latency: 8 cycles from a tile to its first request, one from a beat to its first intersection. A tile that may be the last
+    one with intersections of its group waits for the tiles after it.
     """
 
     def __init__(self, config: AcceleratorConfig):
         check_config(config)
         if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         self.config = config
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_group(config)))),
@@ -68,7 +72,7 @@ class ListReader(wiring.Component):
         return m
 
     def _request(self, m: Module, wanted: stream.Interface, flight: SyncFIFOBuffered) -> None:
-        """A wanted beat's address to memory, what it will be to the queue."""
+        """Sends the address of a wanted beat to memory, and a descriptor of its content to the queue `flight`."""
         m.submodules.requests = requests = Buffer(self.reads.payload.shape())
         wiring.connect(m, requests.source, wiring.flipped(self.reads))
         want, valid = wanted.payload, wanted.valid & flight.w_rdy
@@ -84,7 +88,7 @@ class ListReader(wiring.Component):
         ]
 
     def _unpack(self, m: Module, kind: data.View, flight: SyncFIFOBuffered, pointers: stream.Interface) -> None:
-        """A beat of entries and one of pointers, each into a register that is shifted out, side by side."""
+        """Unpacks beats: a beat of intersections and a beat of pointers are each loaded into a register that is shifted out."""
         beat, item = self.data.payload, self.groups.payload
         entries, more, valid = Signal.like(beat.word.as_value(), reset_less=True), Signal.like(kind.more), Signal()
         slots, more_slots, slots_valid = Signal.like(entries), Signal.like(kind.more), Signal()
@@ -112,8 +116,3 @@ class ListReader(wiring.Component):
             m.d.sync += self.error.eq(0)
         with m.Elif(taken & beat.error):
             m.d.sync += self.error.eq(1)
-
-
-def emit_list_reader(config: AcceleratorConfig) -> str:
-    """Verilog of module `list_reader`."""
-    return to_verilog(ListReader(config), "list_reader")

@@ -1,10 +1,10 @@
-"""Which beats hold the entries of a tile: pages in turn, those beyond the first by the directory.
+"""Finds the beats that hold the intersections of a tile: its pages in turn, of which the directory locates all but the first.
 
-Pointers are asked for while a tile waits behind others, so that they have come when its first page is done::
+The pointers of a tile are requested while it waits behind other tiles, so that they have come when its first page is read::
 
-    tiles ──► drop empty ones ──► ask for pointers ──► wait ──► walk the pages ──► beats
-                                        │                            ▲
-                                        └──► directory ─── memory ───┘ pointers
+    tiles ──► drop empty tiles ──► request pointers ──► queue ──► walk the pages ──► beats
+                                        │                              ▲
+                                        └──► directory ──── memory ────┘ pointers
 """
 
 from __future__ import annotations
@@ -23,33 +23,35 @@ from spec.queues import LIST_POINTERS, LIST_TILES
 from spec.records import COUNT_BITS, tile_group, tile_index
 
 _UNIT_LOW = BEAT_BITS - UNIT_BITS
-"""Bits of a beat inside its unit."""
+"""Bits of a beat's position in its unit."""
 
 _SECOND_PAGE = FIRST_PAGE_ENTRIES.bit_length()
-"""The top bit of the second page's places."""
+"""Number of the top bit of the places in the second page (`rtl.tile_lists.entry_writer` says what a place is)."""
 
 
 def listed_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A tile with entries; `last`: no more of its group follow."""
+    """A tile with intersections; `last`: no further tile with intersections of its group follows."""
     return data.StructLayout({"tile": shape(tile_index(config)), "count": COUNT_BITS, "last": 1})
 
 
 def wanted_layout() -> data.StructLayout:
-    """A beat that is wanted, relative to the base of its kind: `more` + 1 entries or pointers are in it."""
+    """A wanted beat of a tile list or, with `directory`, of the directory; its address is relative to that region's base. It
+    holds `more` + 1 intersections or pointers."""
     return data.StructLayout({"beat": BEAT_BITS, "directory": 1, "more": range(WORDS), "last": 1})
 
 
 class ListedTiles(wiring.Component):
-    """Tiles with entries, each marked if it is the last of its group that has any.
+    """Passes on the tiles with intersections, and marks the last such tile of each group.
 
     Parameters:
         config: the machine.
 
     Ports:
         tiles: TileGroup items.
-        listed: those with a count, as `listed_layout`.
+        listed: the tiles with intersections, as `listed_layout`, in order.
 
-    Throughput: one tile a cycle. A tile waits until its group's end or its next tile with entries is at the input.
+    Throughput: one tile per cycle. Latency: a tile waits until the end of its group, or the group's next tile with
+    intersections, is at the input.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -76,19 +78,20 @@ class ListedTiles(wiring.Component):
 
 
 class PageWalk(wiring.Component):
-    """Tiles to the beats they lie in, in order; their directory's beats among them, ahead.
+    """Turns tiles into the beats that hold their intersections, in order. Beats of the directory are requested ahead, between
+    them.
 
     Parameters:
         config: the machine.
 
     Ports:
-        listed: tiles with entries.
-        pointers: first units of pages beyond first ones, as the wanted directory beats give them. Always taken in the end: no
-            more are asked for than have room.
-        wanted: beats.
+        listed: the tiles with intersections.
+        pointers: the first units of pages beyond the first, from the wanted directory beats, in order. They never block for
+            good, because no more pointers are requested than there is free space for.
+        wanted: the beats, as `wanted_layout`.
 
-    Throughput: one beat a cycle, between tiles, too; one cycle more at the end of a page, for a directory beat, and for a tile
-    of more than 16,352 entries, which has two of them. Directory beats go first.
+    Throughput: one beat per cycle, without gaps between tiles. One cycle is added at the end of a page, for each directory
+    beat, and for a tile of more than 16,352 intersections, which has two directory beats. Directory beats have priority.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -109,7 +112,7 @@ class PageWalk(wiring.Component):
             self.pointers.ready.eq(pointers.w_rdy),
         ]
         directory, page = Signal(self.wanted.payload.shape()), Signal(self.wanted.payload.shape())
-        asks, walks, offered = Signal(), Signal(), Signal()  # `offered`: a page's beat that was not taken stays
+        asks, walks, offered = Signal(), Signal(), Signal()  # `offered`: a page's beat was offered and must stay until taken
         m.d.sync += offered.eq(walks & ~asks & ~self.wanted.ready)
         self._ask(m, waiting, directory, asks, offered, pointers.r_en & pointers.r_rdy)
         self._walk(m, waiting, pointers, page, walks, walks & ~asks & self.wanted.ready)
@@ -119,12 +122,13 @@ class PageWalk(wiring.Component):
     def _ask(
         self, m: Module, waiting: SyncFIFOBuffered, wanted: data.View, asks: Signal, waits: Signal, used: Value,
     ) -> None:
-        """Tiles into the queue, behind requests for their pointers; `asks`: one is wanted; `used`: a pointer left."""
+        """Requests the pointers of a tile, then puts the tile into the queue. `asks`: a directory beat is wanted; `waits`: it
+        must not be offered now; `used`: a pointer has left its queue."""
         tile, valid, second = Signal(self.listed.payload.shape(), reset_less=True), Signal(), Signal()
-        place = Signal(COUNT_BITS + 1, reset_less=True)  # of the tile's last entry: its top bit is of the last page
+        place = Signal(COUNT_BITS + 1, reset_less=True)  # of the tile's last intersection; its top bit tells the page
         room = Signal(range(LIST_POINTERS + 1), init=LIST_POINTERS)
         asked, leaves = Signal(), Signal()
-        exist = Cat(place[_SECOND_PAGE + slot :].any() for slot in range(DIRECTORY_SLOTS))  # pages come in turn
+        exist = Cat(place[_SECOND_PAGE + slot :].any() for slot in range(DIRECTORY_SLOTS))  # pages that the tile has
         low, high = exist[:WORDS], exist[WORDS:]
         part = Mux(second, high, low)
         m.d.comb += [
@@ -145,7 +149,7 @@ class PageWalk(wiring.Component):
     def _walk(
         self, m: Module, waiting: SyncFIFOBuffered, pointers: SyncFIFOBuffered, wanted: data.View, walks: Signal, moves: Value,
     ) -> None:
-        """Tiles out of the queue, and their beats; `walks`: one is wanted; `moves`: it is taken."""
+        """Takes tiles from the queue and walks through their pages. `walks`: a beat is wanted; `moves`: it is taken."""
         tile = self.listed.payload.shape()(waiting.r_data)
         valid, turns, ends, loads = Signal(), Signal(), Signal(), Signal()
         beat, left, last = Signal(BEAT_BITS, reset_less=True), Signal(COUNT_BITS, reset_less=True), Signal(reset_less=True)

@@ -1,4 +1,4 @@
-"""Levels of all tiles from the host's table to the tile test's."""
+"""Loads the levels of all tiles from the host's table in memory into the tile test's table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.tile_lists.beats import BeatRun, check_config, read_port
 from rtl.tile_lists.tile_settings import BEAT_TILES, TileSettings, connect_mask, mask_port
@@ -16,25 +15,25 @@ from spec.records import frame_tiles, tile_level
 
 
 class TableLoader(wiring.Component):
-    """A frame's TileSettings, read once, to TileLevel items in tile order.
+    """Reads a frame's TileSettings once and passes them on as TileLevel items in tile order.
 
     Parameters:
         config: the machine; `row_width` matters here.
 
     Ports:
-        start: strobe, not while `busy`; settings are stable from it on.
-        tiles_base, tile_count: the table's first beat, and the frame's tiles, 1 or more.
-        reads, data: memory; four tiles a beat.
+        start: strobe; it must not come while `busy`. Settings are stable from then on.
+        tiles_base, tile_count: the table's first beat, and the number of the frame's tiles, 1 or more.
+        reads, data: read port of memory; a beat holds four tiles.
         levels: TileLevel items, one per tile.
         busy: high from the cycle after `start` until the last item is taken.
-        done: strobe, in the cycle after that.
-        error: memory answered with an error since `start`; the items of such beats mean nothing but go their way.
+        done: strobe, in the cycle after the last item was taken.
+        error: memory answered with an error since `start`. The items of such beats are undefined, but are passed on.
 
     With stereo:
         target, mask_tile, mask: see `mask_port`.
-        rendered_tiles: tiles of the items that were taken since `start` that are rendered.
+        rendered_tiles: number of rendered tiles among the items that were taken since `start`.
 
-    Throughput: one tile a cycle. Latency: one cycle from a beat.
+    Throughput: one tile per cycle. Latency: one cycle from a beat to its first item.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -81,8 +80,3 @@ class TableLoader(wiring.Component):
             with m.Elif(taken & table.rendered):
                 m.d.sync += self.rendered_tiles.eq(self.rendered_tiles + 1)
         return m
-
-
-def emit_table_loader(config: AcceleratorConfig) -> str:
-    """Verilog of module `table_loader`."""
-    return to_verilog(TableLoader(config), "table_loader")

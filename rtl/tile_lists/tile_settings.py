@@ -1,4 +1,4 @@
-"""The host's table of tiles, beat by beat, to one tile a cycle."""
+"""Unpacks beats of the host's table of tiles into one tile per cycle."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES, check_memory, read_data,
 from spec.records import tile_index
 
 BEAT_TILES = BEAT_BYTES // TILE_SETTING_BYTES
-"""Tiles of a beat of the table."""
+"""Tiles in a beat of the table."""
 
 
 def mask_port(config: AcceleratorConfig) -> dict[str, wiring.Member]:
-    """How units with TileSettings learn which tiles are rendered; of machines with stereo alone.
+    """The ports by which units with TileSettings learn which tiles are rendered; only machines with stereo have them.
 
-    target: the pass of the target eye. mask_tile: a tile. mask: holes are left in it; a cycle after `mask_tile`.
+    target: this is the pass of the target eye. mask_tile: number of a tile. mask: the tile has holes that were not filled; it
+    is valid a cycle after `mask_tile`.
     """
     return {"target": In(1), "mask_tile": Out(tile_index(config).width), "mask": In(1)} if config.stereo else {}
 
 
 class TileSettings(wiring.Component):
-    """Beats of the table to TileSetting items; a frame's last beat may be used in part.
+    """Unpacks beats of the table into TileSetting items, in order. The last beat of a frame may be used only in part.
 
     Parameters:
         config: the machine; the plane's format matters here.
@@ -33,15 +34,15 @@ class TileSettings(wiring.Component):
     Ports:
         data: beats of the table, in order.
         settings: TileSetting items.
-        last: the item taken in this cycle is its frame's last: the rest of its beat is dropped.
-        failed: strobe, the beat taken in this cycle is an error; its items mean nothing but go their way.
+        last: the item taken in this cycle is the last one of its frame, so the rest of its beat is dropped.
+        failed: strobe: the beat taken in this cycle is an error. Its items are undefined, but are passed on.
 
     With stereo:
         target, mask_tile, mask: see `mask_port`.
-        rendered: of the item on offer: the tile is rendered. All are but those of the target eye that may be warped and whose
-            holes are filled.
+        rendered: the tile of the offered item is rendered. All tiles are, except tiles of the target eye that may be warped and
+            have no holes left.
 
-    Storage: the beat that is being used up. Throughput: one item a cycle, between beats, too. Latency: one cycle.
+    Storage: one beat. Throughput: one item per cycle, without gaps between beats. Latency: one cycle.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -78,7 +79,7 @@ class TileSettings(wiring.Component):
         return m
 
     def _look_up(self, m: Module) -> None:
-        """The mask is asked for the next cycle's tile: it is there with the item."""
+        """Addresses the mask with the tile that is offered in the next cycle, so that the answer comes with the item."""
         tile = Signal.like(self.mask_tile)
         with m.If(self.settings.valid & self.settings.ready):
             m.d.comb += self.mask_tile.eq(Mux(self.last, 0, tile + 1))
@@ -89,5 +90,5 @@ class TileSettings(wiring.Component):
 
 
 def connect_mask(m: Module, unit: wiring.Component, table: TileSettings) -> None:
-    """Joins the `mask_port` of a unit and of its table."""
+    """Connects the `mask_port` of a unit to that of its TileSettings."""
     m.d.comb += [table.target.eq(unit.target), table.mask.eq(unit.mask), unit.mask_tile.eq(table.mask_tile)]

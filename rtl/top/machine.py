@@ -11,7 +11,6 @@ from rtl.axi.counters import PerformanceCounters
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
-from rtl.emit import to_verilog
 from rtl.top import geometry_phase, render_phase
 from rtl.top.controller import FrameController
 from spec.config import AcceleratorConfig
@@ -172,8 +171,3 @@ class Machine(wiring.Component):
             registers.counters.eq(counters.counters),
             *(counters.events[name].eq(getattr(geometry if hasattr(geometry, name) else render, name))
               for name in events(self.config))]
-
-
-def emit_msv2_top(config: AcceleratorConfig) -> str:
-    """Verilog of module `msv2_top`."""
-    return to_verilog(Machine(config), "msv2_top")

@@ -2,7 +2,7 @@
 
     splat_fetch   looks up the splat record of each sorted intersection, through a cache
     splat_tags    the tags of that cache
-    array         the whole array, with streams at both ends and early stop of a tile; `emit_vrc_array`
+    array         the whole array, with streams at both ends and early stop of a tile
     setup         turns intersections into pixel ops and adds the background ops
     polynomial    the arithmetic of the setup unit
     blocks        issues ops; it holds back drains, and passes an array smaller than a tile over the tile block by block

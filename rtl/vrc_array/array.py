@@ -20,7 +20,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import add_shared, to_verilog
+from rtl.emit import add_shared
 from rtl.shapes import layout, shape
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.collect import Collect, place_layout
@@ -151,8 +151,3 @@ class VrcArray(wiring.Component):
             m.d.sync += later.eq(strobes)
             strobes = later
         return strobes[1:], strobes[0]
-
-
-def emit_vrc_array(config: AcceleratorConfig) -> str:
-    """Verilog of `config`'s array, top module `vrc_array`; the ports of a stream are named `entries__payload` and so on."""
-    return to_verilog(VrcArray(config), "vrc_array")

@@ -16,7 +16,6 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.fixed import saturate
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
@@ -171,8 +170,3 @@ def display_byte(raw: Value, number: Fixed) -> Value:
     drop = number.frac_bits - 8
     scaled = raw + (1 << (drop - 1)) - (raw >> 8) - raw[:8].any()
     return saturate(scaled[drop : len(raw)], uint(8))
-
-
-def emit_pixel_writer(config: AcceleratorConfig) -> str:
-    """Verilog of module `pixel_writer`."""
-    return to_verilog(PixelWriter(config), "pixel_writer")

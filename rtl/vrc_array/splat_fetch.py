@@ -30,7 +30,6 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.vrc_array.splat_tags import SplatTags, line_bits
@@ -184,8 +183,3 @@ class SplatFetch(wiring.Component):
             m.d.sync += [entry.use[0].eq(view.bound >= level), entry.use[1].eq(blend & (view.bound > level))]
         m.d.sync += self.error.eq((self.error & ~self.clear) | self.data.valid & self.data.ready & self.data.payload.error)
         return passed | self.entries.valid
-
-
-def emit_splat_fetch(config: AcceleratorConfig) -> str:
-    """Verilog of module `splat_fetch`."""
-    return to_verilog(SplatFetch(config), "splat_fetch")

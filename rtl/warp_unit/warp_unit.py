@@ -31,7 +31,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.emit import add_shared, to_verilog
+from rtl.emit import add_shared
 from rtl.shapes import layout, shape
 from rtl.warp_unit.bank import MEMORIES, RingBank, pair_bits
 from rtl.warp_unit.delay import Delay
@@ -298,8 +298,3 @@ class WarpUnit(wiring.Component):
             m.d.sync += [step.eq(more), total.eq(total + step)]
             with m.If(self.begin):
                 m.d.sync += total.eq(0)
-
-
-def emit_warp_unit(config: AcceleratorConfig) -> str:
-    """Verilog of module `warp_unit`."""
-    return to_verilog(WarpUnit(config), "warp_unit")

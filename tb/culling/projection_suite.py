@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from rtl.culling.frame import COUNTER_BITS
-from rtl.culling.projection_unit import emit_projection_unit
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import frame_settings
 from spec.records import gaussian_point, projected_splat
@@ -48,7 +47,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
         name=f"projection-{config.point_interval}", module="projection_unit",
-        verilog=emitted("projection_unit", config, emit_projection_unit),
+        verilog=emitted("projection_unit", config),
         inputs=(Stream("sink", gaussian_point(config)),), outputs=(Stream("source", projected_splat(config)),),
         settings=tuple((name, widths[name]) for name in SETTINGS),
         observed=tuple((name, COUNTER_BITS) for name in REASONS))

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-from rtl.culling.tile_test import emit_tile_test
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
@@ -37,7 +36,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
         name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}", module="tile_test",
-        verilog=emitted("tile_test", config, emit_tile_test),
+        verilog=emitted("tile_test", config),
         inputs=(Stream("splats", projected_splat(config)), Stream("table", tile_level(config))),
         outputs=(Stream("entries", entry_item(config)), Stream("survivors", surviving_splat(config))),
         settings=tuple((name, widths[name]) for name in ("width", "height", "obb")),

@@ -23,11 +23,10 @@ from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.paths import ROOT
 from spec.records import COUNT_BITS
-from tb.common.runner import SimulationError, Waves
+from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_machine
-from tb.sim import parse_window
 from tb.top import device
 from tb.top.memory import MemorySpeed
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
-from rtl.sort_tmu.chunk_sorter import chunk_capacity, emit_chunk_sorter
+from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.records import chunk_entry
 from tb.common import exact
@@ -36,7 +36,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     record = chunk_entry(config)
     return Playback(
         name=f"sort-{chunk_capacity(config)}", module="chunk_sorter",
-        verilog=emitted("chunk_sorter", config, emit_chunk_sorter),
+        verilog=emitted("chunk_sorter", config),
         inputs=(Stream("chunks", record),), outputs=(Stream("sorted", record),), observed=(("busy", 1),))
 
 

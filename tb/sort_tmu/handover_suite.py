@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 
 from rtl.sort_tmu.chunk_sorter import chunk_capacity
-from rtl.sort_tmu.handover import emit_handover
 from spec.config import DEFAULT, TINY, AcceleratorConfig
 from spec.records import chunk_entry
 from tb.common import exact
@@ -34,7 +33,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     record = chunk_entry(config)
     return Playback(
         name=f"handover-{'line' if config.incremental else chunk_capacity(config)}", module="handover",
-        verilog=emitted("handover", config, emit_handover), inputs=(Stream("sink", record),),
+        verilog=emitted("handover", config), inputs=(Stream("sink", record),),
         outputs=(Stream("source", record),), observed=(("busy", 1),))
 
 

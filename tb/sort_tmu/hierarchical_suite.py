@@ -9,7 +9,6 @@ import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
 from rtl.sort_tmu.chunk_sorter import chunk_capacity
-from rtl.sort_tmu.hierarchical_sorter import emit_hierarchical_sorter
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
 from spec.records import chunk_entry
@@ -50,7 +49,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     record = chunk_entry(config)
     return with_memory(Playback(
         name=f"hierarchical-{chunk_capacity(config)}-{config.merge_ways}", module="hierarchical_sorter",
-        verilog=emitted("hierarchical_sorter", config, emit_hierarchical_sorter),
+        verilog=emitted("hierarchical_sorter", config),
         inputs=(Stream("groups", record),), outputs=(Stream("sorted", record),),
         settings=(("spill_base", BEAT_BITS), ("spill_beats", BEAT_BITS), ("clear", 1)),
         observed=(("busy", 1), ("spilled", 32), ("overflow", 1), ("error", 1))), _MEMORY_BITS)

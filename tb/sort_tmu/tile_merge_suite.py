@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-from rtl.sort_tmu.tile_merge import emit_tile_merge_unit
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
@@ -35,7 +34,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     bits = frame_tiles(config).bit_length()
     return Playback(
         name=f"tmu-{config.row_width}", module="tile_merge_unit",
-        verilog=emitted("tile_merge_unit", config, emit_tile_merge_unit),
+        verilog=emitted("tile_merge_unit", config),
         inputs=(Stream("hits", tile_hit(config)),), outputs=(Stream("groups", tile_group(config)),),
         settings=(("tiles_x", bits), ("tile_count", bits), ("beta", COUNT_BITS), ("auto", 1)),
         observed=(("saturated", 1), ("outside", 1), ("beta_used", COUNT_BITS), ("busy", 1)))

@@ -6,14 +6,11 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from rtl.top.machine import emit_msv2_top
+from rtl.units import TOP as MODULE
 from spec.config import AcceleratorConfig
 from tb.common.emission import emitted
 from tb.common.runner import Design
 from tb.top.memory import SOURCE
-
-MODULE = "msv2_top"
-"""Verilog module of the machine."""
 
 SETTINGS = {
     "latency": 32, "gain": 32, "cost": 32, "pauses": 8, "first_writable": 32, "error_first": 32, "error_end": 32,
@@ -89,4 +86,4 @@ class Machine:
 def machine(config: AcceleratorConfig) -> Machine:
     """The machine of a configuration, emitted."""
     kind = ("" if config.incremental else "-baseline") + (f"-stereo{config.warp_lanes}" if config.stereo else "")
-    return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config, emit_msv2_top), ("pixel_core",))
+    return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config), ("pixel_core",))

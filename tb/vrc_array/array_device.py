@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.array import Pixels
-from rtl.vrc_array.array import emit_vrc_array
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.queues import COUNTER_BITS
@@ -20,7 +19,7 @@ from tb.common.playback import Playback, Stream
 def vrc_playback(config: AcceleratorConfig) -> Playback:
     """The array of a configuration, emitted, with files at its streams."""
     return Playback(
-        name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config, emit_vrc_array),
+        name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config),
         inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
         outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
         observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1)), apart=("pixel_core",))

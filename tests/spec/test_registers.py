@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import pytest
 
-from spec import document, document_registers, host_settings, registers
+from msv2.document import registers as document_registers
+from msv2.document.__main__ import check
+from spec import host_settings, registers
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY
 from spec.errors import InputError
 from spec.formats import SQ
@@ -25,9 +27,9 @@ MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.valu
 @pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
 def test_pages_are_not_stale(path, tmp_path):
     make = document_registers.PAGES[path]
-    assert path.read_text(encoding="utf-8") == make(), "run `python -m spec.document`"
+    assert path.read_text(encoding="utf-8") == make(), "run `python -m msv2.document`"
     with pytest.raises(InputError, match="stale"):
-        document.check(tmp_path / path.name, make)
+        check(tmp_path / path.name, make)
 
 
 @pytest.mark.parametrize("config", MAPS)

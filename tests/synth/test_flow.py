@@ -21,9 +21,9 @@ from spec.config import DEFAULT
 from spec.errors import InputError
 from synth import flow, timing
 from synth.__main__ import main
+from synth.hints import BLOCKS, SYNTHESISED
 from synth.liberty import ASAP7, PDK_VARIABLE, merge
 from synth.report import synthesise_unit
-from synth.units import UNITS
 
 needs_pdk = pytest.mark.skipif(not os.environ.get(PDK_VARIABLE), reason=f"{PDK_VARIABLE} names no folder of liberty files")
 needs_sta = pytest.mark.skipif(not timing.available(), reason="sta (package opensta) is not installed")
@@ -125,9 +125,9 @@ def stimulus(rng: random.Random, ports: dict, cycle: int) -> dict[str, list[int]
 @needs_pdk
 def test_netlist_of_library_cells_behaves_like_nand_gates(tmp_path: Path) -> None:
     """The mapped core against Yosys' own techmap of the same RTL, 64 random histories, every output in every cycle."""
-    rtlil, unit = to_rtlil(PixelCore(DEFAULT), "pixel_core"), UNITS["pixel_core"]
+    rtlil, blocks = to_rtlil(PixelCore(DEFAULT), "pixel_core"), BLOCKS["pixel_core"]
     liberty = merge(ASAP7, tmp_path / "asap7.lib")
-    flow.synthesise(rtlil, "pixel_core", ASAP7, liberty, tmp_path, unit.blocks)
+    flow.synthesise(rtlil, "pixel_core", ASAP7, liberty, tmp_path, blocks)
     flow.count_nand2(rtlil, "pixel_core", tmp_path)
     mapped, plain = (json.loads((tmp_path / f"pixel_core{suffix}.json").read_text())["modules"]["pixel_core"]
                      for suffix in ("", "-generic"))
@@ -166,7 +166,8 @@ def test_generic_counts_nand2(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options, message", [
-    (["--unit", "nothing"], f"unit 'nothing' is not known: {', '.join(UNITS)} are"),
+    (["--unit", "nothing"], f"unit 'nothing' is not known: {', '.join(SYNTHESISED)} are"),
+    (["--unit", "msv2_top"], "unit 'msv2_top' is synthesised as a machine"),
     (["--tech", "tsmc"], "technology 'tsmc' is not known: generic, asap7, nangate45, osu018 are, and files *.lib"),
     (["--clock-ps", "0"], "a clock of 0.0 ps is not accepted"),
     (["--tech", "asap7"], "MSV2_PDK must name the folder"),

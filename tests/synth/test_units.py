@@ -18,13 +18,14 @@ from rtl.culling.near import NearTest
 from rtl.float.add import FloatAdd
 from rtl.float.multiply import FloatMul
 from rtl.float.unit import FloatUnit
+from rtl.units import UNITS
 from spec.config import TINY
 from spec.formats import SmallFloat
 from synth import timing
 from synth.design import elaborate
+from synth.hints import SYNTHESISED
 from synth.liberty import PDK_VARIABLE
 from synth.report import Settings, synthesise
-from synth.units import UNITS
 
 needs_timing = pytest.mark.skipif(
     not os.environ.get(PDK_VARIABLE) or not timing.available(), reason=f"needs {PDK_VARIABLE} and sta (package opensta)")
@@ -33,7 +34,7 @@ QUICK = ("block_sequencer", "fixed_to_float", "float_to_fixed", "geometry_reader
 SMALL = SmallFloat(sig_bits=5, exp_bits=4, bias=7)
 
 
-@pytest.mark.parametrize("name", UNITS)
+@pytest.mark.parametrize("name", SYNTHESISED)
 def test_every_unit_elaborates(name: str) -> None:
     """Modules below it are there once, however often they are used, and pixel cores are as many as the machine's."""
     design = elaborate(UNITS[name].make(TINY), name)
@@ -44,7 +45,7 @@ def test_every_unit_elaborates(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=() if name in QUICK else (pytest.mark.long,)) for name in UNITS])
+    pytest.param(name, marks=() if name in QUICK else (pytest.mark.long,)) for name in SYNTHESISED])
 def test_every_unit_is_synthesised(name: str, tmp_path: Path) -> None:
     """To gates, for the small machine: no memory larger than the limit is among the flip-flops, and none is lost."""
     component = UNITS[name].make(TINY)

@@ -10,11 +10,11 @@ from golden.msv2_ref.pipeline import Frame
 from msv2.studies.energy_per_operation import gates
 from msv2.studies.energy_per_operation.netlists import Mapped, map_unit
 from msv2.studies.energy_per_operation.work import WORK, Work
+from rtl.units import UNITS
 from spec.config import AcceleratorConfig
 from synth.power.energy import by_part, total
 from synth.power.netlist import Flat
 from synth.power.simulate import Counts
-from synth.units import UNITS
 from tb.vrc_array.array_check import golden_pixels, mismatches
 from tb.vrc_array.array_device import tiles_from_rows
 from tb.vrc_array.array_stimuli import Case

@@ -43,7 +43,7 @@ class Work:
     """A run on a unit's netlist.
 
     Attributes:
-        unit: its name in `synth.units`.
+        unit: its name in `rtl.units`.
         operation: what is counted, in the singular.
         count: operations in the window, of what moved in it.
         playback, plan: bench and run.

@@ -179,8 +179,9 @@ def markdown(profiles: Profiles, scenes: dict[str, dict[str, int]]) -> str:
     clipped = [[scene, *(counts.get(name, 0) for name in names)] for scene, counts in scenes.items()]
     head = ("record", "field", "format", "least", "largest", "at the least", "at the largest", "bits to spare", "octaves below")
     return "\n\n".join([
-        "# Ranges", "Written by `msv2 study run ranges --keep`, explained in [docs/stability.md](../docs/stability.md). All "
-        "scenes together.", page.table(head, rows), "Clipped on the way in, and pairs dropped:", page.table(["scene", *names], clipped)])
+        "# Ranges", "Written by `msv2 study run ranges --keep`, explained in [docs/stability.md](../docs/stability.md). "
+        "All scenes together.", page.table(head, rows), "Clipped on the way in, and pairs dropped:",
+        page.table(["scene", *names], clipped)])
 
 
 def _share(part: int, count: int) -> str:

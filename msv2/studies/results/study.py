@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
@@ -31,20 +30,18 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
 from msv2.studies.record import liberties, write_report
-from msv2.studies.results.tables import fill_readme
+from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
-from spec.sources import sources_of
+from spec.sources import fingerprint, sources_of
 
 BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
 
-FRAME_COMMAND, FRAME_MACHINE = "tb.frame.__main__", "tb.frame.whole"
-FRAME_FILES = (ROOT / "tb" / "top" / "memory.sv",)
-"""What a frame through the machine is made of: of the command all but the benches of single units, which it imports for its
-arguments alone; of the machine everything; the bench's memory in SystemVerilog."""
+FRAME_COMMAND, BENCH_MEMORY = "tb.frame.__main__", ROOT / "tb" / "top" / "memory.sv"
+"""The command that renders a frame through the machine, and the one file of the bench that is no Python."""
 
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
@@ -79,7 +76,7 @@ def measure_frames() -> None:
     rows = frame_rows([(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
                        for view, merge, pipeline in wanted])
     write_report(REPORTS / "frames.json", {"rows": rows}, [__name__, FRAME_COMMAND], {"config": PAPER},
-                 [*FRAME_FILES, *places((*EXACT, *EXACT_LARGE))])
+                 [BENCH_MEMORY, *places((*EXACT, *EXACT_LARGE))])
 
 
 def measure_machine() -> None:
@@ -96,7 +93,7 @@ def measure_machine() -> None:
     wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
     write_report(REPORTS / "machine.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": PAPER},
-                 [*FRAME_FILES, *places(SPEED)])
+                 [BENCH_MEMORY, *places(SPEED)])
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
@@ -108,15 +105,12 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
 
 def frame_sources() -> list[Path]:
     """Files that a frame through the machine and its numbers are made of."""
-    command = {path for path in sources_of(FRAME_COMMAND) if path.relative_to(ROOT).parts[0] in ("spec", "golden", "rtl")}
-    frame = (ROOT / "tb" / "frame").glob("*.py")
-    return sorted({*command, *sources_of(FRAME_MACHINE), *frame, *FRAME_FILES})
+    return [*sources_of(FRAME_COMMAND), BENCH_MEMORY]
 
 
 def frame_row(view: View, *options: str) -> dict[str, object]:
     """What is kept of one frame through the machine; one that these sources have given already is not simulated again."""
-    sources = b"".join(path.read_bytes() for path in frame_sources())
-    key = hashlib.sha256(repr((view, options)).encode() + sources).hexdigest()[:12]
+    key = fingerprint(frame_sources(), view, options)
     out = ROOT / "build" / "results" / f"frame-{key}"
     if not (out / "frame.json").exists():
         run("-m", "tb.frame", scene_argument(view.scene), "--machine", "full", "--out", str(out), *view.arguments, *options)
@@ -208,4 +202,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
             (PARTS | ON_REQUEST)[name]()
-    return fill_readme(ROOT / "README.md", REPORTS, check=args.check)
+    return max(fill(path, REPORTS, check=args.check) for path in PAGES)

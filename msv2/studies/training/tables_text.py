@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from msv2.studies import page
 from msv2.studies.training import labels
 from msv2.studies.training.labels import reached
 from msv2.studies.training.targets_text import equal_target, own_targets, targets_rows
@@ -43,8 +44,7 @@ def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A Markdown table, with an empty line behind it."""
-    return "\n".join(["| " + " | ".join(head) + " |", "|---" * len(head) + "|",
-                      *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows), ""])
+    return f"{page.table(head, rows)}\n"
 
 
 def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:

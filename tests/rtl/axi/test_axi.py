@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from rtl.axi.master import emit_axi_master
-from rtl.axi.registers import emit_register_file
+from rtl.units import emit
 from spec.config import TINY
 from tb.axi.suite import REGISTER_SCENARIOS, VARIANTS, Registers, full_plan, run_plan
 
@@ -36,7 +35,7 @@ def test_whole_plan(variant, seed, tmp_path):
 
 
 def test_ports_have_the_names_that_tools_look_for():
-    master, registers = emit_axi_master(TINY), emit_register_file(TINY)
+    master, registers = emit("axi_master", TINY), emit("register_file", TINY)
     for text, kind, prefix, width, names in (
         (master, "output", "m_axi", 32, ("awaddr", "araddr", "wstrb")), (master, "output", "m_axi", 256, ("wdata",)),
         (master, "input", "m_axi", 256, ("rdata",)), (master, "input", "m_axi", 3, ("rid", "bid")),
@@ -54,5 +53,5 @@ def test_ports_have_the_names_that_tools_look_for():
 
 def test_without_counters_there_is_no_port_for_them():
     for name, present in (("tiny", True), ("without_counters", False)):
-        listed = re.search(r"\((.*?)\);", emit_register_file(VARIANTS[name]), re.DOTALL)[1]
+        listed = re.search(r"\((.*?)\);", emit("register_file", VARIANTS[name]), re.DOTALL)[1]
         assert bool(re.search(r"\bcounters\b", listed)) == present

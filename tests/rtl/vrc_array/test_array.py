@@ -10,7 +10,8 @@ from typing import NamedTuple
 import pytest
 from amaranth.sim import Simulator
 
-from rtl.vrc_array.array import VrcArray, emit_vrc_array
+from rtl.units import emit
+from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.blend import BLEND_LATENCY
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.expand import latency
@@ -30,7 +31,7 @@ BASELINE = TINY.with_(incremental=False)
     pytest.param(DEFAULT, marks=pytest.mark.long),
 ], ids=lambda c: f"{c.cores_x}x{c.cores_y}-{c.level_banks}{'' if c.incremental else '-baseline'}")
 def test_verilog(config):
-    text = emit_vrc_array(config)
+    text = emit("vrc_array", config)
     modules = re.findall(r"^module (\S+?)\s?\(", text, re.MULTILINE)
     assert len(modules) == len(set(modules))
     assert {"vrc_array", "vrc_row", "pixel_core"} <= set(modules)
@@ -38,7 +39,7 @@ def test_verilog(config):
     for port, record in (("entries", array_entry), ("tiles", tile_header), ("pixels", pixel_row)):
         assert f"put [{record(config).width - 1}:0] {port}__payload;" in text
     if config is TINY:
-        assert emit_vrc_array(config) == text
+        assert emit("vrc_array", config) == text
 
 
 def test_bad_parameters_are_rejected():

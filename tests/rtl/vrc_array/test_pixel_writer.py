@@ -12,7 +12,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from rtl.vrc_array.pixel_writer import PixelWriter, emit_pixel_writer
+from rtl.units import emit
+from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import TINY
 from spec.memory import BEAT_BITS, WORDS, display_pixel, frame_pixel, write_request
 from spec.records import pixel_row
@@ -111,8 +112,8 @@ def test_latency_and_a_row_a_cycle(display):
 
 
 def test_verilog():
-    text = emit_pixel_writer(TINY)
-    assert "module pixel_writer(" in text and emit_pixel_writer(TINY) == text
+    text = emit("pixel_writer", TINY)
+    assert "module pixel_writer(" in text and emit("pixel_writer", TINY) == text
 
 
 def test_bad_parameters_are_rejected():

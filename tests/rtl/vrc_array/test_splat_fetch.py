@@ -15,7 +15,8 @@ from amaranth.sim import Simulator
 
 from golden.msv2_ref.fetch import find_misses
 from rtl.emit import to_rtlil, to_verilog
-from rtl.vrc_array.splat_fetch import LATENCY, SplatFetch, emit_splat_fetch
+from rtl.units import emit
+from rtl.vrc_array.splat_fetch import LATENCY, SplatFetch
 from rtl.vrc_array.splat_tags import SplatTags
 from spec.config import PAPER, TINY
 from spec.memory import read_data
@@ -170,8 +171,8 @@ def test_storage():
 
 
 def test_verilog():
-    text = emit_splat_fetch(TINY)
-    assert "module splat_fetch(" in text and emit_splat_fetch(TINY) == text
+    text = emit("splat_fetch", TINY)
+    assert "module splat_fetch(" in text and emit("splat_fetch", TINY) == text
 
 
 def test_no_counters_where_there_are_none(tmp_path):

@@ -17,11 +17,12 @@ from amaranth.sim import Simulator
 
 from golden.msv2_ref.warp import warp_pixels
 from rtl.emit import to_rtlil
+from rtl.units import emit
 from rtl.warp_unit.delay import Delay
 from rtl.warp_unit.disparity import Disparity, carried_cycles, carried_layout, disparity_latency
 from rtl.warp_unit.divider import Divider
 from rtl.warp_unit.fill import FILL_LATENCY, Fill
-from rtl.warp_unit.warp_unit import WarpUnit, emit_warp_unit
+from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import PAPER, TINY
 from spec.constants import TILE
 from spec.memory import display_pixel, write_request
@@ -217,8 +218,8 @@ def test_storage_is_what_is_stated():
 
 
 def test_verilog():
-    text = emit_warp_unit(STEREO)
-    assert "module warp_unit(" in text and emit_warp_unit(STEREO) == text
+    text = emit("warp_unit", STEREO)
+    assert "module warp_unit(" in text and emit("warp_unit", STEREO) == text
 
 
 def test_bad_parameters_are_rejected():

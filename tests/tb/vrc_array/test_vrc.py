@@ -10,8 +10,8 @@ import pytest
 
 from golden.msv2_ref import array
 from golden.msv2_ref.array import Pixels
+from rtl.units import emit
 from rtl.vrc_array import pixel_core
-from rtl.vrc_array.array import emit_vrc_array
 from spec import tables
 from spec.config import TINY
 from spec.errors import InputError
@@ -97,7 +97,7 @@ def test_a_fault_in_the_rtl_is_caught(monkeypatch, tmp_path):
     slope[9] -= 1
     with monkeypatch.context() as patch:
         patch.setattr(pixel_core, "exp2_segments", lambda formats: (base, slope))
-        playback = replace(clean, verilog=emit_vrc_array(TINY))
+        playback = replace(clean, verilog=emit("vrc_array", TINY))
     assert playback.verilog != clean.verilog
     recordings = play(playback, [p.run for p in plan], tmp_path)
     caught = [p.name for p, r, g in zip(plan, recordings, golden, strict=True) if problems(TINY, p.case, r, g)]

@@ -1,80 +1,27 @@
-"""Writes docs/formats.md from the formats, records, constants, tables and configurations as they are.
+"""docs/formats.md: the formats, records, constants, tables and configurations as they are.
 
-    python -m spec.document             writes the page, and those of `spec.document_registers`
-    python -m spec.document --check     fails if one is stale
-
-The words are the docstrings': a format, field or constant is explained once, where it is defined.
+The page quotes the docstrings, so that each format, field or constant is explained once, where it is defined.
 """
 
 from __future__ import annotations
 
-import argparse
-import ast
 import dataclasses
 import inspect
-import itertools
-import os
-import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
+from msv2.document.text import attribute_docs, doc_of, listed_docs, number, one_line, table
 from spec import constants, formats, harmonics, memory, queues, records, stereo, tables
 from spec.config import CONFIGS, DEFAULT, PAPER, AcceleratorConfig, NumberFormats
-from spec.errors import InputError, run_command_line
 from spec.formats import Fixed, Format, SmallFloat
-
-PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
-
-
-def attribute_docs(source: str) -> dict[str, str]:
-    """Docstrings that stand under assignments, anywhere in `source`, by name; each on one line."""
-    docs = {}
-    for node in ast.walk(ast.parse(source)):
-        body = getattr(node, "body", None)
-        for item, below in itertools.pairwise(body) if isinstance(body, list) else ():
-            match item, below:
-                case (
-                    ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str(text))),
-                ):
-                    docs[name] = one_line(text)
-    return docs
-
-
-def listed_docs(docstring: str) -> dict[str, str]:
-    """What the "Attributes:" of a docstring say, by name; attributes listed together share their text."""
-    _, _, listed = docstring.partition("Attributes:\n")
-    items = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
-    return {name: one_line(text) for names, text in items for name in names.split(", ")}
-
-
-def doc_of(thing: object) -> str:
-    """The docstring of a class, function, property or module, without its indentation."""
-    return inspect.getdoc(thing) or ""
-
-
-def one_line(text: str) -> str:
-    """`text` without line breaks, safe in a table's cell."""
-    return " ".join(text.split()).replace("|", "\\|")
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
-    """A Markdown table and the empty line after it."""
-    head = list(head)
-    lines = [head, ["---"] * len(head), *rows]
-    return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines] + [""]
-
-
-def number(x: float) -> str:
-    """A number for reading: integers in full, others to ten digits."""
-    return str(int(x)) if float(x).is_integer() and abs(x) < 1e9 else f"{x:.10g}"
+from spec.paths import DOCS
 
 
 def format_range(f: Format) -> tuple[str, str]:
-    """The range, and the distance between neighbours, of a format."""
+    """The range of a format, and the distance between neighbouring numbers."""
     if isinstance(f, SmallFloat):
         low = f"0, ±{f.min:.4g}..±{f.max:.4g}" if f.signed else f"0, {f.min:.4g}..{f.max:.4g}"
         return low, f"2^-{f.sig_bits - 1}, relative"
@@ -118,9 +65,9 @@ def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[
 
 
 def stereo_section() -> list[str]:
-    """What records hold, and which there are, in machines with stereo alone."""
+    """The fields and records that only machines with stereo have."""
     both = PAPER.with_(stereo=True)
-    lines = ["## Records of machines with stereo", "", f"Of `{PAPER.name}` with `stereo`.", ""]
+    lines = ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", ""]
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
         plain, record = make(PAPER), make(both)
         added = record.fields[len(plain.fields):]
@@ -139,7 +86,7 @@ def stereo_section() -> list[str]:
 
 
 def records_section() -> list[str]:
-    """Every record, and the widths that depend on a parameter."""
+    """Every record, and a table of the widths that depend on a parameter."""
     lines = ["## Records", "", "Field 0 sits in the lowest bits; the numbers of one field follow each other upwards. "
              f"Layouts are those of `{PAPER.name}` and of SH degree 3.", ""]
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
@@ -152,7 +99,7 @@ def records_section() -> list[str]:
 
 
 def constants_section() -> list[str]:
-    """Constants with value and derivation, then the integers derived from them."""
+    """Constants with their values and derivations, then the integers derived from them."""
     lines = ["## Constants", ""]
     for module in (constants, harmonics, tables, records, memory, stereo, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
@@ -170,7 +117,7 @@ def constants_section() -> list[str]:
 
 
 def _module_docs(module: ModuleType) -> dict[str, str]:
-    """The documented numbers of a module."""
+    """The docstrings of a module's numbers, by name."""
     docs = attribute_docs(inspect.getsource(module))
     return {name: doc for name, doc in docs.items() if np.issubdtype(np.asarray(getattr(module, name, None)).dtype, np.number)}
 
@@ -180,7 +127,7 @@ def _values(value: float | tuple[float, ...]) -> str:
 
 
 def tables_section() -> list[str]:
-    """ROM contents."""
+    """The contents of the ROMs."""
     n = DEFAULT.formats
     base, slope = tables.exp2_segments(n)
     one = 1 << n.cut.frac_bits
@@ -213,36 +160,12 @@ def configurations_section() -> list[str]:
 
 def page() -> str:
     """The whole page."""
-    lines = ["# Formats", "", "Generated by `python -m spec.document` from `spec/`; a test fails when it is stale.", ""]
+    lines = ["# Formats", "", "Generated by `python -m msv2.document` from `spec/`; a test fails when it is stale.", ""]
     for section in (formats_section, records_section, stereo_section, constants_section, tables_section,
                     configurations_section):
         lines += section()
     return "\n".join(lines).rstrip() + "\n"
 
 
-def write(path: Path = PAGE, make: Callable[[], str] = page) -> None:
-    """Writes what `make` gives, whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(make(), encoding="utf-8")
-    partial.replace(path)
-
-
-def check(path: Path = PAGE, make: Callable[[], str] = page) -> None:
-    """Raises InputError unless `path` holds what `make` gives now."""
-    if not path.is_file() or path.read_text(encoding="utf-8") != make():
-        raise InputError(f"{path} is stale: run `python -m spec.document`")
-
-
-def main() -> None:
-    """The command line."""
-    from spec import document_effects, document_registers  # the latter uses the functions above
-
-    parser = argparse.ArgumentParser(prog="python -m spec.document", description="Writes docs/ from spec/.")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit status 2 if a page is stale")
-    act = check if parser.parse_args().check else write
-    for path, make in {PAGE: page, **document_registers.PAGES, **document_effects.PAGES}.items():
-        act(path, make)
-
-
-if __name__ == "__main__":
-    run_command_line(main)
+PAGES: dict[Path, Callable[[], str]] = {DOCS / "formats.md": page}
+"""What is generated, by path."""

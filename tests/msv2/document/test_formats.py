@@ -10,7 +10,9 @@ from dataclasses import fields
 
 import pytest
 
-from spec import constants, document
+from msv2.document import formats
+from msv2.document.__main__ import check, write
+from spec import constants
 from spec.config import CONFIGS, PAPER, NumberFormats
 from spec.errors import InputError
 from spec.memory import MEMORY_RECORDS
@@ -20,29 +22,29 @@ from spec.stereo import STEREO_RECORDS
 
 
 def test_the_page_is_not_stale():
-    assert (ROOT / "docs" / "formats.md").read_text(encoding="utf-8") == document.page(), "run `python -m spec.document`"
+    assert (ROOT / "docs" / "formats.md").read_text(encoding="utf-8") == formats.page(), "run `python -m msv2.document`"
 
 
 def test_check_writes_nothing_and_names_a_stale_page(tmp_path, capsys):
     path = tmp_path / "formats.md"
     with pytest.raises(InputError, match=r"formats\.md is stale"):
-        document.check(path)
+        check(path, formats.page)
     assert not path.exists()
-    document.write(path)
-    document.check(path)
+    write(path, formats.page)
+    check(path, formats.page)
     assert [p.name for p in tmp_path.iterdir()] == ["formats.md"]
     path.write_text(path.read_text(encoding="utf-8") + "x", encoding="utf-8")
     with pytest.raises(InputError, match="stale"):
-        document.check(path)
+        check(path, formats.page)
 
 
 def test_command_line():
-    done = subprocess.run([sys.executable, "-m", "spec.document", "--check"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "msv2.document", "--check"], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_everything_is_on_the_page():
-    page = document.page()
+    page = formats.page()
     for f in fields(NumberFormats):
         assert f"| `{f.name}` | {getattr(NumberFormats(), f.name)} |" in page
     for make in (*RECORDS, *MEMORY_RECORDS, *STEREO_RECORDS):
@@ -54,7 +56,7 @@ def test_everything_is_on_the_page():
 
 
 def test_bit_ranges_of_each_record_are_contiguous():
-    sections = re.split(r"^### ", document.page(), flags=re.MULTILINE)
+    sections = re.split(r"^### ", formats.page(), flags=re.MULTILINE)
     checked = 0
     for section in sections:
         ranges = [(int(high), int(low)) for high, low in re.findall(r"^\| (\d+):(\d+) \|", section, re.MULTILINE)]
@@ -70,6 +72,6 @@ def test_bit_ranges_of_each_record_are_contiguous():
 
 def test_docstrings_are_found_where_they_stand():
     source = 'A = 1\n"""One."""\nclass C:\n    b: int = 2\n    """Two,\n    lines | bar."""\n    c = 3\n'
-    assert document.attribute_docs(source) == {"A": "One.", "b": "Two, lines \\| bar."}
-    assert document.listed_docs("X.\n\nAttributes:\n    a, b: one\n        more.\n    c: two.") == {
+    assert formats.attribute_docs(source) == {"A": "One.", "b": "Two, lines \\| bar."}
+    assert formats.listed_docs("X.\n\nAttributes:\n    a, b: one\n        more.\n    c: two.") == {
         "a": "one more.", "b": "one more.", "c": "two."}

@@ -1,0 +1,41 @@
+"""What synthesis knows of units besides `rtl.units`: the configurations that are reported, and hints for carry chains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rtl.units import TOP, UNITS
+from spec.config import DEFAULT, PAPER, AcceleratorConfig
+
+SYNTHESISED = tuple(name for name in UNITS if name != TOP)
+"""Units that are synthesised by their names. The whole machine is synthesised unit by unit (`synth.area`)."""
+
+_OF_DEFAULT = ("pixel_core", "vrc_row")
+
+_CULLING = {f"culling_units={units}": PAPER.with_(culling_units=units) for units in (4, 2, 1)}
+
+VARIANTS: dict[str, Mapping[str, AcceleratorConfig]] = {
+    "pixel_core": {
+        "levels=1": DEFAULT.with_(levels=1), "depth=False": DEFAULT.with_(depth=False),
+        "levels=1, depth=False": DEFAULT.with_(levels=1, depth=False)},
+    "projection_unit": _CULLING,
+    "colour_unit": _CULLING,
+    "warp_unit": {f"warp_lanes={lanes}": PAPER.with_(warp_lanes=lanes) for lanes in (2, 1)},
+}
+"""Further configurations that a unit is reported for, by name."""
+
+BLOCKS: dict[str, Mapping[str, Sequence[int]]] = {
+    "pixel_core": {"after": (4, 4, 5), "less": (4,), "total0": (5,), "total1": (5,), "total2": (5,), "total3": (6, 5),
+                   "exponent_below": (6,)},
+    "vrc_row": {},
+}
+"""Incremented blocks at the top of a sum's carry chain, lowest first, by unit and by the name of the sum (`synth.heap`).
+
+They were found by lengthening the chain of the worst path until 1,000 ps were met; a name that no sum bears is ignored. The
+blocks of all other units are chosen from the slack (`synth.report`).
+"""
+
+
+def config_of(unit: str) -> AcceleratorConfig:
+    """The configuration that a unit is reported for."""
+    return DEFAULT if unit in _OF_DEFAULT else PAPER
