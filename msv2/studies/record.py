@@ -70,13 +70,19 @@ _run = [Run("", time.monotonic(), 0.0)]
 
 def begin(study: str, arguments: Iterable[str]) -> None:
     """Reports that are written from now on come from this study with these arguments."""
-    _run[0] = begun(shlex.join(["msv2", "study", "run", study, *map(shown, arguments)]))
+    _run[0] = begun(" ".join(["msv2 study run", study, *map(_word, arguments)]))
+
+
+def _word(text: str) -> str:
+    """A word of a command line as a shell takes it, with the variables MSV2_DATA and MSV2_PDK for their folders."""
+    word = shown(text)
+    return f"${word}" if word.startswith(("MSV2_DATA/", "MSV2_PDK/")) else shlex.quote(word)
 
 
 def command(module: str | None = None) -> str:
     """The command that runs: of the study that `begin` named, else the interpreter's own."""
-    arguments = list(map(shown, sys.argv))
-    return _run[0].command or shlex.join(["python", *(arguments if module is None else ["-m", module, *arguments[1:]])])
+    arguments = list(map(_word, sys.argv))
+    return _run[0].command or " ".join(["python", *(arguments if module is None else ["-m", module, *arguments[1:]])])
 
 
 def shown(value: object) -> str:

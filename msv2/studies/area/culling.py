@@ -1,6 +1,6 @@
 """Area of culling at one throughput, by how many units share it: reports/culling_area.json and the table in docs/synthesis.md.
 
-    python -m msv2.studies.area.culling            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
+    msv2 study run culling_area            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
 
 A point a cycle through near test and projection, and a visible splat every four cycles through the colour unit: by one unit
 whose operators do one operation each, or by several units whose operators are shared by a schedule. All are synthesised whole,
@@ -10,9 +10,10 @@ of flip-flops where one large one is a macro, which is not what is compared.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,8 +123,10 @@ def fill(path: Path, report: Path, *, check: bool = False) -> int:
     return page.fill(path, {"culling_area": lambda: table(rows)}, check=check, complete=True)
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
+    argparse.ArgumentParser(prog="msv2 study run culling_area", description=__doc__,
+                            formatter_class=argparse.RawDescriptionHelpFormatter).parse_args(argv)
     rows = measure(ROOT / "build" / "results" / "synth")
     write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
     return fill(PAGE, REPORT)

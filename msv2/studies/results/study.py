@@ -29,6 +29,7 @@ from golden.scenes.captured import scene_argument
 from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
+from msv2.studies import record
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
@@ -178,7 +179,7 @@ PARTS = {
     "frames": measure_frames, "machine": measure_machine,
     "sorting": lambda: run("-m", "msv2.studies", "sorting"), "order": measure_order,
     "latencies": lambda: run("-m", "msv2.studies", "latencies"),
-    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies.area.culling"),
+    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area"),
     "colour": lambda: run("-m", "msv2.studies", "colour"), "bench": measure_bench, "tables": lambda: None,
 }
 """Of everything, in this order."""
@@ -201,5 +202,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
+            record.begin("results", ["--only", name])
             (PARTS | ON_REQUEST)[name]()
     return max(fill(path, REPORTS, check=args.check) for path in PAGES)
