@@ -1,5 +1,4 @@
-"""`python -m msv2.studies list` lists the studies; `python -m msv2.studies NAME ...` runs one, `--help` after its name shows its
-options."""
+"""`msv2 study list` lists the studies; `msv2 study run NAME ...`, or without `run`, runs one; NAME --help shows its options."""
 
 from __future__ import annotations
 

@@ -98,9 +98,9 @@ STUDIES = (
           (Report("", _files("area", "json", "md", "png"), 120, PDK),)),
     Study("colour", "msv2.studies.colour.study", "errors, products and gates of the colour unit",
           (Report("", ("colour.json",), 10),)),
-    Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several units that share operators",
+    Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",
           (Report("", ("culling_area.json",), 15, PDK),)),
-    Study("dense_check", "msv2.studies.training.dense_check", "defaults of dense training against what they were chosen over",
+    Study("dense_check", "msv2.studies.training.dense_check", "defaults of dense training against others",
           (Report("build/train/bonsai --size 200x133", _files("dense_check", "json", "md"), 20, f"{TORCH}, a captured scene"),)),
     Study("drain_waits", "msv2.studies.drain_waits.study", "cycles that the end of a tile waits for the array's output buffer"),
     Study("effects", "msv2.studies.effects.study", "what frames do not pay for: time, cycles, energy and area by effect",
@@ -148,7 +148,7 @@ STUDIES = (
     Study("synthesis", "msv2.studies.results.study", "area and slack of single units in ASAP7",
           (Report("", ("synthesis.json",), 60, PDK),), ("--only", "synthesis")),
     Study("threshold", "msv2.studies.threshold.study", "the threshold of selective warping: quality, work and cost of two eyes",
-          (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 --rtl all "
+          (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 "
                   "--out reports", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),)),
     Study("tradeoff", "msv2.studies.tradeoff.study", "what accuracy costs in time: machine, simulation and training",
           (Report("--variant H=build/train/embedded --rtl --out reports", _tradeoff("tradeoff"), 60, "runs in build/train"),
