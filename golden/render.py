@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from golden.kernels import compile_note, compile_seconds
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
@@ -25,8 +26,8 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from spec.config import CONFIGS
-from spec.errors import InputError, run_command_line
+from spec.errors import run_command_line
+from spec.overrides import add_config_arguments, choice, config_from, config_record
 
 EXAMPLES = """examples:
   python golden/render.py                                        the embedded scene
@@ -45,7 +46,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_request_arguments(parser)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
+    add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--compare", metavar="oracle", help="render the float64 oracle too and report the difference")
     parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/render/NAME)")
@@ -53,7 +54,10 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, object]:
-    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage."""
+    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage.
+
+    The compilation of kernels is in `compile` alone: neither a stage nor the total has it.
+    """
     counts = np.diff(frame.entries.start)
     reason = np.bincount(frame.projected.reason, minlength=4)
     used = int((np.bincount(frame.entries.splat, minlength=1) > 0).sum())
@@ -75,7 +79,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
         "blend_tiles": int(request.foveation.blend.sum()),
         "groups": int(frame.groups[-1]) + 1,
         "coverage": float((1 - frame.transmittance).mean()),
-        "seconds": {**frame.seconds, "total": sum(frame.seconds.values())},
+        "seconds": {**frame.seconds, "total": sum(frame.seconds.values()), "compile": compile_seconds()},
     }
 
 
@@ -94,20 +98,19 @@ def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, fl
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line's work."""
     args = parse_arguments(argv)
-    for name, value, accepted in (
-        ("config", args.config, CONFIGS), ("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES),
-    ):
-        if value is not None and value not in accepted:
-            raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    config = config_from(args)
+    for name, value, accepted in (("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES)):
+        if value is not None:
+            choice(name, value, accepted)
     take_stereo_arguments(args)
     request = resolve(args)
-    work = work_for(args, request, CONFIGS[args.config])
+    work = work_for(args, request, config)
     eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:
         work.add_eye(frame)
     frame.seconds["quantise"] = work.prepare_s
-    stats = {**frame_statistics(frame, request), "effects": work.plan.record}
+    stats = {**frame_statistics(frame, request), "configuration": config_record(config), "effects": work.plan.record}
     if eyes:
         stats["stereo"] = stereo_statistics(args, request, eyes)
     if args.compare:
@@ -127,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     write_json(out / "stats.json", stats)
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
     print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
-                                 for key in shown if key in stats))
+                                 for key in shown if key in stats) + compile_note())
     if eyes:
         print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 

@@ -15,14 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
-from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
+from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, ENTRY_BYTES, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, colour_beats
-from spec.records import ENTRY_BYTES
 
 SUBTILE = 8
 """Edge of the pixels that the cores take at a time."""
@@ -79,7 +78,7 @@ class GscoreCycles(NamedTuple):
     dram_bytes: int
 
 
-@numba.njit(cache=True)
+@compiled
 def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
     """Whether a box around (cx, cy), half axes ra along (ax, ay) and rb across it, meets a rectangle: separating axes."""
     mx, my, hx, hy = (left + right) / 2 - cx, (top + bottom) / 2 - cy, (right - left) / 2, (bottom - top) / 2
@@ -89,7 +88,7 @@ def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
             and abs(mx * ay - my * ax) <= rb + hx * abs(ay) + hy * abs(ax))
 
 
-@numba.njit(cache=True)
+@compiled
 def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
     """(tile, splat) pairs by splat, in order, as many as there is room for; gives how many there are."""
     count = 0
@@ -105,7 +104,7 @@ def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
     return count
 
 
-@numba.njit(cache=True)
+@compiled
 def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha_max, shape, light):
     """Subtiles that the entries of a tile bring to the cores, front to back; `light` becomes what is left of it."""
     side, work = TILE // SUBTILE, 0
@@ -142,7 +141,7 @@ def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha
     return work
 
 
-@numba.njit(cache=True)
+@compiled
 def _passes(start, splat, header, bound, tiles_x, width, height, mean, conic, opacity, shape, entries, subtiles):
     """Entries and subtiles of every tile's pass at its own level, and at the next where it blends (0 elsewhere)."""
     light = np.empty((TILE, TILE))
@@ -200,7 +199,7 @@ def gscore_trace(frame: Frame) -> GscoreTrace:
         entries.reshape(-1)[there], subtiles.reshape(-1)[there])
 
 
-@numba.njit(cache=True)
+@compiled
 def _pipeline(fetch, sort, render, units):
     """End of the last pass: fetching, `units` sorting units and the cores, with two buffers between neighbours."""
     n = len(fetch)

@@ -1,50 +1,14 @@
-"""The decorator of the model's kernels.
-
-Their compiled code is kept in a folder of its own for every state of the model's sources, as golden/__init__.py does for the
-golden renderer's: numba notices an edit in a kernel's own file only, not in what it takes from others.
-"""
+"""The decorators of the model's kernels, whose compiled code is kept as that of all kernels is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
+from golden.kernels import compiled
 
-import numba
-from numba.core import config
+kernel = compiled(error_model="numpy")
+"""A function of the model."""
 
-from golden import kernel_folder
-from spec.paths import ROOT
+phase = compiled(error_model="numpy", _nrt=False)
+"""A kernel that makes no array, so that none needs its references counted: that would take most of its time."""
 
-_SOURCES = ("blending", "bus", "chunks", "constants", "dram", "geometry", "layout", "lists", "memory", "plan", "render", "runs",
-            "sorter", "warp", "watch")  # modules of kernels, and of their constants
-
-
-@cache
-def _folder() -> Path | None:
-    modules = [ROOT / "perf" / f"{name}.py" for name in _SOURCES]
-    return kernel_folder("numba-perf", [*modules, *sorted((ROOT / "spec").rglob("*.py"))])
-
-
-def _compiled(function: Callable, **options: object) -> Callable:
-    before, folder = config.CACHE_DIR, _folder()
-    config.CACHE_DIR = str(folder) if folder else before
-    try:
-        return numba.njit(cache=True, error_model="numpy", **options)(function)
-    finally:
-        config.CACHE_DIR = before
-
-
-def kernel(function: Callable) -> Callable:
-    """`numba.njit` with the model's own cache."""
-    return _compiled(function)
-
-
-def phase(function: Callable) -> Callable:
-    """A kernel that makes no array, so that none needs its references counted: that would take most of its time."""
-    return _compiled(function, _nrt=False)
-
-
-def step(function: Callable) -> Callable:
-    """A part of a phase, compiled into it."""
-    return numba.njit(inline="always", error_model="numpy")(function)
+step = compiled(inline="always", error_model="numpy")
+"""A part of a phase, compiled into it."""

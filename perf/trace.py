@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -16,21 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.host.quantise import GaussianWords
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection
-from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
+from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
-from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
-from golden.scenes.gaze import FoveationMap
-from golden.scenes.model import GaussianModel
-from golden.scenes.request import resolve
-from golden.scenes.stereo import StereoPair
+from golden.scenes.request import Request, resolve
 from perf import geometry
 from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
-from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
 VERSION = 1
@@ -150,7 +145,7 @@ def trace_of(
     """The trace of a golden frame."""
     eyes = [frame.source, frame.target] if isinstance(frame, StereoFrame) else [frame]
     source = eyes[0]
-    r, begin = source.registers, time.perf_counter()
+    r, begin = source.registers, work_clock()
     traces = tuple(eye_trace(eye) for eye in eyes)
     shift = max(int(eye.registers.header[:, 0].max()).bit_length() for eye in eyes)
     holes, right = np.zeros((0, 0), np.uint8), False
@@ -158,61 +153,19 @@ def trace_of(
         holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + time.perf_counter() - begin, dict(record or {}), right)
+        seconds + work_clock() - begin, dict(record or {}), right)
 
 
-@dataclass(frozen=True)
-class TraceSettings:
-    """What a frame's trace depends on besides scene, camera and machine.
-
-    Attributes:
-        foveation: tile levels and blend planes; None: level 1 everywhere.
-        background: r, g, b in [0, 1].
-        obb: bounding boxes instead of the exact tile test.
-        pair: the eyes, of a frame of two; the camera is then the source eye's, and means nothing.
-        threshold_deg, gaze_target: as `golden.msv2_ref.eyes.render_stereo`.
-    """
-
-    foveation: FoveationMap | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    obb: bool = False
-    pair: StereoPair | None = None
-    threshold_deg: float = ECC_THRESHOLD_DEG
-    gaze_target: tuple[float, float] | None = None
-
-
-def trace_frame(
-    scene: GaussianModel | GaussianWords, camera: Camera, settings: TraceSettings | None, config: AcceleratorConfig,
+def trace_request(
+    args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
 ) -> FrameTrace:
-    """Renders a frame with the golden renderer and traces it.
-
-    Args:
-        scene: the Gaussians, or their words when several frames share them.
-        camera: the view.
-        settings: see `TraceSettings`; None: its defaults.
-        config: the machine; formats, levels, row width and stereo matter here.
-
-    Raises:
-        InputError: what the golden renderer does not accept.
-    """
-    settings, begin = settings or TraceSettings(), time.perf_counter()
-    if settings.pair is not None:
-        golden = render_stereo(
-            scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
-            gaze_target=settings.gaze_target, background=settings.background, obb=settings.obb)
-    else:
-        golden = pipeline.render(
-            scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
-    return trace_of(golden, seconds=time.perf_counter() - begin)
-
-
-def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
         args: parsed, and of two eyes taken (`take_stereo_arguments`).
-        config: the machine.
+        config: the machine, as it is built; what the frame does not call for is not left out here.
         cache: folder in which traces are kept; None: nothing is.
+        request: the resolved arguments, where they are known.
 
     Raises:
         InputError: see `resolve`.
@@ -221,14 +174,14 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
-    begin = time.perf_counter()
-    request = resolve(args)
+    begin = work_clock()
+    request = request or resolve(args)
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
             request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
-    trace = trace_of(golden, seconds=time.perf_counter() - begin, record=request.record)
+    trace = trace_of(golden, seconds=work_clock() - begin, record=request.record)
     if kept:
         save_trace(trace, kept)
     return trace

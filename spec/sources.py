@@ -61,7 +61,7 @@ def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
         path = module_file(name, root)
         if path is None and name in modules:
             raise ValueError(f"there is no module {name!r} of this project")
-        if path is None or path in found or name.partition(".")[0] not in ROOMS:
+        if path is None or path in found or (name.partition(".")[0] not in ROOMS and name not in modules):
             continue
         found.add(path)
         packages = name.split(".")[:-1]

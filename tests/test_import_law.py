@@ -19,8 +19,9 @@ from spec.sources import ROOMS, imported_names, module_file, sources_of
 
 LAW: dict[str, tuple[str, ...]] = {
     "spec": (),
+    "golden.kernels": ("spec",),
     "golden.threads": ("spec",),
-    "golden.scenes": ("spec",),
+    "golden.scenes": ("golden.kernels",),
     "golden.metrics": ("golden.scenes",),
     "golden.oracle": ("golden.scenes",),
     "golden.host": ("golden.scenes",),
@@ -28,7 +29,7 @@ LAW: dict[str, tuple[str, ...]] = {
     "golden.diff": ("golden.oracle", "golden.threads"),
     "golden.training": ("golden.diff", "golden.msv2_ref", "golden.host", "golden.metrics", "golden.oracle"),
     "rtl": ("spec",),
-    "synth": ("rtl",),
+    "synth": ("rtl", "golden.kernels"),
     "perf": ("golden.host", "golden.msv2_ref"),
     "tb": ("rtl", "golden.metrics", "golden.oracle", "golden.host", "golden.msv2_ref"),
     "msv2.document": ("rtl",),

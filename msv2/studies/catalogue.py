@@ -101,7 +101,7 @@ STUDIES = (
     Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",
           (Report("", ("culling_area.json",), 15, PDK),)),
     Study("dense_check", "msv2.studies.training.dense_check", "defaults of dense training against others",
-          (Report("build/train/bonsai --size 200x133", _files("dense_check", "json", "md"), 20, f"{TORCH}, a captured scene"),)),
+          (Report("build/train/bonsai --size 200x133", _files("dense_check", "json", "md"), 20, f"{TORCH}, a data set"),)),
     Study("drain_waits", "msv2.studies.drain_waits.study", "cycles that the end of a tile waits for the array's output buffer"),
     Study("effects", "msv2.studies.effects.study", "what frames do not pay for: time, cycles, energy and area by effect",
           (Report("$MSV2_DATA/trained/truck.splat embedded embedded@centre $MSV2_DATA/trained/rock_sh3@centre --rtl 128x72 "

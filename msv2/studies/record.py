@@ -27,7 +27,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ import numpy as np
 
 from golden.scenes.captured import data_folder
 from golden.scenes.request import write_json
+from spec.config import AcceleratorConfig
+from spec.overrides import config_record
 from spec.paths import ROOT
 from spec.sources import fingerprint, sources_of
 
@@ -98,12 +100,11 @@ def shown(value: object) -> str:
 
 
 def plain(value: object) -> Any:
-    """A value of a configuration as JSON: machines and formats with all of their fields, paths as `shown`."""
+    """A value of a configuration as JSON: machines with all of their parameters, paths as `shown`."""
     if isinstance(value, argparse.Namespace):
         return {key: plain(item) for key, item in sorted(vars(value).items()) if key not in _PLACES}
-    if is_dataclass(value) and not isinstance(value, type):
-        text = str(value)
-        return text if text != repr(value) else {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, AcceleratorConfig):
+        return config_record(value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -178,6 +179,20 @@ def _dotted(module: str) -> str:
     return spec.name if module == "__main__" and spec is not None else module
 
 
+OTHER_SOURCES = {"tb.frame.__main__": (ROOT / "tb" / "top" / "memory.sv",)}
+"""Files that are no Python, by the module that reads them."""
+
+
+def source_hash(modules: Iterable[str]) -> str:
+    """16 hexadecimal digits of modules and of everything of ours that they import or read.
+
+    Raises:
+        ValueError: there is no such module.
+    """
+    names = list(modules)
+    return fingerprint([*sources_of(*names), *(path for name in names for path in OTHER_SOURCES.get(name, ()))])
+
+
 def provenance(
     modules: Iterable[str], configuration: object = None, inputs: Iterable[Path | str] = (),
     earlier: Mapping[str, Any] | None = None,
@@ -194,7 +209,7 @@ def provenance(
     paths = [path for path in map(Path, inputs) if path.exists()]
     made: dict[str, object] = {
         "command": command(), "commit": commit(),
-        "configuration": plain(configuration or {}), "modules": names, "sources": fingerprint(sources_of(*names)),
+        "configuration": plain(configuration or {}), "modules": names, "sources": source_hash(names),
         "inputs": {input_name(path): input_hash(path) for path in paths}, "machine": machine(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"), "cpu_seconds": round(processor_seconds() - run.cpu, 1),
         "wall_seconds": round(time.monotonic() - run.wall, 1)}
@@ -232,7 +247,7 @@ def state(made: Mapping[str, Any] | None) -> str:
     if made.get("sources") is None:
         return f"unknown: backfilled, written at {made['commit']}"
     try:
-        changed = ["sources"] if fingerprint(sources_of(*made["modules"])) != made["sources"] else []
+        changed = ["sources"] if source_hash(made["modules"]) != made["sources"] else []
     except ValueError:
         changed = ["sources"]
     for name, digest in made["inputs"].items():

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from synth.power.cells import Cell, Table
 from synth.power.netlist import MOST_INPUTS, Flat
 
@@ -159,7 +159,7 @@ class _Tables:
                 self.slews[i, j], self.loads[i, j] = arc.delay.slews, arc.delay.loads
 
 
-@numba.njit(cache=True)
+@compiled
 def _walk(inputs, counts, outputs, types, tables, slews, loads, load, slew) -> tuple[np.ndarray, np.ndarray]:
     """Delays and energies of the gates, computed in order of evaluation; fills in the slews of their outputs."""
     delay, energy = np.zeros(len(outputs)), np.zeros(len(outputs))
@@ -180,7 +180,7 @@ def _walk(inputs, counts, outputs, types, tables, slews, loads, load, slew) -> t
     return delay, energy
 
 
-@numba.njit(cache=True)
+@compiled
 def _place(points, x) -> float:
     """The position of x between points, as a row plus a fraction; clamped to the table."""
     if x <= points[0]:

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from synth.power.cells import Cell
 from synth.power.memories import Memory, find_memories
 
@@ -185,7 +185,7 @@ def _shifting(nets: int, base: int) -> np.ndarray:
     return shift
 
 
-@numba.njit(cache=True)
+@compiled
 def _joined(nets: int, pairs: np.ndarray) -> np.ndarray:
     """For each net the lowest of all nets that it is tied to, so that constants win."""
     parent = np.arange(nets)
@@ -206,7 +206,7 @@ def _joined(nets: int, pairs: np.ndarray) -> np.ndarray:
     return parent
 
 
-@numba.njit(cache=True)
+@compiled
 def _levelled(nets: int, inputs: np.ndarray, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The gates in an order in which inputs come first, and every gate's level; gates in a loop are missing in the order."""
     gates, most = inputs.shape

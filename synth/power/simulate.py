@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from synth.power.cells import Cell
 from synth.power.memories import Contents
 from synth.power.netlist import Flat
@@ -154,7 +154,7 @@ def _tables(flat: Flat, cells: dict[str, Cell]) -> tuple[np.ndarray, np.ndarray]
     return np.concatenate(tables), np.array(starts, np.int64)[flat.gate_type]
 
 
-@numba.njit(cache=True)
+@compiled
 def _evaluate(values, toggles, inputs, counts, outputs, lut, luts) -> None:
     for g in range(len(outputs)):
         row = lut[g]
@@ -190,7 +190,7 @@ class _Wheel:
             raise RuntimeError(f"a cycle's events must fit {WHEEL} ps and {len(self._pool)} places")
 
 
-@numba.njit(cache=True)
+@compiled
 def _fanout(nets: int, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count = np.zeros(nets + 1, np.int64)
     for g in range(inputs.shape[0]):
@@ -208,7 +208,7 @@ def _fanout(nets: int, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, readers
 
 
-@numba.njit(cache=True)
+@compiled
 def _play(
     values, toggles, inputs, counts, outputs, lut, luts, delays, nets, bits, times, start, readers, heads, pending, serial,
     pool,

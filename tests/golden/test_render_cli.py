@@ -44,7 +44,7 @@ def test_files_and_statistics(scene, tmp_path):
     assert stats["visible"] + sum(stats["culled"].values()) == 400
     assert stats["psnr_vs_oracle_db"] > 60
     assert 0 < stats["coverage"] < 1
-    assert set(stats["seconds"]) >= {"quantise", "culling", "sort", "tiles", "colour", "array", "total"}
+    assert set(stats["seconds"]) >= {"quantise", "culling", "sort", "tiles", "colour", "array", "total", "compile"}
     dump = np.load(tmp_path / "entries.npz")
     assert dump["headers"]["count"].sum() == len(dump["entries"]) == stats["entries"]
     assert stats["entries_per_tile"]["max"] == dump["headers"]["count"].max()

@@ -1,10 +1,8 @@
 """A small deterministic ray tracer in numba: unit shapes under affine maps, hard shadows, one mirror bounce.
 
-Every primitive is one of five unit shapes carried to its place by an affine map. A ray is taken to the shape's own
+Every primitive is one of five unit shapes that an affine map brings to its place. A ray is transformed into the shape's own
 frame without normalising its direction, so its parameter t is the same number in both frames. The float operations of
 a ray depend on that ray alone: results are bit-identical from run to run and for any number of threads.
-
-numba's cache does not see that an imported function changed: after an edit of `embedded_textures`, touch this file.
 """
 
 from __future__ import annotations
@@ -13,8 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from golden.kernels import compiled
 from golden.scenes.embedded.textures import add, axpy, dot, normalise, scale, sky, texture
 
 RECT, DISC, BALL, BOX, TUBE = range(5)
@@ -22,10 +21,11 @@ RECT, DISC, BALL, BOX, TUBE = range(5)
 over 0 <= z <= 1 whose radius goes from 1 to `param[0]`."""
 
 MISS = -1
-"""The primitive index of a ray that reaches the sky."""
+"""Primitive index of a ray that reaches the sky."""
 
 EPSILON = 1e-4
-"""Metres by which secondary rays start off the surface: 1000 times float64's error at 100 m, a twentieth of a wire."""
+"""Distance in metres from the surface at which secondary rays start: far above float64's rounding error at 100 m, and far
+below the thickness of a wire."""
 
 
 class World(NamedTuple):
@@ -39,14 +39,14 @@ class World(NamedTuple):
         material: (P,) int64.
         group: (G, 2) int64, first and one past the last primitive.
         bound: (G, 4) float64, a sphere around each group: centre and radius.
-        pattern: (M,) int64, a texture of `embedded_textures`.
+        pattern: (M,) int64, a texture of `golden.scenes.embedded.textures`.
         colours: (M, 2, 3) float64, the texture's two colours, in [0, 1].
         texel: (M, 2) float64, the texture's period in metres.
         mirror: (M,) float64, reflectance at normal incidence (Schlick's F0); 0 is diffuse.
         shine: (M,) float64, Phong strength of the lights' highlights; 0 is none.
         emission: (M,) float64, share of the colour that ignores the lighting, 1 for the far background.
         light: (L, 3) float64, light sample points in metres.
-        light_axis: (L, 3) float64, direction in which the sample emits, cosine-weighted; zero emits evenly.
+        light_axis: (L, 3) float64, direction in which the sample emits, weighted by the cosine; a zero vector emits evenly.
         light_colour: (L, 3) float64, radiant intensity.
         sun: (2, 3) float64, unit direction towards the sun, and its colour.
         ambient: (2, 3) float64, light from below and from above.
@@ -72,7 +72,7 @@ class World(NamedTuple):
     ambient: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _to_local(world, p, v, w):
     """Vector `v` in the frame of primitive `p`; w = 1 for a point, 0 for a direction."""
     m = world.to_local[p]
@@ -83,7 +83,7 @@ def _to_local(world, p, v, w):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_flat(world, p, o, d):
     """Ray parameter at the plane z = 0 inside the rectangle or disc, inf without a hit."""
     t = -o[2] / d[2]
@@ -97,9 +97,9 @@ def _hit_flat(world, p, o, d):
     return t
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_box(o, d):
-    """Slab test; from inside, the far side counts."""
+    """Ray parameter at the unit box by the slab test, inf without a hit; a ray from inside hits the far side."""
     near, far = -math.inf, math.inf
     for k in range(3):
         a, b = (-1.0 - o[k]) / d[k], (1.0 - o[k]) / d[k]
@@ -109,9 +109,9 @@ def _hit_box(o, d):
     return near if near > 0.0 else far
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _hit_quadric(world, p, o, d):
-    """Unit sphere, or open frustum x^2 + y^2 = (1 + k z)^2 over 0 <= z <= 1; the nearest admissible root."""
+    """Ray parameter at the unit sphere or the open frustum x^2 + y^2 = (1 + k z)^2, 0 <= z <= 1; inf without a hit."""
     tube = world.shape[p] == TUBE
     k = world.param[p, 0] - 1.0
     a = d[0] * d[0] + d[1] * d[1]
@@ -135,7 +135,7 @@ def _hit_quadric(world, p, o, d):
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _misses_bound(world, g, o, d):
     """True if the ray from `o` along unit `d` cannot meet group `g`."""
     m = (world.bound[g, 0] - o[0], world.bound[g, 1] - o[1], world.bound[g, 2] - o[2])
@@ -144,9 +144,9 @@ def _misses_bound(world, g, o, d):
     return m2 - along * along > r2 or (along < 0.0 and m2 > r2)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _nearest(world, o, d, limit, any_hit):
-    """(t, primitive) of the first hit along unit `d` within `limit`, or of any hit; (limit, MISS) without one."""
+    """(t, primitive) of the first hit along unit `d` within `limit`, or with `any_hit` of any; (limit, MISS) without one."""
     best, found = limit, MISS
     for g in range(len(world.group)):
         if _misses_bound(world, g, o, d):
@@ -167,7 +167,7 @@ def _nearest(world, o, d, limit, any_hit):
     return best, found
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _local_surface(world, p, q):
     """(outward normal, u, v) at local point `q`: normal in the local frame, texture coordinates in metres."""
     shape, s = world.shape[p], world.size[p]
@@ -186,7 +186,7 @@ def _local_surface(world, p, q):
     return (0.0, 0.0, math.copysign(1.0, q[2])), q[0] * s[0], q[1] * s[1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _surface(world, p, at, d):
     """(unit normal facing the viewer, texture colour) of primitive `p` at world point `at` seen along `d`."""
     n, u, v = _local_surface(world, p, _to_local(world, p, at, 1.0))
@@ -206,7 +206,7 @@ def _surface(world, p, at, d):
     return normal, base
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _lighting(world, at, normal, d, shine):
     """(light that arrives at a diffuse point, Phong highlight towards the viewer)."""
     up = 0.5 + 0.5 * normal[2]
@@ -222,7 +222,7 @@ def _lighting(world, at, normal, d, shine):
             to_light = scale(away, 1.0 / distance)
             axis = (world.light_axis[i, 0], world.light_axis[i, 1], world.light_axis[i, 2])
             emitted = max(0.0, -dot(axis, to_light)) if dot(axis, axis) > 0.0 else 1.0
-            strength = emitted / (0.25 + distance * distance)  # the 0.25 m^2 keeps what stands next to a light in range
+            strength = emitted / (0.25 + distance * distance)  # the 0.25 m^2 limits the brightness right beside a light
             colour = (world.light_colour[i, 0], world.light_colour[i, 1], world.light_colour[i, 2])
         else:
             distance, strength = math.inf, 1.0
@@ -239,7 +239,7 @@ def _lighting(world, at, normal, d, shine):
     return total, highlight
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _shade(world, p, at, d):
     """(colour without mirror reflection, normal, mirror reflectance) of primitive `p` at `at` seen along unit `d`."""
     normal, base = _surface(world, p, at, d)
@@ -255,9 +255,9 @@ def _shade(world, p, at, d):
     return colour, normal, mirror
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _radiance(world, o, d):
-    """(t, primitive, normal, colour) along the unit ray; one mirror bounce, whose hit is shaded without another."""
+    """(t, primitive, normal, colour) along the unit ray `d`, with one mirror bounce whose hit does not reflect again."""
     t, p = _nearest(world, o, d, math.inf, False)
     if p == MISS:
         return t, p, scale(d, -1.0), sky(d)
@@ -272,7 +272,7 @@ def _radiance(world, o, d):
     return t, p, normal, colour
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@compiled(parallel=True, error_model="numpy")
 def _trace(world, origin, direction, distance, primitive, normal, colour):
     for i in prange(len(origin)):
         o = (origin[i, 0], origin[i, 1], origin[i, 2])

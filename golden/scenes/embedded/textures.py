@@ -1,70 +1,70 @@
-"""Procedural textures and the sky of the embedded scene, in numba; vectors are tuples of three floats."""
+"""Procedural textures and the sky of the embedded scene, in numba. Vectors are tuples of three floats."""
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
+from golden.kernels import compiled
 
 PLAIN, CHECKER, PLANKS, BRICK, STRIPES, MOTTLE, TEXT, BOOKS, STAR, RUG = range(10)
-"""Textures: (pattern, colours a and b, u, v in periods) to a colour."""
+"""The patterns that `texture` accepts."""
 
 
-@njit(cache=True)
+@compiled
 def dot(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@compiled
 def add(a, b):
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@njit(cache=True)
+@compiled
 def scale(a, s):
     """s a."""
     return (a[0] * s, a[1] * s, a[2] * s)
 
 
-@njit(cache=True)
+@compiled
 def axpy(s, a, b):
     """s a + b."""
     return (s * a[0] + b[0], s * a[1] + b[1], s * a[2] + b[2])
 
 
-@njit(cache=True)
+@compiled
 def mix(a, b, w):
-    """a at w = 0, b at w = 1."""
+    """Linear interpolation: a at w = 0, b at w = 1."""
     return (a[0] + (b[0] - a[0]) * w, a[1] + (b[1] - a[1]) * w, a[2] + (b[2] - a[2]) * w)
 
 
-@njit(cache=True)
+@compiled
 def normalise(a):
     """The unit vector along `a`."""
     return scale(a, 1.0 / math.sqrt(dot(a, a)))
 
 
-@njit(cache=True)
+@compiled
 def smooth(x, lo, hi):
     """Smoothstep: 0 below lo, 1 above hi."""
     t = min(1.0, max(0.0, (x - lo) / (hi - lo)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True)
+@compiled
 def cell_random(i, j):
-    """A number in [0, 1) for an integer cell; 32-bit integer hash (multiply and xor-shift)."""
+    """A pseudo-random number in [0, 1) for an integer cell, from a 32-bit hash (multiply and xor-shift)."""
     h = (i * 374761393 + j * 668265263) & 0xFFFFFFFF
     h = ((h ^ (h >> 13)) * 1274126177) & 0xFFFFFFFF
     h = ((h ^ (h >> 16)) * 2246822519) & 0xFFFFFFFF
     return ((h ^ (h >> 15)) & 0xFFFFFF) / 16777216.0
 
 
-@njit(cache=True)
+@compiled
 def value_noise(u, v):
-    """Smooth noise in [0, 1): hashed lattice values, smoothstep between them."""
+    """Smooth noise in [0, 1): hashed values at the lattice points, with smoothstep interpolation between them."""
     a, b = math.floor(u), math.floor(v)
     s, t = smooth(u - a, 0.0, 1.0), smooth(v - b, 0.0, 1.0)
     low = cell_random(a, b) + (cell_random(a + 1, b) - cell_random(a, b)) * s
@@ -72,15 +72,15 @@ def value_noise(u, v):
     return low + (high - low) * t
 
 
-@njit(cache=True)
+@compiled
 def fractal(u, v):
     """Three octaves of value noise, about 0.5 +- 0.3."""
     return (4.0 * value_noise(u, v) + 2.0 * value_noise(2.03 * u, 2.03 * v) + value_noise(4.1 * u, 4.1 * v)) / 7.0
 
 
-@njit(cache=True)
+@compiled
 def _planks(a, b, u, v):
-    """Boards along u, one period wide, four long, staggered by row, with grain and dark joints."""
+    """Boards along u with grain and dark joints, one period wide and four long, each row offset from the one before."""
     row = math.floor(v)
     along = u / 4.0 + 0.37 * row
     board = cell_random(math.floor(along), row)
@@ -90,7 +90,7 @@ def _planks(a, b, u, v):
     return scale(colour, 0.55 + 0.45 * smooth(joint, 0.0, 0.06))
 
 
-@njit(cache=True)
+@compiled
 def _brick(a, b, u, v):
     """Bricks two periods long and one high in a running bond; `b` is the mortar."""
     row = math.floor(v)
@@ -101,9 +101,9 @@ def _brick(a, b, u, v):
     return mix(b, scale(a, tone), smooth(edge, 0.05, 0.11))
 
 
-@njit(cache=True)
+@compiled
 def _text(a, b, u, v):
-    """Lines of words: dark glyph strokes `b` on paper `a`, a heading above."""
+    """Lines of words: dark strokes of colour `b` on paper of colour `a`, with every sixth line empty."""
     line = math.floor(v)
     column = math.floor(1.6 * u)
     x, y = 1.6 * u - column, v - line
@@ -114,7 +114,7 @@ def _text(a, b, u, v):
     return b if inked and stroke and x < 0.85 else a
 
 
-@njit(cache=True)
+@compiled
 def _books(a, b, u, v):
     """Spines one period wide on shelves four periods high; `a` is the board, `b` the shadow above the books."""
     shelf = math.floor(v / 4.0)
@@ -135,16 +135,16 @@ def _books(a, b, u, v):
     return scale(colour, 0.45 + 0.55 * smooth(min(x, 1.0 - x), 0.0, 0.12))
 
 
-@njit(cache=True)
+@compiled
 def _star(a, b, u, v):
-    """A Siemens star of 18 pairs within one period of the centre, a ring around it: every frequency up to the limit."""
+    """A Siemens star of 18 pairs of sectors, one period in radius, and a ring around it; it has all spatial frequencies."""
     r = math.sqrt(u * u + v * v)
     if r > 1.0:
         return b if 1.08 < r < 1.16 else a
     return b if math.sin(18.0 * math.atan2(v, u)) > 0.0 else a
 
 
-@njit(cache=True)
+@compiled
 def _rug(a, b, u, v):
     """Rings and radial petals of a round rug, one period in radius."""
     r, angle = math.sqrt(u * u + v * v), math.atan2(v, u)
@@ -156,7 +156,7 @@ def _rug(a, b, u, v):
     return (0.86, 0.72, 0.42) if math.floor(7.0 * petal) % 2 else a
 
 
-@njit(cache=True)
+@compiled
 def texture(pattern, a, b, u, v):
     """Colour of a pattern (PLAIN..RUG) with colours `a` and `b` at (u, v), in periods of the pattern."""
     if pattern == CHECKER:
@@ -180,7 +180,7 @@ def texture(pattern, a, b, u, v):
     return a
 
 
-@njit(cache=True)
+@compiled
 def sky(d):
     """Colour of the sky along unit direction `d`: a gradient with clouds."""
     rise = max(0.0, d[2])

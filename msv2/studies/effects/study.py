@@ -10,10 +10,7 @@ and of each effect, the machine with it less the same machine without it.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -31,9 +28,11 @@ from msv2.studies import page
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
 from msv2.studies.record import liberties, write_report
+from msv2.studies.rtl_frame import simulate
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
+from spec.overrides import add_config_arguments, choice, config_from, config_options
 from spec.paths import ROOT
 
 EXAMPLES = """examples:
@@ -88,16 +87,15 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
     parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
-    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    add_config_arguments(parser, "default")
     parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
     parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
     parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
     parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
     parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
     args = parser.parse_args(argv)
-    for name in (args.config, args.area_config):
-        if name not in CONFIGS:
-            raise InputError(f"config {name!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    config_from(args, "default")  # before anything is rendered
+    choice("config", args.area_config, CONFIGS)
     for size in (args.size, args.rtl):
         if size is not None:
             parse_size(size)
@@ -152,14 +150,10 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
         InputError: the simulation fails.
     """
     view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
-    command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, "--config", args.config,
-               "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-    if done.returncode:
-        raise InputError(f"{' '.join(command[1:])} failed with exit status {done.returncode}")
-    row = json.loads((out / "frame.json").read_text())
+    row = simulate(frame.scene, ["--size", args.rtl, *view, *config_options(args), "--machine", "scene", "--effects", effects,
+                                 "--seed", str(args.seed)], make_folder(out))
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
-    spent = frame_energy(counter_counts(row), row["cycles"], CONFIGS[args.config], load_table())
+    spent = frame_energy(counter_counts(row), row["cycles"], config_from(args, "default"), load_table())
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
 
 
@@ -177,7 +171,8 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
                 for name in ("auto", "most") if name in found}
         auto, full = both["auto"], both.get("most", both["auto"])
         energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
-        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
+        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl": both,
+                "rtl_config": config_from(args, "default").name,
                 "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
     if area:
         config = CONFIGS[args.area_config]
@@ -244,7 +239,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
     report = {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})}
     write_report(out / "effects.json", report, [__name__, *["tb.frame.__main__"] * bool(args.rtl)],
-                 {"arguments": args, "machine": CONFIGS[args.config]},
+                 {"arguments": args, "machine": config_from(args, "default")},
                  [*(Frame.parse(text).scene for text in args.scenes), *(liberties() if areas else [])])
     tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
     page.write_page(out / "effects.md", "\n\n".join(

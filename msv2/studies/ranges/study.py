@@ -13,8 +13,8 @@ from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
 from msv2.studies.record import write_report
 from msv2.studies.scenes import MODELS
-from spec.config import CONFIGS
-from spec.errors import InputError
+from spec.config import AcceleratorConfig
+from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import REPORTS
 
 EPILOG = """\
@@ -33,7 +33,7 @@ def default_scenes() -> list[str]:
     return list(filter(None, map(scene_argument, MODELS)))
 
 
-def measure(scenes: Sequence[str], size: str, config_name: str) -> tuple[Profiles, dict[str, dict[str, int]]]:
+def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tuple[Profiles, dict[str, dict[str, int]]]:
     """Profiles over all scenes, and each scene's clipped and dropped values."""
     profiles: Profiles = {}
     clipped = {}
@@ -42,7 +42,7 @@ def measure(scenes: Sequence[str], size: str, config_name: str) -> tuple[Profile
             where = "none" if gaze == "none" else ",".join(str(int(part) // 2) for part in size.split("x"))
             request = resolve(argparse.Namespace(
                 scene=scene, size=size, camera="orbit", gaze=where, levels=levels, background="0,0,0", seed=0))
-            frame = render(request.model, request.camera, config=CONFIGS[config_name], foveation=request.foveation,
+            frame = render(request.model, request.camera, config=config, foveation=request.foveation,
                            background=request.background)
             name = f"{Path(scene).stem} {size}{', four levels' if levels else ''}"
             clipped[name] = profile(frame, profiles)
@@ -57,18 +57,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="model files, folders, or `embedded`")
     parser.add_argument("--size", default="640x360", help="frame size (default: 640x360)")
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper)")
+    add_config_arguments(parser, "paper")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
     parser.add_argument("--keep", action="store_true", help="write into reports/ instead")
     args = parser.parse_args(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
-    scenes = args.scenes or default_scenes()
-    profiles, clipped = measure(scenes, args.size, args.config)
+    config, scenes = config_from(args), args.scenes or default_scenes()
+    profiles, clipped = measure(scenes, args.size, config)
     out = make_folder(REPORTS if args.keep else args.out)
     fields = [p.row for p in profiles.values()]
-    report = {"size": args.size, "config": args.config, "scenes": clipped, "fields": fields}
-    write_report(out / "ranges.json", report, [__name__], {"arguments": args, "machine": CONFIGS[args.config]}, scenes)
+    report = {"size": args.size, "config": config.name, "configuration": config_record(config), "scenes": clipped,
+              "fields": fields}
+    write_report(out / "ranges.json", report, [__name__], {"arguments": args, "machine": config}, scenes)
     write_page(out / "ranges.md", markdown(profiles, clipped))
     picture(fields, out / "ranges.png")
     tight = [f"{p.record}.{p.field}" for p in profiles.values() if p.at_low + p.at_high]

@@ -32,17 +32,15 @@ from golden.scenes.orbit import orbit_camera
 from msv2.studies import record
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
+from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
+from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
-from spec.sources import fingerprint, sources_of
 
 BANDWIDTHS = ("25.6", "unlimited")
 """Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
-
-FRAME_COMMAND, BENCH_MEMORY = "tb.frame.__main__", ROOT / "tb" / "top" / "memory.sv"
-"""The command that renders a frame through the machine, and the one file of the bench that is no Python."""
 
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
@@ -77,7 +75,7 @@ def measure_frames() -> None:
     rows = frame_rows([(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
                        for view, merge, pipeline in wanted])
     write_report(REPORTS / "frames.json", {"rows": rows}, [__name__, FRAME_COMMAND], {"config": PAPER},
-                 [BENCH_MEMORY, *places((*EXACT, *EXACT_LARGE))])
+                 places((*EXACT, *EXACT_LARGE)))
 
 
 def measure_machine() -> None:
@@ -94,7 +92,7 @@ def measure_machine() -> None:
     wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
     write_report(REPORTS / "machine.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": PAPER},
-                 [BENCH_MEMORY, *places(SPEED)])
+                 places(SPEED))
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
@@ -104,18 +102,9 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if frame[0] in here]))
 
 
-def frame_sources() -> list[Path]:
-    """Files that a frame through the machine and its numbers are made of."""
-    return [*sources_of(FRAME_COMMAND), BENCH_MEMORY]
-
-
 def frame_row(view: View, *options: str) -> dict[str, object]:
-    """What is kept of one frame through the machine; one that these sources have given already is not simulated again."""
-    key = fingerprint(frame_sources(), view, options)
-    out = ROOT / "build" / "results" / f"frame-{key}"
-    if not (out / "frame.json").exists():
-        run("-m", "tb.frame", scene_argument(view.scene), "--machine", "full", "--out", str(out), *view.arguments, *options)
-    row = json.loads((out / "frame.json").read_text())
+    """What is kept of one frame through the machine; one that the same sources have given is not simulated again."""
+    row = kept_frame(ROOT / "build" / "results", scene_argument(view.scene), ["--machine", "full", *view.arguments, *options])
     return {"scene": view.scene, **{key: row[key] for key in FRAME_KEYS}}
 
 

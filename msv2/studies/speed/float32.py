@@ -13,9 +13,9 @@ import math
 import time
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from golden.kernels import compiled
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.threads import SLICES, for_slices
@@ -23,8 +23,8 @@ from spec import constants
 from spec.constants import FRUSTUM_MARGIN, SH_C0, TILE
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
-kernel = numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-inlined = numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
+kernel = compiled(nogil=True, fastmath=True, error_model="numpy")
+inlined = compiled(forceinline=True, fastmath=True, error_model="numpy")
 F = np.float32
 
 _ONE, _HALF, _TWO, _ZERO = F(1), F(0.5), F(2), F(0)

@@ -18,10 +18,9 @@ from msv2.studies import page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import SPLAT_CACHE, available, places
 from spec.config import PAPER, AcceleratorConfig
-from spec.constants import MAX_LEVELS
+from spec.constants import ENTRY_BYTES, MAX_LEVELS
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
 from spec.paths import REPORTS
-from spec.records import ENTRY_BYTES
 from tb.common.scenes import traced_frame
 
 ORGANISATIONS = (

@@ -11,9 +11,9 @@ from typing import Any
 
 from tqdm import tqdm
 
+from golden.diff import import_torch
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder
-from golden.train import import_torch
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -> dict[str, Any]:
     """A scene's record; poses that were measured before are not measured again."""
-    from msv2.studies.threshold.kept import GOLDEN_SOURCES, fingerprint, kept
+    from msv2.studies.kept import fingerprint, kept
     from msv2.studies.threshold.measure import TableWords, measure_pose
     from msv2.studies.threshold.rtl import rtl_pose
     from msv2.studies.threshold.scenes import named, table_scene
@@ -119,7 +119,8 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
     pair = {"units_per_metre": scene.metres, "ipd_metres": args.ipd}
     poses, words = [], None
     for camera in tqdm(scene.cameras, desc=scene.name, unit="pose", disable=None):
-        key = fingerprint(GOLDEN_SOURCES, scene.model, scene.reference, scene.v1, camera, pair, tuple(thresholds))
+        key = fingerprint(["msv2.studies.threshold.measure"], scene.model, scene.reference, scene.v1, camera, pair,
+                          tuple(thresholds))
 
         def make(camera: Any = camera) -> dict[str, object]:
             nonlocal words

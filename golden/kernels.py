@@ -1,0 +1,168 @@
+"""The decorator of all numba kernels: their compiled code is kept, and the time that compilation takes is told apart.
+
+numba's own cache notices an edit in a kernel's own file only, not in the functions and constants that the kernel takes from
+others, and would go on running stale code. Here the code is kept by the contents of the kernel's module and of everything of
+ours that the module imports (`spec.sources`), in the user's cache folder. Processes may run side by side.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import llvmlite
+import numba
+from numba.core import caching, config, event
+from numba.core.dispatcher import Dispatcher
+
+from spec.paths import ROOT, cache_folder
+from spec.sources import fingerprint, sources_of
+
+STATES_KEPT = 8
+"""States of a module's sources whose compiled kernels are kept."""
+
+KEPT_SECONDS = 24 * 3600
+"""Other states are kept this long after their last use: another checkout may be working with them."""
+
+
+def compiled(function: Callable | None = None, **options: object) -> Callable:
+    """`numba.njit` with the project's cache: `@compiled` or `@compiled(nogil=True)`, with the options of `numba.njit`."""
+    def decorate(plain: Callable) -> Callable:
+        kernel = numba.njit(**options)(plain)
+        if isinstance(kernel, Dispatcher):  # NUMBA_DISABLE_JIT leaves plain functions
+            kernel._cache = _KernelCache(plain)
+        return kernel
+
+    return decorate if function is None else decorate(function)
+
+
+@cache
+def kernel_folder(module: str, root: Path = ROOT) -> Path:
+    """Where the compiled kernels of a module are kept while its sources are as they are now."""
+    state = fingerprint(sources_of(module, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
+    folder = cache_folder("kernels", module, state)
+    with suppress(OSError):
+        os.utime(folder)
+    return folder
+
+
+def _module_of(source: Path) -> str:
+    """Dotted name of a file of the project, whatever the process calls it (`__main__` where it is the program)."""
+    return ".".join(source.resolve().relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _forget_old_states(folder: Path) -> None:
+    """Of the states beside a new one, leaves the last used."""
+    states = sorted((path for path in folder.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
+    for old in states[:-STATES_KEPT]:
+        if time.time() - old.stat().st_mtime > KEPT_SECONDS:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+class _Locator(caching._CacheLocator):
+    """Tells numba where a function's code is kept. The folder's name says all of the sources' state, so files need no stamp."""
+
+    def __init__(self, py_func: Callable, py_file: str) -> None:
+        self._py_file, self._line = py_file, py_func.__code__.co_firstlineno
+        self._folder = kernel_folder(_module_of(Path(py_file)))
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    def ensure_cache_path(self) -> None:
+        if not self._folder.is_dir():
+            self._folder.mkdir(parents=True, exist_ok=True)
+            _forget_old_states(self._folder.parent)
+
+    @classmethod
+    def from_function(cls, py_func: Callable, py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+
+class _Implementation(caching.CompileResultCacheImpl):
+    _locator_classes = [_Locator]
+
+
+class LockedFile(caching.IndexDataCacheFile):
+    """Files of one kernel, to which one process at a time adds.
+
+    numba names a kernel's files by the numbers that its index leaves free: two processes that compile it for different types
+    would take the same number, and later run one's code on the other's data.
+    """
+
+    def save(self, key: tuple, data: object) -> None:
+        with open(Path(self._cache_path) / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            super().save(key, data)
+
+
+class _KernelCache(caching.Cache):
+    _impl_class = _Implementation
+
+    def __init__(self, py_func: Callable) -> None:
+        super().__init__(py_func)
+        self._cache_file = LockedFile(
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+    # A full disk, or a folder that cannot be read or written, costs time and no result.
+
+    def load_overload(self, sig: object, target_context: object) -> object:
+        with suppress(OSError):
+            return super().load_overload(sig, target_context)
+        return None
+
+    def save_overload(self, sig: object, data: object) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+
+class _CompileTime(event.Listener):
+    """Adds up the time of compilations; those of the functions that a kernel calls are within its own."""
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._begin = 0.0, 0, 0.0  # one thread at a time: compilation holds numba's lock
+
+    def on_start(self, _: event.Event) -> None:
+        if self.seconds == 0.0 and self._depth == 0:
+            print("compiling kernels: the first run after a change of their sources takes longer", file=sys.stderr, flush=True)
+        if self._depth == 0:
+            self._begin = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.perf_counter() - self._begin
+
+
+_compile_time = _CompileTime()
+event.register("numba:compile", _compile_time)
+
+
+def compile_seconds() -> float:
+    """Seconds that this process has spent compiling kernels, which the first run after a change pays and later ones do not."""
+    return _compile_time.seconds
+
+
+def compile_note() -> str:
+    """What a command's last line says of compilation: nothing where nothing was compiled."""
+    seconds = compile_seconds()
+    return f"; kernels were compiled in {seconds:.1f} s, which is not counted" if seconds else ""
+
+
+def work_clock() -> float:
+    """Seconds of a clock that stands still while kernels are compiled; only differences mean something."""
+    return time.perf_counter() - _compile_time.seconds
