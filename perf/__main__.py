@@ -14,10 +14,10 @@ from perf.trace import trace_request
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
-from spec.paths import ROOT
+from spec.paths import BUILD, cache_folder, short_path
 from spec.records import COUNT_BITS
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 
 EPILOG = """\
 Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: when each group was in which stage.
@@ -48,7 +48,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help=f"of the ideal memory, bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
     parser.add_argument("--latency", type=int, default=100, metavar="N", help="of the ideal memory, cycles (default: 100)")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/perf/frame)")
-    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in build/perf")
+    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser.parse_args(argv)
 
 
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         raise InputError(f"bandwidth {args.bandwidth!r}, latency {args.latency}: {error}") from error
     config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
-    out = make_folder(args.out or ROOT / "build" / "perf" / "frame")
+    out = make_folder(args.out or BUILD / "perf" / "frame")
     trace = trace_request(args, config, cache=None if args.no_cache else CACHE)
     frame = simulate(
         trace, config, memory=memory, merge=args.merge == "1", pipeline=args.pipeline == "1",
@@ -88,8 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                                    "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
-    print(f"{out}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, traced in "
-          f"{trace.golden_seconds:.2f} s{compile_note()}")
+    print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "
+          f"traced in {trace.golden_seconds:.2f} s{compile_note()}")
     return 0
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from spec.errors import InputError, run_command_line
-from spec.paths import ROOT
+from spec.paths import BUILD
 from tb.axi import suite as axi
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_variant(unit: str, suite: ModuleType, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
     """One unit in one machine: 1 when anything differs; None when no run is chosen."""
     name = f"{unit} {variant}"
-    config, folder = suite.VARIANTS[variant], ROOT / "build" / unit / variant
+    config, folder = suite.VARIANTS[variant], BUILD / unit / variant
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None

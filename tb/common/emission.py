@@ -10,13 +10,13 @@ from importlib.metadata import version
 
 from rtl import units
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-FOLDER = ROOT / "build" / "emitted"
+FOLDER = cache_folder("emitted")
 
 
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
-    """Verilog, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were.
+    """Verilog, from the cache where rtl/, spec/, Amaranth and the configuration are as they were.
 
     It is `emit(config)`; without `emit` it is that of the unit of that name in `rtl.units`.
     """

@@ -22,7 +22,7 @@ from golden.scenes.request import (
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
-from spec.paths import ROOT
+from spec.paths import BUILD, short_path
 from spec.records import COUNT_BITS
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
@@ -142,7 +142,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     config = CONFIGS[args.config].with_(incremental=incremental)
     take_stereo_arguments(args)
     work = work_for(args, resolve(args), config, contention=speed.bytes_per_cycle is not None, full=args.machine == "full")
-    out = make_folder(args.out or ROOT / "build" / "frame")
+    out = make_folder(args.out or BUILD / "frame")
     try:
         numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, beta, speed, waves)
     except SimulationError as error:
@@ -151,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels, "merge": merge,
                 "pipeline": incremental, "beta": beta, "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
-    return _verdict(numbers, str(out))
+    return _verdict(numbers, short_path(out))
 
 
 def _one_eye(

@@ -22,7 +22,7 @@ from golden.scenes.embedded.world import CENTRE, embedded_world
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
 from spec.constants import SH_C0
 from spec.harmonics import basis_beyond_dc
-from spec.paths import ROOT
+from spec.paths import cache_folder
 from spec.sources import fingerprint, sources_of
 
 SAMPLE_VIEWS = 48
@@ -66,7 +66,7 @@ RIDGE = (0.02, 0.0005, 0.001, 0.002)
 """Ridge of the SH fit for degrees 0 to 3, in shares of GLOSS_VIEWS: higher degrees need more evidence, and degree 0 has
 the samples' mean to fall back on."""
 
-CACHE = ROOT / "build" / "cache"
+CACHE = cache_folder("scenes")
 """Where `cached_embedded_model` keeps its files."""
 
 

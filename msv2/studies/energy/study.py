@@ -27,13 +27,13 @@ from msv2.studies.energy.table import TABLE, Table, load_table
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
 """Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
 
-MACHINE = ROOT / "reports" / "machine.json"
+MACHINE = REPORTS / "machine.json"
 """Frames through the RTL, with its counters (`make results`)."""
 
 
