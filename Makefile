@@ -5,6 +5,7 @@ TESTS := $(RUN) -m pytest -n auto --dist worksteal
 EXTRAS ?=
 
 option = $(if $($(1)),--$(2) "$($(1))")
+config = $(call option,CONFIG,config) $(foreach set,$(SET),--set "$(set)")
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
 	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,EFFECTS,effects) $(call option,OUT,out)
 
@@ -29,19 +30,19 @@ tested:
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures
 	@$(RUN) -m msv2.cli.demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
-	@$(RUN) golden/render.py $(request) $(eyes) $(call option,CONFIG,config) $(call option,COMPARE,compare) $(call option,DUMP,dump) $(if $(filter-out 0,$(DEPTH)),--depth)
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+	@$(RUN) golden/render.py $(request) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump) $(if $(filter-out 0,$(DEPTH)),--depth)
 
-frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= EFFECTS= MACHINE=scene|full STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
-	@$(RUN) -m tb.frame $(request) $(eyes) $(call option,CONFIG,config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
+frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= SET="NAME=VALUE ..." GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= EFFECTS= MACHINE=scene|full STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
+	@$(RUN) -m tb.frame $(request) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
 
-sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SEED=N WAVES=1 WAVE_CYCLES=A:B
-	@$(RUN) -m tb.sim $(call option,TEST,test) $(call option,CONFIG,config) $(call option,SEED,seed) \
+sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
+	@$(RUN) -m tb.sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
 		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT=|CONFIG= STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N, liberty folder in MSV2_PDK
-	@$(RUN) -m synth $(call option,UNIT,unit) $(call option,CONFIG,config) $(if $(filter-out 0,$(STEREO)),--stereo) \
+synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N, liberty folder in MSV2_PDK
+	@$(RUN) -m synth $(call option,UNIT,unit) $(config) $(if $(filter-out 0,$(STEREO)),--stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
 report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N RUNS=N MSV2_PDK=
@@ -50,8 +51,8 @@ report-area: tested ## area and clocks of the paper's machine beside the paper's
 perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
 	@$(RUN) -m msv2.studies model $(if $(filter-out 0,$(RTL)),--rtl)
 
-report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= CLOCK_MHZ= FRAME=frame.json OUT=
-	@$(RUN) -m msv2.studies energy $(request) $(eyes) $(call option,CONFIG,config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
+report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET="NAME=VALUE ..." CLOCK_MHZ= FRAME=frame.json OUT=
+	@$(RUN) -m msv2.studies energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
 
 report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
 	@$(RUN) -m msv2.studies performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
@@ -73,8 +74,8 @@ table-ecc: setup ## the threshold of selective warping: quality, work and cost o
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
 		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
 
-table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= AREA=1 (MSV2_PDK=) OUT=
-	@$(RUN) -m msv2.studies effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(call option,CONFIG,config) $(if $(filter-out 0,$(AREA)),--area) $(call option,OUT,out)
+table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET="NAME=VALUE ..." AREA=1 (MSV2_PDK=) OUT=
+	@$(RUN) -m msv2.studies effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(if $(filter-out 0,$(AREA)),--area) $(call option,OUT,out)
 
 tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
 	@$(RUN) -m msv2.studies tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \

@@ -25,9 +25,14 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
+<<<<<<< HEAD
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.paths import BUILD, short_path
+=======
+from spec.errors import run_command_line
+from spec.overrides import add_config_arguments, choice, config_from, config_record
+>>>>>>> main
 
 EXAMPLES = """examples:
   python golden/render.py                                        the embedded scene
@@ -46,7 +51,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_request_arguments(parser)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
+    add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--compare", metavar="oracle", help="render the float64 oracle too and report the difference")
     parser.add_argument("--dump", metavar="STAGE", help="write an arrow as .npz: gaussians, splats, entries or pixels")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/render/NAME)")
@@ -98,20 +103,19 @@ def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, fl
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line's work."""
     args = parse_arguments(argv)
-    for name, value, accepted in (
-        ("config", args.config, CONFIGS), ("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES),
-    ):
-        if value is not None and value not in accepted:
-            raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+    config = config_from(args)
+    for name, value, accepted in (("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES)):
+        if value is not None:
+            choice(name, value, accepted)
     take_stereo_arguments(args)
     request = resolve(args)
-    work = work_for(args, request, CONFIGS[args.config])
+    work = work_for(args, request, config)
     eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:
         work.add_eye(frame)
     frame.seconds["quantise"] = work.prepare_s
-    stats = {**frame_statistics(frame, request), "effects": work.plan.record}
+    stats = {**frame_statistics(frame, request), "configuration": config_record(config), "effects": work.plan.record}
     if eyes:
         stats["stereo"] = stereo_statistics(args, request, eyes)
     if args.compare:

@@ -6,9 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from golden.diff import import_torch
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
-from spec.errors import InputError, run_command_line
+from spec.errors import run_command_line
 
 EXAMPLES = """examples:
   python golden/train.py                                         the embedded scene, some minutes
@@ -44,18 +45,6 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")
     add("--out", metavar="DIR", help="output folder (default: build/train/NAME)")
     return parser.parse_args(argv)
-
-
-def import_torch() -> None:
-    """Checks that torch is there before anything is read.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import torch  # noqa: F401
-    except ImportError as error:
-        raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:

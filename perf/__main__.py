@@ -6,18 +6,37 @@ import argparse
 import json
 from collections.abc import Sequence
 
+<<<<<<< HEAD
 from golden.kernels import compile_note, compile_seconds
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments, write_json
+=======
+from golden.scenes.probe import probe
+from golden.scenes.request import (
+    add_request_arguments,
+    add_stereo_arguments,
+    make_folder,
+    resolve,
+    take_stereo_arguments,
+    write_json,
+)
+>>>>>>> main
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import trace_request
-from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
+<<<<<<< HEAD
 from spec.paths import BUILD, cache_folder, short_path
+=======
+from spec.overrides import add_config_arguments, config_from, config_record
+from spec.paths import ROOT
+>>>>>>> main
 from spec.records import COUNT_BITS
 
 CACHE = cache_folder("traces")
+
+MACHINES = ("scene", "full")
+"""What the frame calls for and no more, as `python -m tb.frame` builds it by default, or all of the configuration."""
 
 EPILOG = """\
 Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: when each group was in which stage.
@@ -36,9 +55,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m perf", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser, size="256x144")
     add_stereo_arguments(parser)
-    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    add_config_arguments(parser, "default")
+    parser.add_argument("--machine", default="scene", choices=MACHINES,
+                        help="units for active effects only, or all of the configuration's (default: scene)")
     parser.add_argument("--merge", default="1", choices=("0", "1"), help="merge tiles (default: 1)")
-    parser.add_argument("--pipeline", default="1", choices=("0", "1"), help="stages hand over incrementally (default: 1)")
+    parser.add_argument("--pipeline", choices=("0", "1"), help="stages hand over incrementally (default: the machine's, 1)")
     parser.add_argument("--beta", default="auto", metavar="N|auto", help="merge threshold in entries (default: auto)")
     parser.add_argument("--pixels", default=None, choices=("wide", "display"),
                         help="of the frame in memory (default: wide; of two eyes display)")
@@ -67,8 +88,9 @@ def table(frame: FrameCycles) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     args = _arguments(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    config = config_from(args, "default")
+    if args.pipeline is not None:
+        config = config.with_(incremental=args.pipeline == "1")
     if args.beta != "auto" and not (args.beta.isdigit() and int(args.beta) < 1 << COUNT_BITS):
         raise InputError(f"beta {args.beta!r} is not accepted: 0..{(1 << COUNT_BITS) - 1} or 'auto' are")
     take_stereo_arguments(args)
@@ -76,6 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         memory = MemoryModel(args.memory, args.latency, None if args.bandwidth == "unlimited" else float(args.bandwidth))
     except ValueError as error:
         raise InputError(f"bandwidth {args.bandwidth!r}, latency {args.latency}: {error}") from error
+<<<<<<< HEAD
     config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
     out = make_folder(args.out or BUILD / "perf" / "frame")
     trace = trace_request(args, config, cache=None if args.no_cache else CACHE)
@@ -86,6 +109,20 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency}
     write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
                                    "compile_seconds": compile_seconds()})
+=======
+    out = make_folder(args.out or ROOT / "build" / "perf" / "frame")
+    request = resolve(args)
+    plan = probe(request.model, request.foveation, stereo=args.stereo, contention=memory.bytes_per_cycle is not None)
+    machine = plan.machine(config) if args.machine == "scene" else config.with_(stereo=args.stereo or config.stereo)
+    trace = trace_request(args, machine, cache=None if args.no_cache else CACHE, request=request)
+    frame = simulate(
+        trace, machine, memory=memory, merge=args.merge == "1", beta=None if args.beta == "auto" else int(args.beta),
+        display=None if args.pixels is None else args.pixels == "display")
+    settings = {"config": config.name, "machine": args.machine, "merge": args.merge == "1", "pipeline": config.incremental,
+                "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
+                "configuration": config_record(config), "effects": plan.record}
+    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds})
+>>>>>>> main
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
     print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "

@@ -2,41 +2,31 @@
 
 from __future__ import annotations
 
-from perf import bus, lists, sorter
+from perf import bus, sorter
 from perf.bus import VIEWS, W_FRAME
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
 from perf.sorter import layout as before
-from perf.watch import (
-    BLOCKED_ARRAY,
-    BLOCKED_FETCH,
-    BLOCKED_PIXELS,
-    BUSY_ARRAY,
-    BUSY_FETCH,
-    BUSY_PIXELS,
-)
 from spec.constants import TILE
 from spec.queues import ARRAY_TILES, HEADERS, VIEWS_PENDING
 
-layout = Layout(before.size)
-(WANTED, WANT_TILE, OCCUPIED, MISSED, REQUESTS, REQUESTED, PENDING_IN, PENDING_OUT, PASSED, ENTRY, VIEWS_BASE) = layout.words(
-    "wanted want_tile occupied missed requests requested pending_in pending_out passed entry views_base")
-(BUSY, TILE_AT, LEFT, SECOND, LEVEL, BLENDS, AT, SLOT_VALID, SLOT_DRAIN, BUFFER, BUFFER_DRAIN, STOP_0, STOP_1, OPS, SKIPPED,
- IN_FLIGHT, LEAVE_IN, LEAVE_OUT, STOP_LATENCY, HEADER_AT) = layout.words(
-    "busy tile_at left second level blends at slot_valid slot_drain buffer buffer_drain stop_0 stop_1 ops skipped "
-    "in_flight leave_in leave_out stop_latency header_at")
-(BLOCKS, CORES_X, CORES_Y, ROW_LATENCY, LEAVE_LATENCY, ISSUE, ISSUE_LEFT, ISSUE_DRAIN, ISSUE_AT, ISSUED_AT, ROWS_FREE, WAIT,
- DRAIN_IN, DRAIN_OUT, DRAIN_ROWS, DRAIN_ROW, HALVES) = layout.words(
-    "blocks cores_x cores_y row_latency leave_latency issue issue_left issue_drain issue_at issued_at rows_free wait "
-    "drain_in drain_out drain_rows drain_row halves")
-(WIDTH, HEIGHT, TILES_X, PIXEL_WORDS, FRAME_BASE, PACKED, PACKED_BEATS, PACKED_AT, SENDS, SEND_AT, TILE_OUT, ROW_OUT, PIXELS,
- RENDERED_TILES, ROWS_DONE) = layout.words(
-    "width height tiles_x pixel_words frame_base packed packed_beats packed_at sends send_at tile_out row_out pixels "
-    "rendered_tiles rows_done")
-PENDING = layout.ring(VIEWS_PENDING)
-ASKED = layout.ring(8)
-LEAVES, DRAINS = layout.ring(8), layout.ring(64)
+layout = Layout(before)
+layout.words("""
+    wanted want_tile occupied missed view_requests views_requested pending_in pending_out entry_passed entry_ready
+    views_base""")
+layout.words("""
+    setup_busy tile_at entries_left second_level drain_level tile_blends entry_at slot_valid slot_drain ops_buffered
+    buffer_drain stop_0 stop_1 ops skipped in_flight leave_in leave_out stop_latency header_at""")
+layout.words("""
+    blocks cores_x cores_y row_latency leave_latency issue issue_left issue_drain issue_at issued_at rows_free drain_wait
+    drain_in drain_out drain_rows drain_row row_halves""")
+layout.words("""
+    width height tiles_x pixel_words frame_base packed packed_beats packed_at sends send_at tile_out row_out rendered_tiles""")
+layout.ring("view_times", VIEWS_PENDING)
+layout.ring("view_asked", 8)
+layout.ring("leave_times", 8)
+layout.ring("drain_times", 64)
 
 _SETUP = SETUP_LATENCY - 1  # before the output buffer
 
@@ -45,193 +35,194 @@ _SETUP = SETUP_LATENCY - 1  # before the output buffer
 def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, tile_counts):
     """SplatFetch: what memory or the cache gives, what is asked for, what is wanted; whether an entry is wanted."""
     if array_takes:
-        s[ENTRY] = 0
-    if s[ENTRY] == 0:
-        s[ENTRY], s[PASSED] = s[PASSED], 0
-    at = s[PENDING_OUT]
-    if s[PASSED] == 0 and at != s[PENDING_IN] and s[PENDING + (at & VIEWS_PENDING - 1)] <= t:
+        s.entry_ready = 0
+    if s.entry_ready == 0:
+        s.entry_ready, s.entry_passed = s.entry_passed, 0
+    at = s.pending_out
+    if s.entry_passed == 0 and at != s.pending_in and s.view_times[at & VIEWS_PENDING - 1] <= t:
         if missed[at] == 0:
-            s[PASSED], s[PENDING_OUT] = 1, at + 1
+            s.entry_passed, s.pending_out = 1, at + 1
         elif bus.offered(s, VIEWS, t):
             bus.take(s, VIEWS)
-            s[PASSED], s[PENDING_OUT] = 1, at + 1
-    requests = s[REQUESTS]
+            s.entry_passed, s.pending_out = 1, at + 1
+    requests = s.view_requests
     if granted:
-        bus.read(s, VIEWS, s[VIEWS_BASE] + s[ASKED + (s[REQUESTED] & 7)])
-        s[REQUESTED] += 1
-        s[REQUESTS] -= 1
-    found = s[PENDING_IN]
-    if s[OCCUPIED] and requests < 2 and found - at < VIEWS_PENDING:
-        s[PENDING + (found & VIEWS_PENDING - 1)] = t + 2
-        s[PENDING_IN], s[OCCUPIED] = found + 1, 0
+        bus.read(s, VIEWS, s.views_base + s.view_asked[s.views_requested & 7])
+        s.views_requested += 1
+        s.view_requests -= 1
+    found = s.pending_in
+    if s.occupied and requests < 2 and found - at < VIEWS_PENDING:
+        s.view_times[found & VIEWS_PENDING - 1] = t + 2
+        s.pending_in, s.occupied = found + 1, 0
         if missed[found]:
-            s[ASKED + (s[REQUESTED] + s[REQUESTS] & 7)] = view_beat[found]
-            s[REQUESTS] += 1
-            s[MISSED] += 1
-    wanted = s[WANTED]
+            s.view_asked[s.views_requested + s.view_requests & 7] = view_beat[found]
+            s.view_requests += 1
+            s.missed += 1
+    wanted = s.wanted
     takes = False
     if sorter.handover_offers(s, t):
-        takes = wanted != 0 and s[OCCUPIED] == 0
+        takes = wanted != 0 and s.occupied == 0
         if takes:
-            s[BUSY_FETCH] += 1
-            s[OCCUPIED], s[WANTED] = 1, wanted - 1
+            s.busy_fetch += 1
+            s.occupied, s.wanted = 1, wanted - 1
         else:
-            s[BLOCKED_FETCH] += 1
+            s.blocked_fetch += 1
     if (wanted == 0 or (takes and wanted == 1)) and levels_before:
-        s[WANTED] = tile_counts[s[WANT_TILE]]
-        s[WANT_TILE] += 1
-        s[lists.LEVELS] -= 1
+        s.wanted = tile_counts[s.want_tile]
+        s.want_tile += 1
+        s.fetch_tiles -= 1
     return takes
 
 
 @step
 def _slot(s, t, valid, drain):
     """A slot into the setup unit's pipeline."""
-    s[SLOT_VALID] = (s[SLOT_VALID] << 1 | valid) & (1 << _SETUP) - 1
-    s[SLOT_DRAIN] = (s[SLOT_DRAIN] << 1 | drain) & (1 << _SETUP) - 1
+    s.slot_valid = (s.slot_valid << 1 | valid) & (1 << _SETUP) - 1
+    s.slot_drain = (s.slot_drain << 1 | drain) & (1 << _SETUP) - 1
 
 
 @step
 def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
     """SetupUnit: headers and entries to slots; whether an entry is taken."""
-    while s[LEAVE_OUT] != s[LEAVE_IN] and s[LEAVES + (s[LEAVE_OUT] & 7)] <= t:
-        s[LEAVE_OUT] += 1
-        s[IN_FLIGHT] -= 1
+    while s.leave_out != s.leave_in and s.leave_times[s.leave_out & 7] <= t:
+        s.leave_out += 1
+        s.in_flight -= 1
     advance = waiting < 2
     if advance:
-        s[BUFFER_DRAIN] |= (s[SLOT_DRAIN] >> _SETUP - 1) << s[BUFFER]
-        s[BUFFER] += s[SLOT_VALID] >> _SETUP - 1
-    takes, valid, drain, ends = False, False, False, s[BUSY] == 0
-    if s[BUSY]:
-        left, blends = s[LEFT], s[BLENDS]
-        if s[SECOND]:
+        s.buffer_drain |= (s.slot_drain >> _SETUP - 1) << s.ops_buffered
+        s.ops_buffered += s.slot_valid >> _SETUP - 1
+    takes, valid, drain, ends = False, False, False, s.setup_busy == 0
+    if s.setup_busy:
+        left, blends = s.entries_left, s.tile_blends
+        if s.second_level:
             valid = True
             if advance:
-                s[SECOND] = 0
+                s.second_level = 0
         elif left:
-            skip = s[STOP_0] <= t and s[STOP_1] <= t and s[IN_FLIGHT] == 1
-            if s[ENTRY]:
+            skip = s.stop_0 <= t and s.stop_1 <= t and s.in_flight == 1
+            if s.entry_ready:
                 takes = advance or skip
                 if takes:
-                    s[LEFT] = left - 1
-                    both = blends and use[s[AT]] == 3
-                    s[AT] += 1
-                    tile, done = s[TILE_AT], tile_counts[s[TILE_AT]] - left + 1
+                    s.entries_left = left - 1
+                    both = blends and use[s.entry_at] == 3
+                    s.entry_at += 1
+                    tile, done = s.tile_at, tile_counts[s.tile_at] - left + 1
                     if done == stop[tile, 0]:
-                        s[STOP_0] = t + s[STOP_LATENCY]
+                        s.stop_0 = t + s.stop_latency
                     if done == stop[tile, 1]:
-                        s[STOP_1] = t + s[STOP_LATENCY] + both
+                        s.stop_1 = t + s.stop_latency + both
                     if skip:
-                        s[SKIPPED] += 1
+                        s.skipped += 1
                     else:
                         valid = True
-                        s[SECOND] = both
+                        s.second_level = both
         else:
             valid = True
-            drain = s[LEVEL] == blends
+            drain = s.drain_level == blends
             if advance:
-                s[LEVEL] = 0 if drain else 1
+                s.drain_level = 0 if drain else 1
                 ends = drain
-    s[BUSY_ARRAY] += takes
-    s[BLOCKED_ARRAY] += s[ENTRY] and not takes
+    s.busy_array += takes
+    s.blocked_array += s.entry_ready and not takes
     if advance:
         _slot(s, t, valid, drain)
     if ends:
-        at = s[lists.HEADS_OUT]
-        s[BUSY] = 0
-        if at != s[lists.HEADS_IN] and s[lists.HEADS + (at & 2 * HEADERS - 1)] <= t and s[IN_FLIGHT] < ARRAY_TILES:
-            tile = s[HEADER_AT]
-            s[lists.HEADS_OUT], s[HEADER_AT] = at + 1, tile + 1
-            s[BUSY], s[LEFT], s[BLENDS], s[TILE_AT], s[SECOND] = 1, tile_counts[tile], tile_blend[tile], tile, 0
-            s[IN_FLIGHT] += 1
-            s[STOP_0], s[STOP_1] = 1 << 60, (1 << 60) if tile_blend[tile] else 0
+        at = s.heads_out
+        s.setup_busy = 0
+        if at != s.heads_in and s.heads[at & 2 * HEADERS - 1] <= t and s.in_flight < ARRAY_TILES:
+            tile = s.header_at
+            s.heads_out, s.header_at = at + 1, tile + 1
+            s.setup_busy, s.entries_left, s.second_level = 1, tile_counts[tile], 0
+            s.tile_at, s.tile_blends = tile, tile_blend[tile]
+            s.in_flight += 1
+            s.stop_0, s.stop_1 = 1 << 60, (1 << 60) if tile_blend[tile] else 0
     return takes
 
 
 @step
 def step_issue(s, t):
     """BlockSequencer and the claims of the buffer behind the array."""
-    wait = s[WAIT]
+    wait = s.drain_wait
     if wait:
-        s[WAIT] = wait - 1
-    if s[ISSUE] == 0:
+        s.drain_wait = wait - 1
+    if s.issue == 0:
         return
-    drain = s[ISSUE_DRAIN]
-    first = s[ISSUE_LEFT] == s[BLOCKS]
-    room = s[ROWS_FREE] >= s[CORES_Y] if s[sorter.INCREMENTAL] else s[HALVES] != 0 or not first
-    if s[ISSUE_AT] > t or (drain and (wait or not room)):
+    drain = s.issue_drain
+    first = s.issue_left == s.blocks
+    room = s.rows_free >= s.cores_y if s.incremental else s.row_halves != 0 or not first
+    if s.issue_at > t or (drain and (wait or not room)):
         return
-    s[OPS] += 1
-    left = s[ISSUE_LEFT] - 1
-    s[ISSUE_LEFT] = left
+    s.ops += 1
+    left = s.issue_left - 1
+    s.issue_left = left
     if drain:
-        s[WAIT] = s[CORES_Y] - 1
-        if s[sorter.INCREMENTAL]:
-            s[ROWS_FREE] -= s[CORES_Y]
-            s[DRAINS + (s[DRAIN_IN] & 63)] = t + s[ROW_LATENCY]
-            s[DRAIN_IN] += 1
+        s.drain_wait = s.cores_y - 1
+        if s.incremental:
+            s.rows_free -= s.cores_y
+            s.drain_times[s.drain_in & 63] = t + s.row_latency
+            s.drain_in += 1
         else:
-            s[HALVES] -= first
+            s.row_halves -= first
             if left == 0:
-                s[DRAINS + (s[DRAIN_IN] & 63)] = t + s[ROW_LATENCY] + s[CORES_Y] - 2
-                s[DRAIN_IN] += 1
+                s.drain_times[s.drain_in & 63] = t + s.row_latency + s.cores_y - 2
+                s.drain_in += 1
         if left == 0:
-            s[LEAVES + (s[LEAVE_IN] & 7)] = t + s[LEAVE_LATENCY]
-            s[LEAVE_IN] += 1
+            s.leave_times[s.leave_in & 7] = t + s.leave_latency
+            s.leave_in += 1
     if left == 0:
-        s[ISSUE], s[ISSUED_AT] = 0, t
+        s.issue, s.issued_at = 0, t
 
 
 @step
 def load_issue(s, t):
     """The sequencer's next op, out of the setup unit's buffer."""
-    if s[ISSUE] == 0 and s[BUFFER]:
-        s[ISSUE], s[ISSUE_LEFT], s[ISSUE_DRAIN] = 1, s[BLOCKS], s[BUFFER_DRAIN] & 1
-        s[BUFFER] -= 1
-        s[BUFFER_DRAIN] >>= 1
-        s[ISSUE_AT] = t + (2 if s[BLOCKS] > 1 and s[ISSUED_AT] != t - 1 else 0)  # two stages, full while ops follow each other
+    if s.issue == 0 and s.ops_buffered:
+        s.issue, s.issue_left, s.issue_drain = 1, s.blocks, s.buffer_drain & 1
+        s.ops_buffered -= 1
+        s.buffer_drain >>= 1
+        s.issue_at = t + (2 if s.blocks > 1 and s.issued_at != t - 1 else 0)  # two stages, full while ops follow each other
 
 
 @step
 def buffered(s):
     """Ops in the setup unit's buffer, of two; with several blocks the sequencer takes two more."""
-    waiting = s[BUFFER] + s[ISSUE]
-    return max(0, waiting - 2) if s[BLOCKS] > 1 else waiting
+    waiting = s.ops_buffered + s.issue
+    return max(0, waiting - 2) if s.blocks > 1 else waiting
 
 
 @step
 def rows_offered(s, t):
     """The array offers a row of pixels."""
-    at = s[DRAIN_OUT]
-    return at != s[DRAIN_IN] and s[DRAINS + (at & 63)] + s[DRAIN_ROW] <= t
+    at = s.drain_out
+    return at != s.drain_in and s.drain_times[at & 63] + s.drain_row <= t
 
 
 @step
 def take_row(s):
     """The row on offer is gone."""
-    row = s[DRAIN_ROW] + 1
-    if s[sorter.INCREMENTAL]:
-        s[ROWS_FREE] += 1
-    if row == s[DRAIN_ROWS]:
+    row = s.drain_row + 1
+    if s.incremental:
+        s.rows_free += 1
+    if row == s.drain_rows:
         row = 0
-        s[DRAIN_OUT] += 1
-        if s[sorter.INCREMENTAL] == 0:
-            s[HALVES] += 1
-    s[DRAIN_ROW] = row
+        s.drain_out += 1
+        if s.incremental == 0:
+            s.row_halves += 1
+    s.drain_row = row
 
 
 @step
 def _row_beats(s, tile, row):
     """Beats that a row of a tile takes, and its first pixel's word."""
-    cores = s[CORES_X]
+    cores = s.cores_x
     columns = TILE // cores
-    block, line = row // s[CORES_Y], row % s[CORES_Y]
-    y = tile // s[TILES_X] * TILE + block // columns * s[CORES_Y] + line
-    x = tile % s[TILES_X] * TILE + block % columns * cores
-    words = s[PIXEL_WORDS]
-    count = min(s[WIDTH] - x, cores) * words
-    start = (y * s[WIDTH] + x) * words
-    if y >= s[HEIGHT] or count <= 0:
+    block, line = row // s.cores_y, row % s.cores_y
+    y = tile // s.tiles_x * TILE + block // columns * s.cores_y + line
+    x = tile % s.tiles_x * TILE + block % columns * cores
+    words = s.pixel_words
+    count = min(s.width - x, cores) * words
+    start = (y * s.width + x) * words
+    if y >= s.height or count <= 0:
         return 0, 0
     return (start % 8 + count + 7) // 8, start // 8
 
@@ -239,40 +230,40 @@ def _row_beats(s, tile, row):
 @step
 def step_pixels(s, t, granted, offered, tile_number, tile_times):
     """PixelWriter; whether it takes the row on offer."""
-    sends, packed = s[SENDS], s[PACKED]
+    sends, packed = s.sends, s.packed
     if granted:
-        bus.write(s, W_FRAME, s[FRAME_BASE] + s[SEND_AT])
-        s[SEND_AT] += 1
-        s[SENDS] = sends - 1
+        bus.write(s, W_FRAME, s.frame_base + s.send_at)
+        s.send_at += 1
+        s.sends = sends - 1
     room = sends == 0 or (granted and sends == 1)
     if room:
-        s[SENDS] = s[PACKED_BEATS] if packed else 0
-        s[SEND_AT] = s[PACKED_AT]
+        s.sends = s.packed_beats if packed else 0
+        s.send_at = s.packed_at
     if packed and not room:
         return False
-    s[PACKED] = offered
+    s.packed = offered
     if not offered:
         return False
-    tile, row = s[TILE_OUT], s[ROW_OUT]
-    s[PACKED_BEATS], s[PACKED_AT] = _row_beats(s, tile_number[tile], row)
+    tile, row = s.tile_out, s.row_out
+    s.packed_beats, s.packed_at = _row_beats(s, tile_number[tile], row)
     if row == 0:
         tile_times[0, tile] = t
     row += 1
-    if row * s[CORES_X] == TILE * TILE:
+    if row * s.cores_x == TILE * TILE:
         tile_times[1, tile] = t
-        row, s[TILE_OUT] = 0, tile + 1
-    s[ROW_OUT] = row
+        row, s.tile_out = 0, tile + 1
+    s.row_out = row
     return True
 
 
 @step
 def pixels_finished(s, t):
     """All rows have come, and memory has their pixels."""
-    return s[TILE_OUT] == s[RENDERED_TILES] and s[PACKED] == 0 and s[SENDS] == 0 and bus.writes_idle(s, t, W_FRAME)
+    return s.tile_out == s.rendered_tiles and s.packed == 0 and s.sends == 0 and bus.writes_idle(s, t, W_FRAME)
 
 
 @step
 def count_rows(s, offered, taken):
     """What the pixel writer's input did."""
-    s[BUSY_PIXELS] += taken
-    s[BLOCKED_PIXELS] += offered and not taken
+    s.busy_pixel_write += taken
+    s.blocked_pixel_write += offered and not taken

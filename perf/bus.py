@@ -35,198 +35,198 @@ _READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer to its place's next us
 NEVER = 1 << 60
 
 layout = Layout()
-(GAIN, COST, LATENCY, KIND, LAST_READ, LAST_WRITE, R_PUSH, R_NEW, R_CLIENT, R_IN, R_TURN, R_OUT, W_PUSH, W_NEW, W_IN, W_TURN,
- W_OUT, W_COMES, CREDIT, TURN_AT, W_READY) = layout.words(
-    "gain cost latency kind last_read last_write r_push r_new r_client r_in r_turn r_out w_push w_new w_in w_turn "
-    "w_out w_comes credit turn_at w_ready")
-CREDITS, D_IN, D_OUT, READS = (layout.ring(8) for _ in range(4))
-WRITES, WRITTEN = layout.ring(8), layout.ring(8)
-LOWEST = layout.ring(64)  # place of the lowest bit set
-R_ID, R_DUE, R_ADDRESS, R_ANSWERS, W_ID, W_DUE, W_ADDRESS, W_ANSWERS = (layout.ring(RING) for _ in range(8))
-CLIENT_ANSWERS = layout.ring(8 * _WRITES)
-DATA = layout.ring(8 * _DATA)
+layout.words("""
+    gain cost latency kind credit turn_at last_read last_write
+    read_push read_new read_client read_in read_turn read_out
+    write_push write_new write_in write_turn write_out write_comes write_ready""")
+for _name in ("credits", "beats_in", "beats_out", "reads", "writes", "written"):
+    layout.ring(_name, 8)  # a place a client
+layout.ring("lowest_bit", 64)  # place of the lowest bit set
+for _name in ("id", "due", "address", "answers"):
+    layout.ring(f"read_{_name}", RING)
+    layout.ring(f"write_{_name}", RING)
+layout.ring("client_answers", 8, _WRITES)
+layout.ring("beat_times", 8, _DATA)
 
 
-def prepare(s: np.ndarray, *, latency: int, gain: int, cost: int, dram: bool) -> None:
-    """An idle bus; memory gives `gain` of the `cost` of a beat in every cycle, cost 0: a read and a write each."""
-    s[: layout.size] = 0
-    s[LATENCY], s[GAIN], s[COST], s[CREDIT] = latency, gain, cost, 2 * cost
-    s[KIND] = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
-    s[TURN_AT] = -1
-    s[W_READY] = 1
-    for ring, size in ((R_ANSWERS, RING), (W_ANSWERS, RING), (CLIENT_ANSWERS, 8 * _WRITES)):
-        s[ring : ring + size] = -NEVER
-    s[LOWEST : LOWEST + 64] = [(x & -x).bit_length() - 1 for x in range(64)]
+def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> None:
+    """An idle bus in a new state; in every cycle memory gives `gain` of a beat's `cost`, or with cost 0 a read and a write."""
+    s.latency, s.gain, s.cost, s.credit = latency, gain, cost, 2 * cost
+    s.kind = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
+    s.turn_at = -1
+    s.write_ready = 1
+    s.read_answers[:] = s.write_answers[:] = s.client_answers[:] = -NEVER
+    s.lowest_bit[:] = [(x & -x).bit_length() - 1 for x in range(64)]
     for place, name in enumerate(READ_CLIENTS):
-        s[CREDITS + place] = READ_DEPTHS[name]
+        s.credits[place] = READ_DEPTHS[name]
 
 
 @step
 def _next(s, last, asking):
     """Of those who ask, the next one after the last who was served."""
     later = asking & (-2 << last)
-    return s[LOWEST + (later if later else asking)]
+    return s.lowest_bit[later if later else asking]
 
 
 @step
 def grant_read(s, t, asking):
     """Which of the clients that ask (a bit each, with a credit) is served in cycle t; -1: none. `read` must follow."""
-    s[R_NEW] = 0
-    if asking == 0 or s[R_ANSWERS + (s[R_PUSH] - IN_FLIGHT & _MASK)] > t - _READ_FREED:
+    s.read_new = 0
+    if asking == 0 or s.read_answers[s.read_push - IN_FLIGHT & _MASK] > t - _READ_FREED:
         return -1
-    return _next(s, s[LAST_READ], asking)
+    return _next(s, s.last_read, asking)
 
 
 @step
 def grant_write(s, t, asking):
     """The same for writes."""
-    s[W_NEW] = 0
-    if asking == 0 or s[W_PUSH] - s[W_IN] + s[W_COMES] > 1:
+    s.write_new = 0
+    if asking == 0 or s.write_push - s.write_in + s.write_comes > 1:
         return -1
-    client = _next(s, s[LAST_WRITE], asking)
-    while s[CLIENT_ANSWERS + client * _WRITES + (s[WRITES + client] & _WRITES - 1)] > t - _WRITE_FREED:
+    client = _next(s, s.last_write, asking)
+    while s.client_answers[client, s.writes[client] & _WRITES - 1] > t - _WRITE_FREED:
         asking &= ~(1 << client)
         if asking == 0:
             return -1
-        client = _next(s, s[LAST_WRITE], asking)
+        client = _next(s, s.last_write, asking)
     return client
 
 
 @step
 def read(s, client, address):
     """The client that was granted a read sends it."""
-    s[LAST_READ] = client
-    s[CREDITS + client] -= 1
-    at = s[R_PUSH] & _MASK
-    s[R_CLIENT], s[R_NEW] = client, 1
-    s[R_ID + at], s[R_ADDRESS + at], s[R_ANSWERS + at] = client, address, NEVER
-    s[R_PUSH] += 1
+    s.last_read = client
+    s.credits[client] -= 1
+    at = s.read_push & _MASK
+    s.read_client, s.read_new = client, 1
+    s.read_id[at], s.read_address[at], s.read_answers[at] = client, address, NEVER
+    s.read_push += 1
 
 
 @step
 def write(s, client, address):
     """The client that was granted a write sends it."""
-    s[LAST_WRITE] = client
-    at, count = s[W_PUSH] & _MASK, s[WRITES + client]
-    s[W_ID + at], s[W_ADDRESS + at] = client, address
-    s[CLIENT_ANSWERS + client * _WRITES + (count & _WRITES - 1)] = NEVER
-    s[WRITES + client] = count + 1
-    s[W_PUSH] += 1
-    s[W_NEW] = 1
+    s.last_write = client
+    at, count = s.write_push & _MASK, s.writes[client]
+    s.write_id[at], s.write_address[at] = client, address
+    s.client_answers[client, count & _WRITES - 1] = NEVER
+    s.writes[client] = count + 1
+    s.write_push += 1
+    s.write_new = 1
 
 
 @step
 def writes_idle(s, t, client):
     """All writes of a client are in memory."""
-    return s[CLIENT_ANSWERS + client * _WRITES + (s[WRITES + client] - 1 & _WRITES - 1)] <= t - _WRITE_FREED
+    return s.client_answers[client, s.writes[client] - 1 & _WRITES - 1] <= t - _WRITE_FREED
 
 
 @step
 def offered(s, client, t):
     """A beat is offered to the client."""
-    at = s[D_OUT + client]
-    return at != s[D_IN + client] and s[DATA + client * _DATA + (at & _DATA - 1)] <= t
+    at = s.beats_out[client]
+    return at != s.beats_in[client] and s.beat_times[client, at & _DATA - 1] <= t
 
 
 @step
 def take(s, client):
     """The client takes the beat on offer."""
-    s[D_OUT + client] += 1
-    s[CREDITS + client] += 1
+    s.beats_out[client] += 1
+    s.credits[client] += 1
 
 
 @step
 def _deliver(s, client, t):
     """A read is, or will be, answered at the end of cycle t."""
-    at = s[D_IN + client]
-    s[DATA + client * _DATA + (at & _DATA - 1)] = t + _TO_CLIENT
-    s[D_IN + client] = at + 1
-    s[READS + client] += 1
+    at = s.beats_in[client]
+    s.beat_times[client, at & _DATA - 1] = t + _TO_CLIENT
+    s.beats_in[client] = at + 1
+    s.reads[client] += 1
 
 
 @step
 def deliver(s, client, t):
     """A read is answered at the end of cycle t."""
     _deliver(s, client, t)
-    s[R_ANSWERS + (s[R_OUT] & _MASK)] = t
-    s[R_OUT] += 1
+    s.read_answers[s.read_out & _MASK] = t
+    s.read_out += 1
 
 
 @step
 def written(s, client, t):
     """A write is answered at the end of cycle t."""
-    count = s[WRITTEN + client]
-    s[CLIENT_ANSWERS + client * _WRITES + (count & _WRITES - 1)] = t
-    s[WRITTEN + client] = count + 1
+    count = s.written[client]
+    s.client_answers[client, count & _WRITES - 1] = t
+    s.written[client] = count + 1
 
 
 @step
 def _turn(s, at):
     """When a request that is in memory at the end of cycle `at` has its turn: once all before it have, and credit is there."""
-    turn, credit, cost = s[TURN_AT], s[CREDIT], s[COST]
+    turn, credit, cost = s.turn_at, s.credit, s.cost
     if at > turn:
-        credit = min(credit + s[GAIN] * (at - turn), 2 * cost)
+        credit = min(credit + s.gain * (at - turn), 2 * cost)
         turn = at
     if credit < cost:
-        wait = (cost - credit + s[GAIN] - 1) // s[GAIN]
+        wait = (cost - credit + s.gain - 1) // s.gain
         turn += wait
-        credit += s[GAIN] * wait
-    s[TURN_AT], s[CREDIT] = turn, credit - cost
+        credit += s.gain * wait
+    s.turn_at, s.credit = turn, credit - cost
     return turn
 
 
 @step
 def compute_answers(s, t):
     """What was granted in cycle t stands before memory in the next, a write perhaps longer: when they are answered."""
-    if s[R_NEW]:
-        at = s[R_PUSH] - 1
-        answer = max(_turn(s, t + 1), t + s[LATENCY], s[R_ANSWERS + (at - 1 & _MASK)] + 1)
-        s[R_ANSWERS + (at & _MASK)] = answer
-        _deliver(s, s[R_CLIENT], answer)
-    at = s[W_IN]
-    comes = at != s[W_PUSH] and s[W_ANSWERS + (at - QUEUE & _MASK)] <= t
-    s[W_COMES] = comes
+    if s.read_new:
+        at = s.read_push - 1
+        answer = max(_turn(s, t + 1), t + s.latency, s.read_answers[at - 1 & _MASK] + 1)
+        s.read_answers[at & _MASK] = answer
+        _deliver(s, s.read_client, answer)
+    at = s.write_in
+    comes = at != s.write_push and s.write_answers[at - QUEUE & _MASK] <= t
+    s.write_comes = comes
     if comes:
-        answer = max(_turn(s, t + 1), t + s[LATENCY], s[W_ANSWERS + (at - 1 & _MASK)] + 1)
-        s[W_ANSWERS + (at & _MASK)] = answer
-        written(s, s[W_ID + (at & _MASK)], answer)
-        s[W_IN] = at + 1
+        answer = max(_turn(s, t + 1), t + s.latency, s.write_answers[at - 1 & _MASK] + 1)
+        s.write_answers[at & _MASK] = answer
+        written(s, s.write_id[at & _MASK], answer)
+        s.write_in = at + 1
 
 
 @phase
 def step_memory(s, t):
     """The clock edge at the end of cycle t in the bench's memory."""
-    at = s[R_IN]
-    if at != s[R_PUSH] - s[R_NEW]:
-        s[R_DUE + (at & _MASK)] = t + s[LATENCY] - 1
-        s[R_IN] = at + 1
-    at = s[W_IN]
-    if at != s[W_PUSH] - s[W_NEW] and s[W_READY]:
-        s[W_DUE + (at & _MASK)] = t + s[LATENCY] - 1
-        s[W_IN] = at + 1
-    cost = s[COST]
-    credit = min(s[CREDIT] + s[GAIN], 2 * cost)
-    r, w = s[R_TURN], s[W_TURN]
-    wants_read, wants_write = r != s[R_IN], w != s[W_IN]
-    if wants_read and wants_write and credit >= cost and s[W_DUE + (w & _MASK)] < s[R_DUE + (r & _MASK)]:
-        s[W_TURN] = w + 1
+    at = s.read_in
+    if at != s.read_push - s.read_new:
+        s.read_due[at & _MASK] = t + s.latency - 1
+        s.read_in = at + 1
+    at = s.write_in
+    if at != s.write_push - s.write_new and s.write_ready:
+        s.write_due[at & _MASK] = t + s.latency - 1
+        s.write_in = at + 1
+    cost = s.cost
+    credit = min(s.credit + s.gain, 2 * cost)
+    r, w = s.read_turn, s.write_turn
+    wants_read, wants_write = r != s.read_in, w != s.write_in
+    if wants_read and wants_write and credit >= cost and s.write_due[w & _MASK] < s.read_due[r & _MASK]:
+        s.write_turn = w + 1
         credit -= cost
         wants_write = False
     if wants_read and credit >= cost:
-        s[R_TURN] = r + 1
+        s.read_turn = r + 1
         credit -= cost
     if wants_write and credit >= cost:
-        s[W_TURN] = w + 1
+        s.write_turn = w + 1
         credit -= cost
-    s[CREDIT] = credit
-    at = s[R_OUT]
-    if at != s[R_TURN] and s[R_DUE + (at & _MASK)] <= t:
-        deliver(s, s[R_ID + (at & _MASK)], t)
-    at = s[W_OUT]
-    if at != s[W_TURN] and s[W_DUE + (at & _MASK)] <= t:
-        written(s, s[W_ID + (at & _MASK)], t)
-        s[W_OUT] = at + 1
-    s[W_READY] = s[W_IN] - s[W_OUT] < QUEUE
+    s.credit = credit
+    at = s.read_out
+    if at != s.read_turn and s.read_due[at & _MASK] <= t:
+        deliver(s, s.read_id[at & _MASK], t)
+    at = s.write_out
+    if at != s.write_turn and s.write_due[at & _MASK] <= t:
+        written(s, s.write_id[at & _MASK], t)
+        s.write_out = at + 1
+    s.write_ready = s.write_in - s.write_out < QUEUE
 
 
 def rate(bytes_per_cycle: float | None) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from perf import bus
-from perf.bus import QUEUE, R_ADDRESS, R_ID, R_IN, R_NEW, R_PUSH, READERS, W_ADDRESS, W_ID, W_IN, W_NEW, W_OUT, W_PUSH
+from perf.bus import QUEUE, READERS
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -63,37 +63,35 @@ class Lpddr3:
     low: int = 4
 
 
-layout = Layout(bus.layout.size)
+layout = Layout(bus.layout)
 _PARAMETERS = tuple(f.name for f in fields(Lpddr3) if f.name not in ("window", "high", "low"))
-(CLOCK, BURST, RL, WL, DQSCK, RCD, RP, RP_ALL, RAS, RRD, FAW, WR, WTR, RTP, REFI, RFC, CONTROLLER) = layout.words(
-    " ".join(_PARAMETERS))
-WINDOW, HIGH, LOW, TURN = layout.words("window high low turn")
-WAKE, DRAINS, READ_OK, WRITE_OK, COMMAND_OK, NEXT_REFRESH, ACTIVATED = (layout.ring(CHANNELS) for _ in range(7))
-ACTIVATES = layout.ring(4 * CHANNELS)
-OPEN, CAS_OK, PRECHARGE_OK, ACTIVATE_OK = (layout.ring(CHANNELS * BANKS) for _ in range(4))
+layout.words(" ".join(f"dram_{name}" for name in _PARAMETERS))
+layout.words("dram_window dram_high dram_low dram_turn dram_activates_given dram_refreshes")
+for _name in ("wake", "drains", "read_ok", "write_ok", "next_refresh", "activated"):
+    layout.ring(f"dram_{_name}", CHANNELS)
+layout.ring("dram_activates", CHANNELS, 4)
+for _name in ("open", "cas_ok", "precharge_ok", "activate_ok"):
+    layout.ring(f"dram_{_name}", CHANNELS * BANKS)
 _HELD = 512  # requests of a channel and kind: as many as memory takes
-WAITING = layout.ring(2 * CHANNELS)
-REQUESTS = layout.ring(2 * CHANNELS * _HELD)  # row, bank, client and number in one word, the oldest first
-NUMBERS = layout.ring(8)
-ANSWER = layout.ring(8 * 512)
-WRITTEN = layout.ring(512)  # when writes are in memory, in no order: a calendar of cycles
-ROW_HITS, ACTS, REFRESHES = layout.words("row_hits activates refreshes")
+layout.ring("dram_waiting", 2 * CHANNELS)
+layout.ring("dram_requests", 2 * CHANNELS, _HELD)  # row, bank, client and number in one word, the oldest first
+layout.ring("dram_numbers", 8)
+layout.ring("dram_answer", 8, 512)
+layout.ring("dram_written", 512)  # when writes are in memory, in no order: a calendar of cycles
 
 _NEVER = 1 << 60
 
 
-def prepare(s: np.ndarray, device: Lpddr3) -> None:
-    """Idle channels with all rows closed."""
-    s[bus.layout.size : layout.size] = 0
-    for place, name in enumerate(_PARAMETERS):
-        s[CLOCK + place] = round(_UNIT * getattr(device, name))
-    s[WINDOW], s[HIGH], s[LOW] = device.window, device.high, device.low
-    s[OPEN : OPEN + CHANNELS * BANKS] = -1
-    s[WAKE : WAKE + CHANNELS] = _NEVER
-    s[ACTIVATES : ACTIVATES + 4 * CHANNELS] = -_NEVER
+def prepare(s: np.record, device: Lpddr3) -> None:
+    """Idle channels with all rows closed, of a new state."""
+    for name in _PARAMETERS:
+        s[f"dram_{name}"] = round(_UNIT * getattr(device, name))
+    s.dram_window, s.dram_high, s.dram_low = device.window, device.high, device.low
+    s.dram_open[:] = -1
+    s.dram_wake[:] = s.dram_answer[:] = _NEVER
+    s.dram_activates[:] = -_NEVER
     for channel in range(CHANNELS):
-        s[NEXT_REFRESH + channel] = s[REFI] * (channel + 1) // CHANNELS  # one after the other
-    s[ANSWER : ANSWER + 8 * 512] = _NEVER
+        s.dram_next_refresh[channel] = s.dram_refi * (channel + 1) // CHANNELS  # one after the other
 
 
 @step
@@ -103,46 +101,46 @@ def _arrive(s, now, kind, address, client, number):
     row = address >> 12
     bank = (address >> 9 ^ row) & BANKS - 1
     queue = 2 * channel + kind
-    s[REQUESTS + queue * _HELD + s[WAITING + queue]] = row << 16 | bank << 13 | client << 9 | (number & 511)
-    s[WAITING + queue] += 1
-    s[WAKE + channel] = min(s[WAKE + channel], now)
+    s.dram_requests[queue, s.dram_waiting[queue]] = row << 16 | bank << 13 | client << 9 | (number & 511)
+    s.dram_waiting[queue] += 1
+    s.dram_wake[channel] = min(s.dram_wake[channel], now)
 
 
 @step
 def _remove(s, queue, place):
     """A request leaves its queue; those behind move up."""
-    count = s[WAITING + queue] - 1
+    count = s.dram_waiting[queue] - 1
     for i in range(place, count):
-        s[REQUESTS + queue * _HELD + i] = s[REQUESTS + queue * _HELD + i + 1]
-    s[WAITING + queue] = count
+        s.dram_requests[queue, i] = s.dram_requests[queue, i + 1]
+    s.dram_waiting[queue] = count
 
 
 @step
 def _transfer(s, now, channel, queue, place, kind):
     """READ or WRITE: its burst, and what must wait for it."""
-    request = s[REQUESTS + queue * _HELD + place]
+    request = s.dram_requests[queue, place]
     bank = channel * BANKS + (request >> 13 & 7)
     if kind:
-        ends = now + s[WL] + s[CLOCK] + s[BURST]
-        s[WRITE_OK + channel] = now + s[BURST]
-        s[READ_OK + channel] = max(s[READ_OK + channel], ends + s[WTR])
-        s[PRECHARGE_OK + bank] = max(s[PRECHARGE_OK + bank], ends + s[WR])
-        s[WRITTEN + ((ends + s[CONTROLLER]) // _UNIT & 511)] += 1 << 6 * (request >> 9 & 15)
+        ends = now + s.dram_write_latency + s.dram_clock + s.dram_burst
+        s.dram_write_ok[channel] = now + s.dram_burst
+        s.dram_read_ok[channel] = max(s.dram_read_ok[channel], ends + s.dram_wtr)
+        s.dram_precharge_ok[bank] = max(s.dram_precharge_ok[bank], ends + s.dram_wr)
+        s.dram_written[(ends + s.dram_controller) // _UNIT & 511] += 1 << 6 * (request >> 9 & 15)
     else:
-        ends = now + s[RL] + s[DQSCK] + s[BURST]
-        s[READ_OK + channel] = now + s[BURST]
-        s[WRITE_OK + channel] = max(s[WRITE_OK + channel], ends + s[CLOCK] - s[WL])
-        s[PRECHARGE_OK + bank] = max(s[PRECHARGE_OK + bank], now + s[RTP])
-        s[ANSWER + (request >> 9 & 15) * 512 + (request & 511)] = (ends + s[CONTROLLER]) // _UNIT
+        ends = now + s.dram_read_latency + s.dram_dqsck + s.dram_burst
+        s.dram_read_ok[channel] = now + s.dram_burst
+        s.dram_write_ok[channel] = max(s.dram_write_ok[channel], ends + s.dram_clock - s.dram_write_latency)
+        s.dram_precharge_ok[bank] = max(s.dram_precharge_ok[bank], now + s.dram_rtp)
+        s.dram_answer[request >> 9 & 15, request & 511] = (ends + s.dram_controller) // _UNIT
     _remove(s, queue, place)
 
 
 @step
 def _activate_at(s, channel, bank):
     """The earliest ACTIVATE of a closed bank."""
-    last, oldest = s[ACTIVATED + channel], s[ACTIVATED + channel] + 1
-    at = max(s[ACTIVATE_OK + bank], s[ACTIVATES + 4 * channel + (last & 3)] + s[RRD])
-    return max(at, s[ACTIVATES + 4 * channel + (oldest & 3)] + s[FAW])
+    last, oldest = s.dram_activated[channel], s.dram_activated[channel] + 1
+    at = max(s.dram_activate_ok[bank], s.dram_activates[channel, last & 3] + s.dram_rrd)
+    return max(at, s.dram_activates[channel, oldest & 3] + s.dram_faw)
 
 
 @step
@@ -150,40 +148,40 @@ def _refresh(s, now, channel):
     """All banks are closed and refreshed, as soon as they may be."""
     ready = now
     for bank in range(channel * BANKS, channel * BANKS + BANKS):
-        if s[OPEN + bank] >= 0:
-            ready = max(ready, s[PRECHARGE_OK + bank])
-        s[OPEN + bank] = -1
-    done = ready + s[RP_ALL] + s[RFC]
+        if s.dram_open[bank] >= 0:
+            ready = max(ready, s.dram_precharge_ok[bank])
+        s.dram_open[bank] = -1
+    done = ready + s.dram_rp_all + s.dram_rfc
     for bank in range(channel * BANKS, channel * BANKS + BANKS):
-        s[ACTIVATE_OK + bank] = max(s[ACTIVATE_OK + bank], done)
-    s[NEXT_REFRESH + channel] += s[REFI]
-    s[REFRESHES] += 1
+        s.dram_activate_ok[bank] = max(s.dram_activate_ok[bank], done)
+    s.dram_next_refresh[channel] += s.dram_refi
+    s.dram_refreshes += 1
     return done
 
 
 @step
 def _choose(s, now, channel, queue, kind):
     """The next command of a window: when it may be given, and of which request; the place's sign says which command."""
-    count = min(s[WAITING + queue], s[WINDOW])
+    count = min(s.dram_waiting[queue], s.dram_window)
     best, at, wanted = -1, _NEVER, 0
     for place in range(count):  # rows that are open and wanted
-        request = s[REQUESTS + queue * _HELD + place]
+        request = s.dram_requests[queue, place]
         bank = request >> 13 & 7
-        if s[OPEN + channel * BANKS + bank] == request >> 16:
+        if s.dram_open[channel * BANKS + bank] == request >> 16:
             wanted |= 1 << bank
-            ready = max(s[CAS_OK + channel * BANKS + bank], s[WRITE_OK + channel] if kind else s[READ_OK + channel])
+            ready = max(s.dram_cas_ok[channel * BANKS + bank], s.dram_write_ok[channel] if kind else s.dram_read_ok[channel])
             if ready < at:
                 best, at = place, ready
                 if ready <= now:
                     return best, at
     for place in range(count):
-        request = s[REQUESTS + queue * _HELD + place]
+        request = s.dram_requests[queue, place]
         bank = request >> 13 & 7
         if wanted >> bank & 1:
             continue
         wanted |= 1 << bank
         place_of = channel * BANKS + bank
-        ready = _activate_at(s, channel, place_of) if s[OPEN + place_of] < 0 else s[PRECHARGE_OK + place_of]
+        ready = _activate_at(s, channel, place_of) if s.dram_open[place_of] < 0 else s.dram_precharge_ok[place_of]
         if ready < at:
             best, at = place, ready
             if ready <= now:
@@ -194,58 +192,57 @@ def _choose(s, now, channel, queue, kind):
 @step
 def _command(s, now, channel):
     """The channel's next command, if it may be given now; when to look again."""
-    if now >= s[NEXT_REFRESH + channel]:
+    if now >= s.dram_next_refresh[channel]:
         return _refresh(s, now, channel)
-    reads, writes = s[WAITING + 2 * channel], s[WAITING + 2 * channel + 1]
-    if s[DRAINS + channel]:
-        s[DRAINS + channel] = writes > s[LOW] or (reads == 0 and writes != 0)
+    reads, writes = s.dram_waiting[2 * channel], s.dram_waiting[2 * channel + 1]
+    if s.dram_drains[channel]:
+        s.dram_drains[channel] = writes > s.dram_low or (reads == 0 and writes != 0)
     else:
-        s[DRAINS + channel] = writes >= s[HIGH] or (reads == 0 and writes != 0)
-    kind = s[DRAINS + channel]
+        s.dram_drains[channel] = writes >= s.dram_high or (reads == 0 and writes != 0)
+    kind = s.dram_drains[channel]
     queue = 2 * channel + kind
-    if s[WAITING + queue] == 0:
+    if s.dram_waiting[queue] == 0:
         return _NEVER
     place, at = _choose(s, now, channel, queue, kind)
     if at > now:
-        return min(at, s[NEXT_REFRESH + channel])
-    request = s[REQUESTS + queue * _HELD + place]
+        return min(at, s.dram_next_refresh[channel])
+    request = s.dram_requests[queue, place]
     bank = channel * BANKS + (request >> 13 & 7)
-    if s[OPEN + bank] == request >> 16:
-        s[ROW_HITS] += 1
+    if s.dram_open[bank] == request >> 16:
         _transfer(s, now, channel, queue, place, kind)
-    elif s[OPEN + bank] < 0:
-        s[OPEN + bank] = request >> 16
-        s[CAS_OK + bank], s[PRECHARGE_OK + bank] = now + s[RCD], now + s[RAS]
-        s[ACTIVATED + channel] += 1
-        s[ACTIVATES + 4 * channel + (s[ACTIVATED + channel] & 3)] = now
-        s[ACTS] += 1
+    elif s.dram_open[bank] < 0:
+        s.dram_open[bank] = request >> 16
+        s.dram_cas_ok[bank], s.dram_precharge_ok[bank] = now + s.dram_rcd, now + s.dram_ras
+        s.dram_activated[channel] += 1
+        s.dram_activates[channel, s.dram_activated[channel] & 3] = now
+        s.dram_activates_given += 1
     else:
-        s[OPEN + bank] = -1
-        s[ACTIVATE_OK + bank] = now + s[RP]
-    return now + s[CLOCK]
+        s.dram_open[bank] = -1
+        s.dram_activate_ok[bank] = now + s.dram_rp
+    return now + s.dram_clock
 
 
 @step
 def _answers(s, t):
     """A beat on R, if the oldest read of some client is answered; writes that are in memory."""
-    client = s[TURN]
+    client = s.dram_turn
     for _ in range(READERS):
         client = 0 if client + 1 == READERS else client + 1
-        place = ANSWER + client * 512 + (s[bus.READS + client] & 511)
-        if s[place] <= t:
-            s[place] = _NEVER
+        place = s.reads[client] & 511
+        if s.dram_answer[client, place] <= t:
+            s.dram_answer[client, place] = _NEVER
             bus.deliver(s, client, t)
-            s[TURN] = client
+            s.dram_turn = client
             break
-    done = s[WRITTEN + (t & 511)]
+    done = s.dram_written[t & 511]
     if done:
-        s[WRITTEN + (t & 511)] = 0
+        s.dram_written[t & 511] = 0
         client = 0
         while done:
             count = done & 63
             for _ in range(count):
                 bus.written(s, client, t - 1)
-            s[W_OUT] += count
+            s.write_out += count
             done >>= 6
             client += 1
 
@@ -254,18 +251,18 @@ def _answers(s, t):
 def end_cycle(s, t):
     """The clock edge at the end of cycle t."""
     now = _UNIT * t + _UNIT
-    at, came = s[R_IN], s[R_PUSH] - s[R_NEW]
+    at, came = s.read_in, s.read_push - s.read_new
     if at != came:
-        client = s[R_ID + (at & 511)]
-        _arrive(s, now, 0, s[R_ADDRESS + (at & 511)], client, s[NUMBERS + client])
-        s[NUMBERS + client] += 1
-        s[R_IN] = at + 1
-    at, came = s[W_IN], s[W_PUSH] - s[W_NEW]
-    if at != came and s[bus.W_READY]:
-        _arrive(s, now, 1, s[W_ADDRESS + (at & 511)], s[W_ID + (at & 511)], 0)
-        s[W_IN] = at + 1
+        client = s.read_id[at & 511]
+        _arrive(s, now, 0, s.read_address[at & 511], client, s.dram_numbers[client])
+        s.dram_numbers[client] += 1
+        s.read_in = at + 1
+    at, came = s.write_in, s.write_push - s.write_new
+    if at != came and s.write_ready:
+        _arrive(s, now, 1, s.write_address[at & 511], s.write_id[at & 511], 0)
+        s.write_in = at + 1
     for channel in range(CHANNELS):
-        if s[WAKE + channel] <= now:
-            s[WAKE + channel] = _command(s, now, channel)
+        if s.dram_wake[channel] <= now:
+            s.dram_wake[channel] = _command(s, now, channel)
     _answers(s, t)
-    s[bus.W_READY] = s[W_IN] - s[W_OUT] < QUEUE
+    s.write_ready = s.write_in - s.write_out < QUEUE

@@ -7,7 +7,7 @@ as where `ready` passes through combinationally. What a `Buffer` holds is looked
 from __future__ import annotations
 
 from perf import bus, memory
-from perf.bus import COLOUR, CREDITS, GEOMETRY, TILES, W_ENTRIES, W_VIEWS
+from perf.bus import COLOUR, GEOMETRY, TILES, W_ENTRIES, W_VIEWS
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -17,281 +17,280 @@ NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
 NOT_LAST, CLOSES, ENDS = range(3)
 """Of a run: others of its splat follow; it is the last; it is the frame's end."""
 
-layout = Layout(memory.layout.size)
+layout = Layout(memory.layout)
 _RING = 128
 _MASK = _RING - 1
 
-(BUSY_GEOMETRY, BLOCKED_GEOMETRY, BUSY_PROJECTION, BLOCKED_PROJECTION, BUSY_TILES, BLOCKED_TILES, BUSY_COLOUR, BLOCKED_COLOUR,
- BUSY_ENTRIES, BLOCKED_ENTRIES) = layout.words("geometry . projection . tile_test . colour . entry_write .")
-WATCHED = BUSY_GEOMETRY
+layout.counters("geometry", "projection", "tile_test", "colour", "entry_write")
 
-# A datapath: length and interval, slots entered and fetched, free rows, whether its output register is full, a ring of times.
-_LENGTH, _INTERVAL, _IN, _OUT, _FREE, _FULL, _TIMES = range(7)
-_PATH = 8 + _RING
-NEAR, PROJECTION, ELLIPSE, HARMONICS = (layout.size + i * _PATH for i in range(4))
-layout.size += 4 * _PATH
+# Datapaths, by number: length and interval, slots entered and fetched, free rows, whether the output register is full, and when
+# the slots inside are finished.
+NEAR, PROJECTION, ELLIPSE, HARMONICS = range(4)
+for _name in ("length", "interval", "in", "out", "free", "full"):
+    layout.ring(f"path_{_name}", 4)
+layout.ring("path_times", 4, _RING)
 
-(POINTS, ASKED, POINT, PASSED, VISIBLE_AT, SPLAT_LEFT, STEP, WALKING, WALKED, CUT, CUT_LEFT, RUN_FULL, KEPT, KEPT_ROOM,
- RUN, CLIPPED, EXPANDING, REST, HAS_ENTRY, SURVIVORS, SURVIVOR_IN, SURVIVOR_END) = layout.words(
-    "points asked point passed visible splat_left step walking walked cut cut_left run_full kept kept_room "
-    "run clipped expanding rest has_entry survivors survivor_in survivor_end")
-(E_FIRST, E_SLOT, E_PIPE, E_LINKED, E_OUT, E_BUFFER, E_TAKEN, E_SENT, E_END, E_ENDED) = layout.words(
-    "e_first e_slot e_pipe e_linked e_out e_buffer e_taken e_sent e_end e_ended")
-(C_LEFT, C_SPLAT, C_BEATS, C_IN, C_WAIT_OUT, C_WAITING, C_NUMBER, C_PLACE, C_COUNT, C_LASTS, C_SUM, C_VIEWS, C_VIEW, C_WRITE,
- C_LEFT_AT, C_INSIDE, C_ENDING, C_FINISHED, C_ENDED, C_SETTLED) = layout.words(
-    "c_left c_splat c_beats c_in c_wait_out c_waiting c_number c_place c_count c_lasts c_sum c_views c_view c_write "
-    "c_left_at c_inside c_ending c_finished c_ended c_settled")
-C_RING = layout.ring(_RING)
+layout.words("""
+    points asked near_point passed visible_at splat_left step walking walked cut cut_left run_full kept kept_room run clipped
+    expanding rest has_entry survivors survivor_end""")
+layout.words("""
+    writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_end writer_ended""")
+layout.words("""
+    colour_left colour_splat colour_beats colour_in colour_wait_out colour_waiting colour_number colour_place colour_count
+    colour_lasts colour_sum colour_views colour_view colour_write colour_left_at colour_inside colour_ending colour_finished
+    colour_ended colour_settled""")
+layout.ring("colour_waits", _RING)
 
 
 def set_path(s, p, length, interval, rows):
-    """An empty datapath at p."""
-    s[p + _LENGTH], s[p + _INTERVAL], s[p + _FREE] = length, interval, rows
+    """Datapath `p` as it is built, and empty."""
+    s.path_length[p], s.path_interval[p], s.path_free[p] = length, interval, rows
 
 
 @step
 def _fetch(s, p, t):
     """A finished slot into the output register, where that is free."""
-    if s[p + _FULL] == 0:
-        at = s[p + _OUT]
-        if at != s[p + _IN] and s[p + _TIMES + (at & _MASK)] <= t:
-            s[p + _OUT], s[p + _FULL] = at + 1, 1
-            s[p + _FREE] += 1
+    if s.path_full[p] == 0:
+        at = s.path_out[p]
+        if at != s.path_in[p] and s.path_times[p, at & _MASK] <= t:
+            s.path_out[p], s.path_full[p] = at + 1, 1
+            s.path_free[p] += 1
 
 
 @step
 def _accepts(s, p, t):
-    return s[p + _FREE] != 0 and (s[p + _INTERVAL] == 1 or t % s[p + _INTERVAL] == 0)
+    return s.path_free[p] != 0 and (s.path_interval[p] == 1 or t % s.path_interval[p] == 0)
 
 
 @step
 def _enter(s, p, t):
-    at = s[p + _IN]
-    s[p + _TIMES + (at & _MASK)] = t + s[p + _LENGTH] + 1
-    s[p + _IN] = at + 1
-    s[p + _FREE] -= 1
+    at = s.path_in[p]
+    s.path_times[p, at & _MASK] = t + s.path_length[p] + 1
+    s.path_in[p] = at + 1
+    s.path_free[p] -= 1
 
 
 @step
 def _write_views(s, granted, views, view_of):
     """ViewWriter: a beat for every level of the splat whose sums are there."""
     if granted:
-        bus.write(s, W_VIEWS, s[C_VIEW])
-        s[C_WRITE] = 0
-    if s[C_SUM] and s[C_WRITE] == 0:
-        at = s[C_LEFT_AT]
-        level = s[C_VIEWS]
+        bus.write(s, W_VIEWS, s.colour_view)
+        s.colour_write = 0
+    if s.colour_sum and s.colour_write == 0:
+        at = s.colour_left_at
+        level = s.colour_views
         while views[at] >> level & 1 == 0:
             level += 1
-        s[C_VIEW], s[C_WRITE] = view_of[at] + level, 1
+        s.colour_view, s.colour_write = view_of[at] + level, 1
         level += 1
         if views[at] >> level == 0:
-            s[C_SUM], level = 0, 0
-            s[C_LEFT_AT] = at + 1
-            s[C_INSIDE] -= 1
-        s[C_VIEWS] = level
+            s.colour_sum, level = 0, 0
+            s.colour_left_at = at + 1
+            s.colour_inside -= 1
+        s.colour_views = level
 
 
 @step
 def _sum_colour(s, t, steps):
     """ColourSum: a step of a record where its beats are at hand, two at most."""
-    lasts, place, count, number = s[C_LASTS], s[C_PLACE], s[C_COUNT], s[C_NUMBER]
-    sums_free = lasts == 0 and s[C_SUM] == 0
+    lasts, place, count, number = s.colour_lasts, s.colour_place, s.colour_count, s.colour_number
+    sums_free = lasts == 0 and s.colour_sum == 0
     last = number == len(steps) - 1
-    step = s[HARMONICS + _FULL] and place == steps[number, 0] and place + count >= steps[number, 1] and (not last or sums_free)
+    there = place == steps[number, 0] and place + count >= steps[number, 1]
+    step = s.path_full[HARMONICS] and there and (not last or sums_free)
     following = 0 if last else steps[number + 1, 0]
     move = count != 0 and ((last or following != place) if step else place != steps[number, 0])
     takes = (count < 2 or move) and bus.offered(s, COLOUR, t)
     if takes:
         bus.take(s, COLOUR)
-    s[C_COUNT] = count + takes - move
+    s.colour_count = count + takes - move
     if move:
-        s[C_PLACE] = 0 if place + 1 == s[C_BEATS] else place + 1
+        s.colour_place = 0 if place + 1 == s.colour_beats else place + 1
     if lasts & 2:
-        s[C_SUM] = 1
-    s[C_LASTS] = (lasts << 1 | (step and last)) & 3
+        s.colour_sum = 1
+    s.colour_lasts = (lasts << 1 | (step and last)) & 3
     if step:
-        s[C_NUMBER] = 0 if last else number + 1
+        s.colour_number = 0 if last else number + 1
         if last:
-            s[HARMONICS + _FULL] = 0
+            s.path_full[HARMONICS] = 0
 
 
 @step
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
     """ColourUnit."""
     _write_views(s, granted_write, views, view_of)
-    at = s[C_WAIT_OUT]
-    waits = at != s[C_IN] and s[C_RING + (at & _MASK)] <= t
-    if s[HARMONICS + _LENGTH]:
+    at = s.colour_wait_out
+    waits = at != s.colour_in and s.colour_waits[at & _MASK] <= t
+    if s.path_length[HARMONICS]:
         _sum_colour(s, t, steps)
         _fetch(s, HARMONICS, t)
         if waits and _accepts(s, HARMONICS, t):
             _enter(s, HARMONICS, t)
-            s[C_WAIT_OUT] = at + 1
+            s.colour_wait_out = at + 1
     else:
-        s[HARMONICS + _FULL] = waits
+        s.path_full[HARMONICS] = waits
         _sum_colour(s, t, steps)
-        s[C_WAIT_OUT] += waits and s[HARMONICS + _FULL] == 0
-    left = s[C_LEFT]
+        s.colour_wait_out += waits and s.path_full[HARMONICS] == 0
+    left = s.colour_left
     if granted_read:
-        bus.read(s, COLOUR, colour_of[s[C_SPLAT]] + s[C_BEATS] - left)
-        s[C_LEFT] = left - 1
-    if s[SURVIVORS] == 0:
+        bus.read(s, COLOUR, colour_of[s.colour_splat] + s.colour_beats - left)
+        s.colour_left = left - 1
+    if s.survivors == 0:
         return
-    if s[C_ENDING] == 0 and s[C_IN] - at < s[C_WAITING] and (left == 0 or (left == 1 and granted_read)):
-        s[BUSY_COLOUR] += 1
-        s[SURVIVORS] -= 1
-        if s[SURVIVORS] == 0 and s[SURVIVOR_END]:
-            s[C_ENDING], s[C_ENDED] = 1, 1
+    if s.colour_ending == 0 and s.colour_in - at < s.colour_waiting and (left == 0 or (left == 1 and granted_read)):
+        s.busy_colour += 1
+        s.survivors -= 1
+        if s.survivors == 0 and s.survivor_end:
+            s.colour_ending, s.colour_ended = 1, 1
             return
-        s[C_RING + (s[C_IN] & _MASK)] = t + 2
-        s[C_SPLAT] = s[C_IN]
-        s[C_IN] += 1
-        s[C_LEFT] = s[C_BEATS]
-        s[C_INSIDE] += 1
-        s[C_FINISHED] = 0
+        s.colour_waits[s.colour_in & _MASK] = t + 2
+        s.colour_splat = s.colour_in
+        s.colour_in += 1
+        s.colour_left = s.colour_beats
+        s.colour_inside += 1
+        s.colour_finished = 0
     else:
-        s[BLOCKED_COLOUR] += 1
+        s.blocked_colour += 1
 
 
 @step
 def _finish_colour(s):
     """Ends of the colour unit, a cycle behind."""
-    s[C_SETTLED] = s[C_ENDED] and s[C_FINISHED]
-    if s[C_ENDING] and s[C_INSIDE] == 0 and s[C_PLACE] == 0 and s[C_WRITE] == 0:
-        s[C_FINISHED], s[C_ENDING] = 1, 0
+    s.colour_settled = s.colour_ended and s.colour_finished
+    if s.colour_ending and s.colour_inside == 0 and s.colour_place == 0 and s.colour_write == 0:
+        s.colour_finished, s.colour_ending = 1, 0
 
 
 @step
 def _write_entries(s, t, granted, begins, entry_writes):
     """EntryWriter but for its input; whether its slots advance."""
-    buffered = s[E_BUFFER]
+    buffered = s.writer_buffer
     room = buffered < 2
-    quiet = s[E_PIPE] == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)
+    quiet = s.writer_pipe == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)
     if granted:
-        at = s[E_OUT]
+        at = s.writer_out
         bus.write(s, W_ENTRIES, entry_writes[at])
-        s[E_OUT] = at + 1
-        s[E_BUFFER] -= 1
-    slot, sends, advance = s[E_SLOT], 0, True
+        s.writer_out = at + 1
+        s.writer_buffer -= 1
+    slot, sends, advance = s.writer_slot, 0, True
     if slot == 2:
         advance = quiet
         if quiet:
-            s[E_ENDED] = 1
+            s.writer_ended = 1
     elif slot == 1:
-        if begins[s[E_SENT]] and s[E_LINKED] == 0:
+        if begins[s.writer_sent] and s.writer_linked == 0:
             sends, advance = 1, False
-            s[E_LINKED] = room
+            s.writer_linked = room
         else:
             sends, advance = 1, room
     if room:
-        pipe = s[E_PIPE]
-        s[E_BUFFER] += pipe >> 3
-        s[E_PIPE] = (pipe << 1 | sends) & 15
+        pipe = s.writer_pipe
+        s.writer_buffer += pipe >> 3
+        s.writer_pipe = (pipe << 1 | sends) & 15
     if advance:
-        s[E_LINKED] = 0
-        s[E_SENT] += slot == 1
+        s.writer_linked = 0
+        s.writer_sent += slot == 1
     return advance
 
 
 @step
 def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
     """TileExpand: an entry a cycle of each run, a cycle of each run without; what the entry writer takes: 0, 1 or 2 (end)."""
-    given, load = 0, s[EXPANDING] == 0
-    if s[EXPANDING]:
-        run = s[RUN]
+    given, load = 0, s.expanding == 0
+    if s.expanding:
+        run = s.run
         closes, count = run_closes[run], run_entries[run]
         end = closes == ENDS
         emits = end or count != 0
-        final = end or s[REST] == 0
-        lives = final and closes != NOT_LAST and (end or emits or s[HAS_ENTRY])
+        final = end or s.rest == 0
+        lives = final and closes != NOT_LAST and (end or emits or s.has_entry)
         can = survivors_before < 2 or not lives
         if can and emits:
             if entries_ready:
                 given = 2 if end else 1
-                s[BUSY_ENTRIES] += 1
+                s.busy_entry_write += 1
             else:
-                s[BLOCKED_ENTRIES] += 1
+                s.blocked_entry_write += 1
         if can and (entries_ready or not emits):
             if lives:
-                s[SURVIVORS] += 1
-                s[SURVIVOR_END] |= end
-            s[HAS_ENTRY] = 0 if final and closes != NOT_LAST else (s[HAS_ENTRY] or emits)
+                s.survivors += 1
+                s.survivor_end |= end
+            s.has_entry = 0 if final and closes != NOT_LAST else (s.has_entry or emits)
             if final and closes == CLOSES:
-                s[KEPT] -= 1
-            s[REST] -= 1
+                s.kept -= 1
+            s.rest -= 1
             load = final
-            s[RUN] += final
+            s.run += final
     if load:
-        s[EXPANDING] = s[CLIPPED]
-        if s[CLIPPED]:
-            s[REST] = max(0, int(run_entries[s[RUN]]) - 1)
-            s[CLIPPED] = 0
-    if s[CLIPPED] == 0 and s[ELLIPSE + _FULL]:
-        s[CLIPPED], s[ELLIPSE + _FULL] = 1, 0
+        s.expanding = s.clipped
+        if s.clipped:
+            s.rest = max(0, int(run_entries[s.run]) - 1)
+            s.clipped = 0
+    if s.clipped == 0 and s.path_full[ELLIPSE]:
+        s.clipped, s.path_full[ELLIPSE] = 1, 0
     return given
 
 
 @step
 def _walk(s, t, step_runs, splat_steps):
     """TileRuns: runs to the ellipse test, from the box of one splat after the other."""
-    if s[RUN_FULL] and _accepts(s, ELLIPSE, t):
+    if s.run_full and _accepts(s, ELLIPSE, t):
         _enter(s, ELLIPSE, t)
-        s[RUN_FULL] = 0
-    if s[RUN_FULL] == 0 and s[CUT]:
-        s[RUN_FULL] = 1
-        s[CUT_LEFT] -= 1
-        s[CUT] = s[CUT_LEFT] != 0
-    if s[CUT] == 0 and s[WALKED]:
-        s[CUT], s[CUT_LEFT] = 1, step_runs[s[STEP]]
-        s[STEP] += 1
-        s[WALKED] = 0
-    if s[WALKING] and s[WALKED] == 0:
-        s[WALKED] = 1
-        s[SPLAT_LEFT] -= 1
-        s[WALKING] = s[SPLAT_LEFT] != 0
+        s.run_full = 0
+    if s.run_full == 0 and s.cut:
+        s.run_full = 1
+        s.cut_left -= 1
+        s.cut = s.cut_left != 0
+    if s.cut == 0 and s.walked:
+        s.cut, s.cut_left = 1, step_runs[s.step]
+        s.step += 1
+        s.walked = 0
+    if s.walking and s.walked == 0:
+        s.walked = 1
+        s.splat_left -= 1
+        s.walking = s.splat_left != 0
 
 
 @step
 def _project(s, t, point_class, passed_class, splat_steps):
     """From memory's points to the tile test's input."""
-    _walks = s[WALKING]
-    if s[PROJECTION + _FULL]:
-        at = s[PASSED]
+    _walks = s.walking
+    if s.path_full[PROJECTION]:
+        at = s.passed
         if passed_class[at] == OUTSIDE:
-            s[PROJECTION + _FULL] = 0
-            s[PASSED] = at + 1
-        elif _walks == 0 and s[KEPT] < s[KEPT_ROOM]:
-            s[BUSY_TILES] += 1
-            s[PROJECTION + _FULL] = 0
-            s[PASSED] = at + 1
-            s[WALKING], s[SPLAT_LEFT] = 1, splat_steps[s[VISIBLE_AT]]
-            s[VISIBLE_AT] += 1
-            s[KEPT] += 1
+            s.path_full[PROJECTION] = 0
+            s.passed = at + 1
+        elif _walks == 0 and s.kept < s.kept_room:
+            s.busy_tile_test += 1
+            s.path_full[PROJECTION] = 0
+            s.passed = at + 1
+            s.walking, s.splat_left = 1, splat_steps[s.visible_at]
+            s.visible_at += 1
+            s.kept += 1
         else:
-            s[BLOCKED_TILES] += 1
+            s.blocked_tile_test += 1
     _fetch(s, PROJECTION, t)
-    if s[NEAR + _FULL]:
-        if point_class[s[POINT]] == NEAR_CULLED:
-            s[NEAR + _FULL] = 0
-            s[POINT] += 1
+    if s.path_full[NEAR]:
+        if point_class[s.near_point] == NEAR_CULLED:
+            s.path_full[NEAR] = 0
+            s.near_point += 1
         elif _accepts(s, PROJECTION, t):
             _enter(s, PROJECTION, t)
-            s[NEAR + _FULL] = 0
-            s[POINT] += 1
+            s.path_full[NEAR] = 0
+            s.near_point += 1
     _fetch(s, NEAR, t)
-    points, entered = s[POINTS], s[NEAR + _IN]
+    points, entered = s.points, s.path_in[NEAR]
     ends = entered == points
     if ends or (entered < points and bus.offered(s, GEOMETRY, t)):
         if _accepts(s, NEAR, t):
             _enter(s, NEAR, t)
-            s[BUSY_PROJECTION] += 1
+            s.busy_projection += 1
             if not ends:
                 bus.take(s, GEOMETRY)
-                s[BUSY_GEOMETRY] += 1
+                s.busy_geometry += 1
         else:
-            s[BLOCKED_PROJECTION] += 1
-            s[BLOCKED_GEOMETRY] += not ends
+            s.blocked_projection += 1
+            s.blocked_geometry += not ends
 
 
 @phase
@@ -300,38 +299,39 @@ def geometry_phase(
     begins, entry_writes, colour_step, limit,
 ):
     """The phase GEOMETRY; gives its cycles and the one in which the frame's last entry was in memory."""
-    points, t, counted = s[POINTS], 0, -1
+    points, t, counted = s.points, 0, -1
     while t < limit:
-        asked = s[ASKED]
-        asking = (1 << GEOMETRY) if asked < points and s[CREDITS + GEOMETRY] else 0
-        if s[C_LEFT] and s[CREDITS + COLOUR]:
+        asked = s.asked
+        asking = (1 << GEOMETRY) if asked < points and s.credits[GEOMETRY] else 0
+        if s.colour_left and s.credits[COLOUR]:
             asking |= 1 << COLOUR
         reader = bus.grant_read(s, t, asking)
-        asking = 1 << W_ENTRIES if s[E_BUFFER] else 0
-        if s[C_WRITE]:
+        asking = 1 << W_ENTRIES if s.writer_buffer else 0
+        if s.colour_write:
             asking |= 1 << W_VIEWS
         writer = bus.grant_write(s, t, asking)
-        survivors = s[SURVIVORS]
-        if s[C_SETTLED] and s[C_FINISHED] and bus.writes_idle(s, t, W_VIEWS) and s[E_ENDED] > 1:
+        survivors = s.survivors
+        if s.colour_settled and s.colour_finished and bus.writes_idle(s, t, W_VIEWS) and s.writer_ended > 1:
             return t + 1, counted
-        if s[E_ENDED]:
+        if s.writer_ended:
             if counted < 0:
                 counted = t + 1
-            s[E_ENDED] = 2
+            s.writer_ended = 2
         _finish_colour(s)
         _colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
-        if (s[EXPANDING] | s[CLIPPED] | s[ELLIPSE + _FULL] | s[E_SLOT] | s[E_FIRST] | s[E_PIPE] | s[E_BUFFER]) != 0:
+        writing = s.writer_slot | s.writer_first | s.writer_pipe | s.writer_buffer
+        if (writing | s.expanding | s.clipped | s.path_full[ELLIPSE]) != 0:
             advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
-            given = _expand(s, t, run_entries, run_closes, survivors, advance and s[E_END] == 0)
+            given = _expand(s, t, run_entries, run_closes, survivors, advance and s.writer_end == 0)
             if advance:
-                s[E_SLOT], s[E_FIRST] = s[E_FIRST], given
-                s[E_END] |= given == 2
+                s.writer_slot, s.writer_first = s.writer_first, given
+                s.writer_end |= given == 2
         _fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps)
         if reader == GEOMETRY:
             bus.read(s, GEOMETRY, geometry_base + asked)
-            s[ASKED] = asked + 1
+            s.asked = asked + 1
         memory.end_cycle(s, t)
         t += 1
     return -1, counted
@@ -342,7 +342,7 @@ def table_phase(s, tiles, base, limit):
     """The phase TABLE: the table's beats, four tiles each, to the tile test, a tile a cycle; gives its cycles."""
     beats, asked, left, valid, taken, t = (tiles + 3) // 4, 0, 0, False, 0, 0
     while t < limit:
-        reader = bus.grant_read(s, t, 1 << TILES if asked < beats and s[CREDITS + TILES] else 0)
+        reader = bus.grant_read(s, t, 1 << TILES if asked < beats and s.credits[TILES] else 0)
         uses_up = left == 0 or taken == tiles - 1
         if valid:
             taken += 1

@@ -20,9 +20,8 @@ import numpy as np
 from golden.kernels import compiled
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
-from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
+from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, ENTRY_BYTES, EXPONENT_SCALE, SUPPORT_SIGMA, T_STOP, TILE
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, colour_beats
-from spec.records import ENTRY_BYTES
 
 SUBTILE = 8
 """Edge of the pixels that the cores take at a time."""

@@ -6,26 +6,25 @@ from perf import bus
 from perf.bus import ENTRIES, TILES
 from perf.kernel import step
 from perf.layout import Layout
-from perf.watch import BLOCKED_LIST, BUSY_LIST
 from perf.watch import layout as before
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES, WORDS
 from spec.queues import HEADERS, LIST_BEATS, LIST_POINTERS, LIST_TILES
 
-layout = Layout(before.size)
-(TILE_COUNT, SWEEP_FROM, SWEPT, LIST_TAKEN, HEAD_TAKEN, HELD, HELD_TILE, HELD_LAST, ASK, ASK_SECOND, POINTER_ROOM, OFFERED,
- WALK, TURNS, LEFT, IN_PAGE, PAGE, PIPE, REQUESTS, R_IN, R_OUT, MORE, SHOWN, SLOTS_MORE, SLOTS) = layout.words(
-    "tile_count sweep_from swept list_taken head_taken held held_tile held_last ask ask_second pointer_room offered "
-    "walk turns left in_page page pipe requests r_in r_out more shown slots_more slots")
-(QUEUE_IN, QUEUE_OUT, POINTER_IN, POINTER_OUT, FLIGHT_IN, FLIGHT_OUT, ENTRIES_BASE, DIRECTORY_BASE, TABLE_BASE) = layout.words(
-    "queue_in queue_out pointer_in pointer_out flight_in flight_out entries_base directory_base table_base")
-(WAIT_ROOM, WAIT_IN, WAIT_OUT, OWED, TABLE_ASKED, SETTING, SETTING_LEFT, HEADS_IN, HEADS_OUT, LEVELS, RENDERED) = layout.words(
-    "wait_room wait_in wait_out owed table_asked setting setting_left heads_in heads_out levels rendered")
-(WALK_TILE, WALK_BEAT, POINTER_AT) = layout.words("walk_tile walk_beat pointer_at")
-QUEUE, QUEUE_TILE = layout.ring(LIST_TILES), layout.ring(LIST_TILES)
-POINTERS, FLIGHT, FLIGHT_KIND = layout.ring(LIST_POINTERS), layout.ring(LIST_BEATS), layout.ring(LIST_BEATS)
-ADDRESSES = layout.ring(16)
+layout = Layout(before)
+layout.words("""
+    tile_count sweep_from swept list_taken head_taken held held_tile held_last ask ask_second pointer_room walk_offered
+    walk turns walk_left in_page page walk_beat pointer_at list_pipe list_requests request_in request_out entry_more entry_shown
+    slots_more slots tiles_in tiles_out pointer_in pointer_out flight_in flight_out entries_base directory_base table_base
+    wait_room wait_in wait_out owed table_asked setting setting_left heads_in heads_out fetch_tiles""")
 _WAITING = 2048
-WAITING, HEADS = layout.ring(_WAITING), layout.ring(2 * HEADERS)
+layout.ring("tile_times", LIST_TILES)
+layout.ring("tile_queue", LIST_TILES)
+layout.ring("pointer_times", LIST_POINTERS)
+layout.ring("flight_times", LIST_BEATS)
+layout.ring("flight_kind", LIST_BEATS)
+layout.ring("request_address", 16)
+layout.ring("head_waits", _WAITING)
+layout.ring("heads", 2 * HEADERS)
 
 _DIRECTORY = 16  # of a kind in flight; below it the entries or pointers of the beat, less one
 
@@ -33,181 +32,181 @@ _DIRECTORY = 16  # of a kind in flight; below it the entries or pointers of the 
 @step
 def step_headers(s, t, granted, head_before, levels_before, rendered):
     """HeaderMaker: a tile and its setting to the array's headers and to the splat fetch."""
-    at = s[WAIT_OUT]
-    tiles = s[TILE_COUNT]
-    moves = (s[SETTING] and at != s[WAIT_IN] and s[WAITING + (at & _WAITING - 1)] <= t
-             and s[HEADS_IN] - s[HEADS_OUT] < HEADERS and levels_before < 2)
-    uses_up = s[SETTING_LEFT] == 0 or at == tiles - 1
+    at = s.wait_out
+    tiles = s.tile_count
+    moves = (s.setting and at != s.wait_in and s.head_waits[at & _WAITING - 1] <= t
+             and s.heads_in - s.heads_out < HEADERS and levels_before < 2)
+    uses_up = s.setting_left == 0 or at == tiles - 1
     if moves:
         if rendered[at]:
-            s[HEADS + (s[HEADS_IN] & 2 * HEADERS - 1)] = t + 2
-            s[HEADS_IN] += 1
-            s[LEVELS] += 1
-        s[WAIT_OUT] = at + 1
-    if (s[SETTING] == 0 or (moves and uses_up)) and bus.offered(s, TILES, t):
+            s.heads[s.heads_in & 2 * HEADERS - 1] = t + 2
+            s.heads_in += 1
+            s.fetch_tiles += 1
+        s.wait_out = at + 1
+    if (s.setting == 0 or (moves and uses_up)) and bus.offered(s, TILES, t):
         bus.take(s, TILES)
-        s[SETTING], s[SETTING_LEFT] = 1, 3
+        s.setting, s.setting_left = 1, 3
     elif moves:
-        s[SETTING] = not uses_up
-        s[SETTING_LEFT] -= 1
+        s.setting = not uses_up
+        s.setting_left -= 1
     if granted:
-        bus.read(s, TILES, s[TABLE_BASE] + s[TABLE_ASKED])
-        s[TABLE_ASKED] += 1
-        s[OWED] -= 1
-    if head_before and s[WAIT_IN] - at < s[WAIT_ROOM]:
-        tile = s[HEAD_TAKEN]
-        s[WAITING + (s[WAIT_IN] & _WAITING - 1)] = t + 2
-        s[WAIT_IN] += 1
-        s[OWED] += tile & 3 == 0
-        s[HEAD_TAKEN] = tile + 1
+        bus.read(s, TILES, s.table_base + s.table_asked)
+        s.table_asked += 1
+        s.owed -= 1
+    if head_before and s.wait_in - at < s.wait_room:
+        tile = s.head_taken
+        s.head_waits[s.wait_in & _WAITING - 1] = t + 2
+        s.wait_in += 1
+        s.owed += tile & 3 == 0
+        s.head_taken = tile + 1
 
 
 @step
 def step_unpack(s, t, sorter_ready):
     """Beats of entries and of pointers, each into its register; whether an entry moves on to the sorter."""
-    gives = s[SHOWN] and sorter_ready
-    ends = gives and s[MORE] == 0
-    pointer_moves = s[SLOTS] and s[POINTER_IN] - s[POINTER_OUT] < LIST_POINTERS
-    slots_end = pointer_moves and s[SLOTS_MORE] == 0
-    at = s[FLIGHT_OUT]
-    known = at != s[FLIGHT_IN] and s[FLIGHT + (at & LIST_BEATS - 1)] <= t
-    kind = s[FLIGHT_KIND + (at & LIST_BEATS - 1)]
+    gives = s.entry_shown and sorter_ready
+    ends = gives and s.entry_more == 0
+    pointer_moves = s.slots and s.pointer_in - s.pointer_out < LIST_POINTERS
+    slots_end = pointer_moves and s.slots_more == 0
+    at = s.flight_out
+    known = at != s.flight_in and s.flight_times[at & LIST_BEATS - 1] <= t
+    kind = s.flight_kind[at & LIST_BEATS - 1]
     directory = kind >= _DIRECTORY
     taken = False
     if bus.offered(s, ENTRIES, t):
-        taken = known and ((s[SLOTS] == 0 or slots_end) if directory else (s[SHOWN] == 0 or ends))
+        taken = known and ((s.slots == 0 or slots_end) if directory else (s.entry_shown == 0 or ends))
         if taken:
             bus.take(s, ENTRIES)
-            s[BUSY_LIST] += 1
-            s[FLIGHT_OUT] = at + 1
+            s.busy_list_read += 1
+            s.flight_out = at + 1
         else:
-            s[BLOCKED_LIST] += 1
+            s.blocked_list_read += 1
     if taken and not directory:
-        s[SHOWN], s[MORE] = 1, kind
+        s.entry_shown, s.entry_more = 1, kind
     elif gives:
-        s[SHOWN] = not ends
-        s[MORE] -= 1
+        s.entry_shown = not ends
+        s.entry_more -= 1
     if pointer_moves:
-        s[POINTERS + (s[POINTER_IN] & LIST_POINTERS - 1)] = t + 2
-        s[POINTER_IN] += 1
+        s.pointer_times[s.pointer_in & LIST_POINTERS - 1] = t + 2
+        s.pointer_in += 1
     if taken and directory:
-        s[SLOTS], s[SLOTS_MORE] = 1, kind - _DIRECTORY
+        s.slots, s.slots_more = 1, kind - _DIRECTORY
     elif pointer_moves:
-        s[SLOTS] = not slots_end
-        s[SLOTS_MORE] -= 1
+        s.slots = not slots_end
+        s.slots_more -= 1
     return gives
 
 
 @step
 def _want(s, t, sends, directory, more, address):
     """A wanted beat into the pipeline to memory, where that moves."""
-    pipe = s[PIPE]
-    s[REQUESTS] += pipe >> 1
-    s[PIPE] = (pipe << 1 | sends) & 3
+    pipe = s.list_pipe
+    s.list_requests += pipe >> 1
+    s.list_pipe = (pipe << 1 | sends) & 3
     if sends:
-        at = s[FLIGHT_IN]
-        s[FLIGHT + (at & LIST_BEATS - 1)] = t + 2
-        s[FLIGHT_KIND + (at & LIST_BEATS - 1)] = more + _DIRECTORY * directory
-        s[FLIGHT_IN] = at + 1
-        s[ADDRESSES + (s[R_IN] & 15)] = address
-        s[R_IN] += 1
+        at = s.flight_in
+        s.flight_times[at & LIST_BEATS - 1] = t + 2
+        s.flight_kind[at & LIST_BEATS - 1] = more + _DIRECTORY * directory
+        s.flight_in = at + 1
+        s.request_address[s.request_in & 15] = address
+        s.request_in += 1
 
 
 @step
 def step_walk(s, t, granted, list_before, counts, lasts, page_beat, page_start):
     """Tiles to the beats they lie in; `granted`: the oldest request leaves for memory."""
-    room = s[REQUESTS] < 2
+    room = s.list_requests < 2
     if granted:
-        bus.read(s, ENTRIES, s[ADDRESSES + (s[R_OUT] & 15)])
-        s[R_OUT] += 1
-        s[REQUESTS] -= 1
-    accepts = room and s[FLIGHT_IN] - s[FLIGHT_OUT] < LIST_BEATS
-    asking = s[ASK]
-    queue_room = s[QUEUE_IN] - s[QUEUE_OUT] < LIST_TILES
+        bus.read(s, ENTRIES, s.request_address[s.request_out & 15])
+        s.request_out += 1
+        s.list_requests -= 1
+    accepts = room and s.flight_in - s.flight_out < LIST_BEATS
+    asking = s.ask
+    queue_room = s.tiles_in - s.tiles_out < LIST_TILES
     tile = asking - 1
     pointers = 0
     if asking:
         place = counts[tile] + FIRST_PAGE_ENTRIES - 1
         while place >= 2 * FIRST_PAGE_ENTRIES << pointers:
             pointers += 1
-    walks = s[WALK] and s[TURNS] == 0
-    second = s[ASK_SECOND]
-    asks = asking and pointers and queue_room and s[POINTER_ROOM] >= WORDS and s[OFFERED] == 0
+    walks = s.walk and s.turns == 0
+    second = s.ask_second
+    asks = asking and pointers and queue_room and s.pointer_room >= WORDS and s.walk_offered == 0
     asked = asks and accepts
     part = (pointers - WORDS if second else min(pointers, WORDS)) if asks else 0
     leaves = asking and queue_room and (pointers == 0 or (asked and (second or pointers <= WORDS)))
     moves = walks and not asks and accepts
-    s[OFFERED] = walks and not asks and not accepts
-    ends = s[LEFT] <= BEAT_ENTRIES
-    more = (s[LEFT] if ends else BEAT_ENTRIES) - 1
+    s.walk_offered = walks and not asks and not accepts
+    ends = s.walk_left <= BEAT_ENTRIES
+    more = (s.walk_left if ends else BEAT_ENTRIES) - 1
     if room:
         _want(s, t, asked or moves, asked, part - 1 if asked else more,
-              s[DIRECTORY_BASE] + 2 * tile + second if asked else s[ENTRIES_BASE] + s[WALK_BEAT])
+              s.directory_base + 2 * tile + second if asked else s.entries_base + s.walk_beat)
     if asked:
-        s[POINTER_ROOM] -= part
-        s[ASK_SECOND] = not leaves
+        s.pointer_room -= part
+        s.ask_second = not leaves
     _walk(s, t, moves, ends, counts, page_beat, page_start)
     if leaves:
-        s[QUEUE + (s[QUEUE_IN] & LIST_TILES - 1)], s[QUEUE_TILE + (s[QUEUE_IN] & LIST_TILES - 1)] = t + 2, tile
-        s[QUEUE_IN] += 1
-        s[ASK] = 0
-    _listed(s, list_before, s[ASK] == 0, counts, lasts)
+        s.tile_times[s.tiles_in & LIST_TILES - 1], s.tile_queue[s.tiles_in & LIST_TILES - 1] = t + 2, tile
+        s.tiles_in += 1
+        s.ask = 0
+    _listed(s, list_before, s.ask == 0, counts, lasts)
 
 
 @step
 def _walk(s, t, moves, ends, counts, page_beat, page_start):
-    at = s[QUEUE_OUT]
-    loads = (at != s[QUEUE_IN] and s[QUEUE + (at & LIST_TILES - 1)] <= t) and (s[WALK] == 0 or (moves and ends))
-    turns = s[TURNS]
+    at = s.tiles_out
+    loads = (at != s.tiles_in and s.tile_times[at & LIST_TILES - 1] <= t) and (s.walk == 0 or (moves and ends))
+    turns = s.turns
     if moves:
-        s[WALK_BEAT] += 1
-        s[LEFT] -= BEAT_ENTRIES
-        s[WALK] = not ends
-        s[TURNS] = not ends and s[IN_PAGE] == 1
-        s[IN_PAGE] -= 1
+        s.walk_beat += 1
+        s.walk_left -= BEAT_ENTRIES
+        s.walk = not ends
+        s.turns = not ends and s.in_page == 1
+        s.in_page -= 1
     if turns:
-        p = s[POINTER_OUT]
-        if p != s[POINTER_IN] and s[POINTERS + (p & LIST_POINTERS - 1)] <= t:
-            s[POINTER_OUT] = p + 1
-            s[POINTER_ROOM] += 1
-            s[PAGE] <<= 1
-            s[IN_PAGE] = s[PAGE] * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
-            s[WALK_BEAT] = page_beat[s[POINTER_AT]]
-            s[POINTER_AT] += 1
-            s[TURNS] = 0
+        p = s.pointer_out
+        if p != s.pointer_in and s.pointer_times[p & LIST_POINTERS - 1] <= t:
+            s.pointer_out = p + 1
+            s.pointer_room += 1
+            s.page <<= 1
+            s.in_page = s.page * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
+            s.walk_beat = page_beat[s.pointer_at]
+            s.pointer_at += 1
+            s.turns = 0
     if loads:
-        tile = s[QUEUE_TILE + (at & LIST_TILES - 1)]
-        s[QUEUE_OUT] = at + 1
-        s[WALK], s[LEFT], s[PAGE] = 1, counts[tile], 1
-        s[IN_PAGE] = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-        s[WALK_BEAT] = tile * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
-        s[POINTER_AT] = page_start[tile]
+        tile = s.tile_queue[at & LIST_TILES - 1]
+        s.tiles_out = at + 1
+        s.walk, s.walk_left, s.page = 1, counts[tile], 1
+        s.in_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
+        s.walk_beat = tile * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
+        s.pointer_at = page_start[tile]
 
 
 @step
 def _listed(s, list_before, ask_free, counts, lasts):
     """ListedTiles: tiles with entries, held until it is known whether their group goes on."""
-    tile = s[LIST_TAKEN]
+    tile = s.list_taken
     valid = list_before != 0
     filled = valid and counts[tile] != 0
-    shows = s[HELD] and (s[HELD_LAST] or filled)
+    shows = s.held and (s.held_last or filled)
     gives = shows and ask_free
     if gives:
-        s[ASK], s[ASK_SECOND] = s[HELD_TILE] + 1, 0
-    if valid and (not filled or s[HELD] == 0 or ask_free):
+        s.ask, s.ask_second = s.held_tile + 1, 0
+    if valid and (not filled or s.held == 0 or ask_free):
         if filled:
-            s[HELD], s[HELD_TILE], s[HELD_LAST] = 1, tile, lasts[tile]
+            s.held, s.held_tile, s.held_last = 1, tile, lasts[tile]
         elif gives:
-            s[HELD] = 0
+            s.held = 0
         elif lasts[tile]:
-            s[HELD_LAST] = 1
-        s[LIST_TAKEN] = tile + 1
+            s.held_last = 1
+        s.list_taken = tile + 1
     elif gives:
-        s[HELD] = 0
+        s.held = 0
 
 
 @step
 def step_sweep(s, t, list_before, head_before):
     """The tile merge unit's next tile to both of its consumers, where both have room."""
-    if s[SWEPT] < s[TILE_COUNT] and t >= s[SWEEP_FROM] + s[SWEPT] and list_before < 2 and head_before < 2:
-        s[SWEPT] += 1
+    if s.swept < s.tile_count and t >= s.sweep_from + s.swept and list_before < 2 and head_before < 2:
+        s.swept += 1

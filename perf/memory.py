@@ -11,9 +11,9 @@ layout = dram.layout
 @step
 def end_cycle(s, t):
     """The clock edge at the end of cycle t, in memory."""
-    if s[bus.KIND] == bus.COMPUTED:
+    if s.kind == bus.COMPUTED:
         bus.compute_answers(s, t)
-    elif s[bus.KIND] == bus.LPDDR3:
+    elif s.kind == bus.LPDDR3:
         dram.end_cycle(s, t)
     else:
         bus.step_memory(s, t)

@@ -7,13 +7,16 @@ from functools import lru_cache
 
 import numpy as np
 
+<<<<<<< HEAD
 from golden.kernels import work_clock
 from perf import blending, bus, chunks, constants, dram, geometry, lists, render, sorter, warp, watch
+=======
+from perf import bus, chunks, constants, dram, geometry, render, warp
+>>>>>>> main
 from perf.plan import (
     Lists,
     MemoryMap,
     RenderPlan,
-    chunk_capacity,
     eye_lists,
     largest_group,
     memory_map,
@@ -22,18 +25,19 @@ from perf.plan import (
 )
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
+from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, PIXEL_BYTES, colour_beats
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
-from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
+from spec.records import COUNT_BITS, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
 
 LIMIT = 1 << 31
 """Cycles after which a phase is given up."""
 
-GEOMETRY_STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
-RENDER_STAGES = ("list_read", "sort", "handover", "fetch", "array", "pixel_write", "warp")
+GEOMETRY_STAGES = watched(StagePhase.GEOMETRY)
+RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 
 _TMU_LATENCY = 9  # cycles from the frame's last hit to the first group (rtl.sort_tmu.tile_merge)
 
@@ -127,8 +131,8 @@ class _Pass:
 
     cycles: dict[str, int]
     stages: dict[str, np.ndarray]
-    reads: np.ndarray
-    writes: np.ndarray
+    reads: np.record
+    writes: np.record
     events: dict[str, int]
     timeline: list[tuple[str, int, int, int]]
 
@@ -187,7 +191,7 @@ def _finished(phase: str, cycles: int) -> int:
     return int(cycles)
 
 
-def _memory(s: np.ndarray, memory: MemoryModel) -> None:
+def _memory(s: np.record, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
     bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
     dram.prepare(s, memory.device)
@@ -215,32 +219,33 @@ def _eye(
 
 
 def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
-    s = np.zeros(dram.layout.size, np.int64)
+    s = geometry.layout.new()
     _memory(s, memory)
     return _finished("TABLE", geometry.table_phase(s, len(eye.counts), base, LIMIT))
 
 
-def _commands(s: np.ndarray) -> dict[str, int]:
+def _commands(s: np.record) -> dict[str, int]:
     """What the DRAM's channels did in a phase."""
-    return {"activates": int(s[dram.ACTS]), "refreshes": int(s[dram.REFRESHES])}
+    return {"activates": int(s.dram_activates_given), "refreshes": int(s.dram_refreshes)}
 
 
-def _counts(s: np.ndarray, first: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    return {name: s[first + 2 * i : first + 2 * i + 2].copy() for i, name in enumerate(names)}
+def _counts(s: np.record, stages: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Cycles of each stage's input in which an item moved, and in which one was offered and not taken."""
+    return {stage: np.array([s[f"busy_{stage}"], s[f"blocked_{stage}"]]) for stage in stages}
 
 
 def _geometry(
     trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: MemoryModel, written: Lists, where: MemoryMap,
 ) -> tuple[_Pass, int]:
     """The geometry phase, and when its last entry was in memory."""
-    s = np.zeros(geometry.layout.size, np.int64)
+    s = geometry.layout.new()
     _memory(s, memory)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
     for place, path in ((geometry.NEAR, paths.near), (geometry.PROJECTION, paths.projection),
                         (geometry.ELLIPSE, paths.ellipse), (geometry.HARMONICS, paths.colour)):
         geometry.set_path(s, place, path.length, path.interval, path.rows)
-    s[geometry.POINTS], s[geometry.KEPT_ROOM] = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
-    s[geometry.C_WAITING], s[geometry.C_BEATS] = paths.colour_waiting, beats
+    s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
+    s.colour_waiting, s.colour_beats = paths.colour_waiting, beats
     writes = np.where(written.writes < 0, where.directory - 1 - written.writes, where.entries + written.writes)
     survivor = np.append(eye.survivor, 0).astype(np.int64)
     cycles, counted = geometry.geometry_phase(
@@ -249,35 +254,35 @@ def _geometry(
         where.colour + survivor * beats, where.geometry, written.begins, writes,
         constants.colour_steps(config, trace.sh_degree), LIMIT)
     return _Pass(
-        {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, geometry.WATCHED, GEOMETRY_STAGES),
-        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(),
+        {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, GEOMETRY_STAGES),
+        s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
         _commands(s), []), int(counted)
 
 
-def _set_array(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
+def _set_array(s: np.record, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
     """The array's sizes and latencies (rtl.vrc_array)."""
     expand, blend = (config.cores_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
-    s[blending.BLOCKS], s[blending.CORES_X], s[blending.CORES_Y] = config.blocks, config.cores_x, config.cores_y
-    s[blending.ROW_LATENCY] = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
-    s[blending.LEAVE_LATENCY] = expand + config.cores_y + 4
-    s[blending.STOP_LATENCY] = constants.SETUP_LATENCY + expand + config.cores_y + 4
-    s[blending.ROWS_FREE], s[blending.HALVES] = OUTPUT_DRAINS * config.cores_y, 2
-    s[blending.DRAIN_ROWS] = config.cores_y if config.incremental else tile_rows(config)
-    s[blending.WIDTH], s[blending.HEIGHT], s[blending.TILES_X] = trace.width, trace.height, trace.tiles_x
-    s[blending.PIXEL_WORDS] = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
+    s.blocks, s.cores_x, s.cores_y = config.blocks, config.cores_x, config.cores_y
+    s.row_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
+    s.leave_latency = expand + config.cores_y + 4
+    s.stop_latency = constants.SETUP_LATENCY + expand + config.cores_y + 4
+    s.rows_free, s.row_halves = OUTPUT_DRAINS * config.cores_y, 2
+    s.drain_rows = config.cores_y if config.incremental else tile_rows(config)
+    s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
+    s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
 
 
-def _set_warp(s: np.ndarray, trace: FrameTrace, config: AcceleratorConfig, where: MemoryMap) -> None:
+def _set_warp(s: np.record, trace: FrameTrace, config: AcceleratorConfig, where: MemoryMap) -> None:
     """The warp unit's sizes and latencies (rtl.warp_unit)."""
     groups = TILE // config.warp_lanes
     waiting = max(2, groups - groups // config.warp_lanes + 1)
-    s[warp.PRESENT], s[warp.LANES], s[warp.TO_TAKE] = 1, config.warp_lanes, trace.tiles_y
-    s[warp.DEPTH] = max(2, groups * TILE // config.cores_x)
-    s[warp.TO_SCAN], s[warp.RIGHT] = trace.tiles_y, trace.source_right
-    s[warp.RING], s[warp.REACH] = config.warp_columns // TILE, -(-reach(config) // TILE)
-    s[warp.SETTLE_CYCLES] = disparity(config).width + constants.DISPARITY_STAGES
-    s[warp.QUEUE_DEPTH] = min(groups, 1 << (waiting - 1).bit_length())
-    s[warp.TARGET_BASE] = where.target_frame
+    s.warp_present, s.warp_lanes, s.warp_to_take = 1, config.warp_lanes, trace.tiles_y
+    s.warp_depth = max(2, groups * TILE // config.cores_x)
+    s.warp_to_scan, s.warp_right = trace.tiles_y, trace.source_right
+    s.warp_ring, s.warp_reach = config.warp_columns // TILE, -(-reach(config) // TILE)
+    s.warp_settle_cycles = disparity(config).width + constants.DISPARITY_STAGES
+    s.warp_queue_depth = min(groups, 1 << (waiting - 1).bit_length())
+    s.warp_target_base = where.target_frame
 
 
 def _render(
@@ -286,23 +291,22 @@ def _render(
 ) -> _Pass:
     """The rendering phase."""
     line = config.line_buffer_bytes // ENTRY_BYTES
-    ring = 1 << (line - 1).bit_length()
-    s = np.zeros(warp.layout.size + ring, np.int64)
+    s = warp.layout.new()
     _memory(s, memory)
-    s[sorter.LINE], s[sorter.H_MASK], s[sorter.H_TIMES] = line, ring - 1, warp.layout.size
-    s[lists.TILE_COUNT], s[lists.SWEEP_FROM] = len(eye.counts), sweep_from
-    s[lists.POINTER_ROOM], s[lists.WAIT_ROOM] = 64, 2 * -(-config.row_width // TILE) + 64
-    s[lists.ENTRIES_BASE], s[lists.DIRECTORY_BASE] = where.entries, where.directory
-    s[lists.TABLE_BASE] = where.target_tiles if number else where.tiles
-    capacity = chunk_capacity(config)
-    s[sorter.CAPACITY] = capacity
+    s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
+    s.tile_count, s.sweep_from = len(eye.counts), sweep_from
+    s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64
+    s.entries_base, s.directory_base = where.entries, where.directory
+    s.table_base = where.target_tiles if number else where.tiles
+    capacity = config.sort_chunk
+    s.capacity = capacity
     stages, keys = chunks.chunk_stages(capacity)
     chunks.begin_stages(stages, plan.chunk_ends)
-    s[sorter.INCREMENTAL], s[sorter.RING_RUNS] = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
-    s[sorter.SPILL_BASE] = where.spill
-    s[sorter.WAY_ROOM : sorter.WAY_ROOM + config.merge_ways] = 32
-    s[blending.VIEWS_BASE], s[blending.FRAME_BASE] = where.views, where.target_frame if number else where.frame
-    s[blending.RENDERED_TILES] = len(plan.drawn)
+    s.incremental, s.ring_runs = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
+    s.spill_base = where.spill
+    s.way_room[: config.merge_ways] = 32
+    s.views_base, s.frame_base = where.views, where.target_frame if number else where.frame
+    s.rendered_tiles = len(plan.drawn)
     _set_array(s, trace, config, display)
     if len(trace.eyes) > 1 and number == 0:
         _set_warp(s, trace, config, where)
@@ -315,15 +319,15 @@ def _render(
         plan.chunk_ends, plan.arrival, stages, keys, plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
         plan.job_out, plan.job_waits, plan.way_of, trace.holes, times, tile_times, LIMIT)
     events = _commands(s) | {
-        "ops": int(s[blending.OPS]), "skipped": int(s[blending.SKIPPED]), "fetch_misses": int(s[blending.MISSED]),
+        "ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.missed),
         "spilled_entries": int(plan.way_of.size)}
     return _Pass(
-        {"render": _finished("RENDER", cycles)}, _counts(s, watch.WATCHED, RENDER_STAGES),
-        s[bus.READS : bus.READS + bus.READERS].copy(), s[bus.WRITES : bus.WRITES + bus.WRITERS].copy(), events,
+        {"render": _finished("RENDER", cycles)}, _counts(s, RENDER_STAGES),
+        s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(), events,
         _timeline(plan, times, tile_times))
 
 
-def _timeline(plan: RenderPlan, times: np.ndarray, tile_times: np.ndarray) -> list[tuple[str, int, int, int]]:
+def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list[tuple[str, int, int, int]]:
     """First and last cycle of every group in the stages of the rendering phase."""
     out = []
     for place, stage in enumerate(("sort", "handover", "fetch", "array")):

@@ -24,12 +24,6 @@ from spec.memory import (
     colour_beats,
 )
 from spec.queues import CACHE_WAYS
-from spec.records import ENTRY_BYTES
-
-
-def chunk_capacity(config: AcceleratorConfig) -> int:
-    """Entries of the longest chunk: half of the sort buffer, down to a power of two."""
-    return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
 
 
 @dataclass(frozen=True)
@@ -169,7 +163,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     group_end = np.zeros(len(eye.splat) + 1, np.uint8)
     group_end[np.cumsum(sizes)[filled] - 1] = 1
 
-    capacity = chunk_capacity(config)
+    capacity = config.sort_chunk
     chunks = -(-sizes[filled] // capacity)
     length = np.full(int(chunks.sum()), capacity, np.int64)
     last = np.zeros(len(length), np.uint8)

@@ -6,43 +6,32 @@ Units are stepped from the last to the first, as `perf.geometry` says.
 from __future__ import annotations
 
 from perf import blending, bus, chunks, lists, memory, sorter, warp
-from perf.bus import CREDITS, ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
+from perf.bus import ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
-from perf.watch import (
-    BLENDING,
-    BLOCKED_SORT,
-    BLOCKED_WARP,
-    BUSY_SORT,
-    BUSY_WARP,
-    FETCHING,
-    GROUP,
-    HANDING,
-    OPEN,
-    SORTING,
-)
+from perf.watch import BLENDING, FETCHING, HANDING, SORTING
 
 
 @step
 def _note(s, t, stage, ends, times):
     """An entry has moved into a stage: its group's first and last such cycles."""
-    if s[OPEN + stage] == 0:
-        times[2 * stage, s[GROUP + stage]] = t
-        s[OPEN + stage] = 1
+    if s.group_open[stage] == 0:
+        times[2 * stage, s.group[stage]] = t
+        s.group_open[stage] = 1
     if ends:
-        times[2 * stage + 1, s[GROUP + stage]] = t
-        s[OPEN + stage] = 0
-        s[GROUP + stage] += 1
+        times[2 * stage + 1, s.group[stage]] = t
+        s.group_open[stage] = 0
+        s.group[stage] += 1
 
 
 @step
 def _asking(s, t):
     """Who asks for a read, and who for a write."""
-    reads = (1 << TILES) * (s[lists.OWED] != 0 and s[CREDITS + TILES] != 0)
-    reads |= (1 << ENTRIES) * (s[lists.REQUESTS] != 0 and s[CREDITS + ENTRIES] != 0)
-    reads |= (1 << SPILL) * (s[sorter.READ_FULL] != 0 and s[CREDITS + SPILL] != 0)
-    reads |= (1 << VIEWS) * (s[blending.REQUESTS] != 0 and s[CREDITS + VIEWS] != 0)
-    writes = (1 << W_FRAME) * (s[blending.SENDS] != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
-    writes |= (1 << W_WARP) * (s[warp.WRITE] != 0)
+    reads = (1 << TILES) * (s.owed != 0 and s.credits[TILES] != 0)
+    reads |= (1 << ENTRIES) * (s.list_requests != 0 and s.credits[ENTRIES] != 0)
+    reads |= (1 << SPILL) * (s.spill_read_full != 0 and s.credits[SPILL] != 0)
+    reads |= (1 << VIEWS) * (s.view_requests != 0 and s.credits[VIEWS] != 0)
+    writes = (1 << W_FRAME) * (s.sends != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
+    writes |= (1 << W_WARP) * (s.warp_write != 0)
     return reads, writes
 
 
@@ -50,26 +39,26 @@ def _asking(s, t):
 def _rows(s, t, writer, tile_number, tile_times, fills):
     """The array's rows to the pixel writer and, of the source eye, to the warp unit."""
     offered = blending.rows_offered(s, t)
-    if s[warp.PRESENT] == 0:
+    if s.warp_present == 0:
         taken = blending.step_pixels(s, t, writer == W_FRAME, offered, tile_number, tile_times)
         blending.count_rows(s, offered, taken)
         if taken:
             blending.take_row(s)
         return
-    to_pixels = offered and s[warp.DONE] & 1 == 0
-    to_warp = offered and s[warp.DONE] & 2 == 0
-    row = s[warp.ROW]
+    to_pixels = offered and s.warp_done & 1 == 0
+    to_warp = offered and s.warp_done & 2 == 0
+    row = s.warp_row
     took_pixels = blending.step_pixels(s, t, writer == W_FRAME, to_pixels, tile_number, tile_times)
     took_warp = warp.step_warp(s, t, writer == W_WARP, to_warp, row, fills)
     blending.count_rows(s, to_pixels, took_pixels)
-    s[BUSY_WARP] += took_warp
-    s[BLOCKED_WARP] += to_warp and not took_warp
+    s.busy_warp += took_warp
+    s.blocked_warp += to_warp and not took_warp
     if offered:
-        done = s[warp.DONE] | took_pixels | took_warp << 1
-        s[warp.DONE] = done
+        done = s.warp_done | took_pixels | took_warp << 1
+        s.warp_done = done
         if done == 3:
-            s[warp.DONE] = 0
-            s[warp.ROW] = row + 1
+            s.warp_done = 0
+            s.warp_row = row + 1
             blending.take_row(s)
 
 
@@ -84,39 +73,39 @@ def render_phase(
     for t in range(limit):
         reads, writes = _asking(s, t)
         reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
-        swept = s[lists.SWEPT]
-        list_before, head_before = swept - s[lists.LIST_TAKEN], swept - s[lists.HEAD_TAKEN]
-        levels, buffered = s[lists.LEVELS], blending.buffered(s)
-        if blending.pixels_finished(s, t) and s[lists.WAIT_OUT] == tiles and warp.finished(s, t):
+        swept = s.swept
+        list_before, head_before = swept - s.list_taken, swept - s.head_taken
+        levels, buffered = s.fetch_tiles, blending.buffered(s)
+        if blending.pixels_finished(s, t) and s.wait_out == tiles and warp.finished(s, t):
             return t + 1
         blending.load_issue(s, t)
         blending.step_issue(s, t)
         _rows(s, t, writer, drawn_number, tile_times, fills)
-        at = s[blending.AT]
+        at = s.entry_at
         entry = blending.step_setup(s, t, buffered, use, stop, drawn_counts, drawn_blend)
         if entry:
             _note(s, t, BLENDING, group_end[at], times)
-        at = s[blending.PENDING_IN] + s[blending.OCCUPIED]
+        at = s.pending_in + s.occupied
         fetched = blending.step_fetch(s, t, reader == VIEWS, entry, levels, missed, view_beat, drawn_counts)
         if fetched:
             _note(s, t, FETCHING, group_end[at], times)
         sorter.step_handover(s, fetched)
         sorter.step_run_writer(s, t, writer == W_SPILL)
-        at = s[sorter.SORTED]
-        offers = chunks.chunk_offers(stages, at + s[sorter.SPILLED])
+        at = s.sorted
+        offers = chunks.chunk_offers(stages, at + s.spilled)
         if sorter.step_sort_out(
             s, t, ways, reader == SPILL, offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start,
             job_length, job_entries, job_out, job_waits, way_of,
         ):
             _note(s, t, HANDING, group_end[at], times)
-        shown = s[lists.SHOWN]
-        room = chunks.step_stages(stages, keys, s[sorter.SORTED] + s[sorter.SPILLED], shown, chunk_ends, arrival)
+        shown = s.entry_shown
+        room = chunks.step_stages(stages, keys, s.sorted + s.spilled, shown, chunk_ends, arrival)
         if lists.step_unpack(s, t, room):
-            s[BUSY_SORT] += 1
-            _note(s, t, SORTING, group_end[s[sorter.TAKEN]], times)
-            s[sorter.TAKEN] += 1
+            s.busy_sort += 1
+            _note(s, t, SORTING, group_end[s.sort_taken], times)
+            s.sort_taken += 1
         elif shown:
-            s[BLOCKED_SORT] += 1
+            s.blocked_sort += 1
         lists.step_walk(s, t, reader == ENTRIES, list_before, tile_counts, tile_lasts, page_beat, page_start)
         lists.step_headers(s, t, reader == TILES, head_before, levels, rendered)
         lists.step_sweep(s, t, list_before, head_before)

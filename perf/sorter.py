@@ -7,32 +7,31 @@ from perf.bus import SPILL, W_SPILL
 from perf.kernel import step
 from perf.layout import Layout
 from perf.lists import layout as before
-from perf.watch import BLOCKED_HANDOVER, BUSY_HANDOVER
 from spec.memory import BEAT_ENTRIES
 from spec.queues import SORT_MERGES
 
-layout = Layout(before.size)
-CAPACITY, TAKEN, CHUNK_OUT, PLACE_OUT, SORTED, INCREMENTAL, RING_RUNS, USED, ACTIVE, SPILLED, FREEING = layout.words(
-    "capacity taken chunk_out place_out sorted incremental ring_runs used active spilled freeing")
-(PACK_FULL, PACK_PLACE, PACK_FENCE, QUEUE_IN, QUEUE_OUT, FENCED, W_BEAT) = layout.words(
-    "pack_full pack_place pack_fence queue_in queue_out fenced w_beat")
-(PARTS_THERE, OPEN_PART, PLANNING, PLAN_WAY, PLAN_AT, PLANNED, STARTED, FINISHED, PENDING, FREED, TURN, READ_FULL, FETCH_IN,
- FETCH_OUT, MERGE_LEFT, MERGED, OUT_LEFT, TREE_IN, TREE_OUT, SPILL_BASE, READ_BEAT, READING, HEADLESS, BACK_FULL, BACK_PLACE,
- BACK_LAST) = layout.words(
-    "parts_there open_part planning plan_way plan_at planned started finished pending freed turn read_full fetch_in "
-    "fetch_out merge_left merged out_left tree_in tree_out spill_base read_beat reading headless back_full back_place "
-    "back_last")
-(H_IN, H_OUT, HALVES, FILLING, FILLED, SHOWING, NEXT, SOURCE, SOURCE_LAST, SOURCE_HALF) = layout.words(
-    "h_in h_out halves filling filled showing next source source_last source_half")
-H_ENDS, (LINE, H_MASK, H_TIMES) = layout.ring(2), layout.words("line h_mask h_times")  # the ring lies behind all others
+layout = Layout(before)
+layout.words("capacity sort_taken chunk_out place_out sorted incremental ring_runs used active spilled freeing")
+layout.words("pack_full pack_place pack_fence run_queue_in run_queue_out fenced spill_write_beat")
+layout.words("""
+    parts_there open_part planning plan_way plan_at merges_planned merges_started merges_finished merges_pending parts_freed
+    way_turn spill_read_full fetch_in fetch_out merge_left merged out_left tree_in tree_out spill_base spill_read_beat reading
+    headless back_full back_place back_last""")
+layout.words("line_in line_out half_states filling filled showing half_next source source_last source_half line_size line_mask")
 
 _WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE, _PENDING = 32, 32, 32, 8, 15
 """RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output, merges not yet in memory."""
-Q_TIMES, Q_FENCE = layout.ring(_WRITER_QUEUE), layout.ring(_WRITER_QUEUE)
-WAY_LEFT, WAY_ROOM, WAY_IN, WAY_OUT, WAY_PLACE, WAY_ENTRIES, WAY_BASE = (layout.ring(_WAYS) for _ in range(7))
-WAY_TIMES = layout.ring(2 * _WAY_BEATS * _WAYS)
-FETCHED = layout.ring(_WAYS * _WAY_BEATS)
-TREE = layout.ring(_TREE)
+LINE_MOST = 1 << 17
+"""Entries of the longest line buffer that a configuration can have."""
+layout.ring("half_ends", 2)
+layout.ring("run_queue_times", _WRITER_QUEUE)
+layout.ring("run_queue_fence", _WRITER_QUEUE)
+for _name in ("left", "room", "in", "out", "place", "entries"):
+    layout.ring(f"way_{_name}", _WAYS)
+layout.ring("way_times", _WAYS, 2 * _WAY_BEATS)
+layout.ring("way_fetched", _WAYS * _WAY_BEATS)
+layout.ring("tree_times", _TREE)
+layout.ring("line_times", LINE_MOST)
 
 _TREE_LATENCY = 3  # of eight ways, the paper's; three cycles from a beat to its way, one from the tree's last node
 
@@ -40,193 +39,195 @@ _TREE_LATENCY = 3  # of eight ways, the paper's; three cycles from a beat to its
 @step
 def step_run_writer(s, t, granted):
     """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
-    at = s[QUEUE_OUT]
-    if at == s[QUEUE_IN] and s[BACK_FULL] == 0 and s[PACK_FULL] == 0:
+    at = s.run_queue_out
+    if at == s.run_queue_in and s.back_full == 0 and s.pack_full == 0:
         return
-    fence = s[Q_FENCE + (at & _WRITER_QUEUE - 1)]
+    fence = s.run_queue_fence[at & _WRITER_QUEUE - 1]
     if granted:
-        bus.write(s, W_SPILL, s[SPILL_BASE] + s[W_BEAT])
-        s[W_BEAT] += 1
+        bus.write(s, W_SPILL, s.spill_base + s.spill_write_beat)
+        s.spill_write_beat += 1
         if fence:
-            s[FENCED] = 1
+            s.fenced = 1
         else:
-            s[QUEUE_OUT] = at + 1
-    elif s[FENCED] and bus.writes_idle(s, t, W_SPILL):
-        s[FENCED] = 0
-        s[QUEUE_OUT] = at + 1
-        s[PARTS_THERE] += fence == 1
-        s[PENDING] -= fence == 2
-    at = s[QUEUE_IN]
-    if (s[BACK_FULL] or s[PACK_FULL]) and at - s[QUEUE_OUT] < _WRITER_QUEUE:
-        s[Q_TIMES + (at & _WRITER_QUEUE - 1)] = t + 2
-        s[Q_FENCE + (at & _WRITER_QUEUE - 1)] = 2 * s[BACK_LAST] if s[BACK_FULL] else s[PACK_FENCE]
-        s[QUEUE_IN] = at + 1
-        if s[BACK_FULL]:
-            s[BACK_FULL] = 0
+            s.run_queue_out = at + 1
+    elif s.fenced and bus.writes_idle(s, t, W_SPILL):
+        s.fenced = 0
+        s.run_queue_out = at + 1
+        s.parts_there += fence == 1
+        s.merges_pending -= fence == 2
+    at = s.run_queue_in
+    if (s.back_full or s.pack_full) and at - s.run_queue_out < _WRITER_QUEUE:
+        s.run_queue_times[at & _WRITER_QUEUE - 1] = t + 2
+        s.run_queue_fence[at & _WRITER_QUEUE - 1] = 2 * s.back_last if s.back_full else s.pack_fence
+        s.run_queue_in = at + 1
+        if s.back_full:
+            s.back_full = 0
         else:
-            s[PACK_FULL] = 0
+            s.pack_full = 0
 
 
 @step
 def writer_asks(s, t):
     """The run writer has a beat for memory."""
-    at = s[QUEUE_OUT]
-    return s[FENCED] == 0 and at != s[QUEUE_IN] and s[Q_TIMES + (at & _WRITER_QUEUE - 1)] <= t
+    at = s.run_queue_out
+    return s.fenced == 0 and at != s.run_queue_in and s.run_queue_times[at & _WRITER_QUEUE - 1] <= t
 
 
 @step
 def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
     """SpillDispatch: an entry of a chunk that is spilled to its run."""
-    chunk, place = s[CHUNK_OUT], s[PLACE_OUT]
-    if not offers or chunk_spill[chunk] == 0 or s[PACK_FULL]:
+    chunk, place = s.chunk_out, s.place_out
+    if not offers or chunk_spill[chunk] == 0 or s.pack_full:
         return
     if place == 0:
-        if s[USED] == s[RING_RUNS]:
+        if s.used == s.ring_runs:
             return
-        s[USED] += 1
-    s[ACTIVE] = 1
+        s.used += 1
+    s.active = 1
     last = place + 1 == chunk_length[chunk]
-    s[SPILLED] += 1
-    s[PACK_PLACE] += 1
-    if s[PACK_PLACE] == BEAT_ENTRIES or last:
-        s[PACK_FULL], s[PACK_PLACE], s[PACK_FENCE] = 1, 0, last and chunk_last[chunk]
-    s[PLACE_OUT] = 0 if last else place + 1
-    s[CHUNK_OUT] = chunk + last
+    s.spilled += 1
+    s.pack_place += 1
+    if s.pack_place == BEAT_ENTRIES or last:
+        s.pack_full, s.pack_place, s.pack_fence = 1, 0, last and chunk_last[chunk]
+    s.place_out = 0 if last else place + 1
+    s.chunk_out = chunk + last
 
 
 @step
 def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
     """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each, two on their way there."""
-    job = s[PLANNED]
-    if s[PLANNING] == 0:
-        if s[OPEN_PART] == 0:
-            if s[PARTS_THERE]:
-                s[PARTS_THERE] -= 1
-                s[OPEN_PART], s[PLAN_AT] = 1, t + 5
-        elif t >= s[PLAN_AT] and job - s[FINISHED] < SORT_MERGES and s[PENDING] < (1 if job_waits[job] else _PENDING):
-            s[PENDING] += not job_out[job]
-            s[PLANNING], s[PLAN_WAY], s[PLAN_AT] = 1, 0, t + 4
+    job = s.merges_planned
+    if s.planning == 0:
+        if s.open_part == 0:
+            if s.parts_there:
+                s.parts_there -= 1
+                s.open_part, s.plan_at = 1, t + 5
+            return
+        pending = 1 if job_waits[job] else _PENDING
+        if t >= s.plan_at and job - s.merges_finished < SORT_MERGES and s.merges_pending < pending:
+            s.merges_pending += not job_out[job]
+            s.planning, s.plan_way, s.plan_at = 1, 0, t + 4
         return
-    way = s[PLAN_WAY]
-    if t < s[PLAN_AT]:
+    way = s.plan_way
+    if t < s.plan_at:
         return
     if way < job_start[job + 1] - job_start[job]:
-        if s[WAY_LEFT + way]:
+        if s.way_left[way]:
             return
-        s[WAY_LEFT + way] = -(-job_length[job_start[job] + way] // BEAT_ENTRIES)
-        s[READING] += s[WAY_LEFT + way]
-    s[PLAN_WAY], s[PLAN_AT] = way + 1, t + 2
+        s.way_left[way] = -(-job_length[job_start[job] + way] // BEAT_ENTRIES)
+        s.reading += s.way_left[way]
+    s.plan_way, s.plan_at = way + 1, t + 2
     if way + 1 == ways:
-        s[PLANNED], s[PLANNING], s[PLAN_AT] = job + 1, 0, t + 3
+        s.merges_planned, s.planning, s.plan_at = job + 1, 0, t + 3
         if job_out[job]:
-            s[OPEN_PART] = 0
+            s.open_part = 0
 
 
 @step
 def _read_runs(s, t, ways, granted):
     """RunReader: a way's next beat into the request register, beats into their ways."""
     if granted:
-        bus.read(s, SPILL, s[SPILL_BASE] + s[READ_BEAT])
-        s[READ_BEAT] += 1
-        s[READ_FULL] = 0
-    if s[READ_FULL] == 0 and s[READING]:
-        way = s[TURN]
+        bus.read(s, SPILL, s.spill_base + s.spill_read_beat)
+        s.spill_read_beat += 1
+        s.spill_read_full = 0
+    if s.spill_read_full == 0 and s.reading:
+        way = s.way_turn
         for _ in range(ways):
             way = 0 if way + 1 == ways else way + 1
-            if s[WAY_LEFT + way] and s[WAY_ROOM + way]:
-                s[WAY_LEFT + way] -= 1
-                s[READING] -= 1
-                s[WAY_ROOM + way] -= 1
-                s[TURN], s[READ_FULL] = way, 1
-                s[FETCHED + (s[FETCH_IN] & _WAYS * _WAY_BEATS - 1)] = way
-                s[FETCH_IN] += 1
+            if s.way_left[way] and s.way_room[way]:
+                s.way_left[way] -= 1
+                s.reading -= 1
+                s.way_room[way] -= 1
+                s.way_turn, s.spill_read_full = way, 1
+                s.way_fetched[s.fetch_in & _WAYS * _WAY_BEATS - 1] = way
+                s.fetch_in += 1
                 break
     if bus.offered(s, SPILL, t):
         bus.take(s, SPILL)
-        way = s[FETCHED + (s[FETCH_OUT] & _WAYS * _WAY_BEATS - 1)]
-        s[FETCH_OUT] += 1
-        at = s[WAY_IN + way]
-        s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] = t + 3
-        s[WAY_IN + way] = at + 1
+        way = s.way_fetched[s.fetch_out & _WAYS * _WAY_BEATS - 1]
+        s.fetch_out += 1
+        at = s.way_in[way]
+        s.way_times[way, at & 2 * _WAY_BEATS - 1] = t + 3
+        s.way_in[way] = at + 1
 
 
 @step
 def _merge(s, t, way_of, job_start, job_length):
     """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
-    if s[TREE_IN] - s[TREE_OUT] >= _TREE - 1:
+    if s.tree_in - s.tree_out >= _TREE - 1:
         return
-    if s[MERGE_LEFT] == 0:
-        job = s[STARTED]
-        if job == s[PLANNED]:
+    if s.merge_left == 0:
+        job = s.merges_started
+        if job == s.merges_planned:
             return
-        s[STARTED] = job + 1
+        s.merges_started = job + 1
         runs, total = job_start[job + 1] - job_start[job], 0
         for way in range(runs):
-            s[WAY_ENTRIES + way], s[WAY_PLACE + way] = job_length[job_start[job] + way], 0
+            s.way_entries[way], s.way_place[way] = job_length[job_start[job] + way], 0
             total += job_length[job_start[job] + way]
-        s[MERGE_LEFT], s[HEADLESS] = total, (1 << runs) - 1
-    headless, way = s[HEADLESS], 0
+        s.merge_left, s.headless = total, (1 << runs) - 1
+    headless, way = s.headless, 0
     if headless:
         while headless >> way:
-            at = s[WAY_OUT + way]
-            there = at != s[WAY_IN + way] and s[WAY_TIMES + way * 2 * _WAY_BEATS + (at & 2 * _WAY_BEATS - 1)] <= t
+            at = s.way_out[way]
+            there = at != s.way_in[way] and s.way_times[way, at & 2 * _WAY_BEATS - 1] <= t
             if there and headless >> way & 1:
                 headless &= ~(1 << way)
             way += 1
-        s[HEADLESS] = headless
+        s.headless = headless
         if headless:
             return
-    way = way_of[s[MERGED]]
-    s[MERGED] += 1
-    s[WAY_ENTRIES + way] -= 1
-    s[WAY_PLACE + way] += 1
-    if s[WAY_PLACE + way] == BEAT_ENTRIES or s[WAY_ENTRIES + way] == 0:
-        s[WAY_PLACE + way] = 0
-        s[WAY_OUT + way] += 1
-        s[WAY_ROOM + way] += 1
-        if s[WAY_ENTRIES + way]:
-            s[HEADLESS] = 1 << way
-    s[TREE + (s[TREE_IN] & _TREE - 1)] = t + _TREE_LATENCY
-    s[TREE_IN] += 1
-    s[MERGE_LEFT] -= 1
+    way = way_of[s.merged]
+    s.merged += 1
+    s.way_entries[way] -= 1
+    s.way_place[way] += 1
+    if s.way_place[way] == BEAT_ENTRIES or s.way_entries[way] == 0:
+        s.way_place[way] = 0
+        s.way_out[way] += 1
+        s.way_room[way] += 1
+        if s.way_entries[way]:
+            s.headless = 1 << way
+    s.tree_times[s.tree_in & _TREE - 1] = t + _TREE_LATENCY
+    s.tree_in += 1
+    s.merge_left -= 1
 
 
 @step
 def _tree_gives(s, t, job_entries):
     """The tree's oldest entry is there: what is left of its merge, itself included; 0: none."""
-    if s[TREE_IN] == s[TREE_OUT] or s[TREE + (s[TREE_OUT] & _TREE - 1)] > t:
+    if s.tree_in == s.tree_out or s.tree_times[s.tree_out & _TREE - 1] > t:
         return 0
-    return s[OUT_LEFT] if s[OUT_LEFT] else job_entries[s[FINISHED]]
+    return s.out_left if s.out_left else job_entries[s.merges_finished]
 
 
 @step
 def _take_merged(s, left):
     """The tree's oldest entry leaves; `left` as `_tree_gives` says."""
-    s[TREE_OUT] += 1
-    s[OUT_LEFT] = left - 1
-    s[FINISHED] += left == 1
+    s.tree_out += 1
+    s.out_left = left - 1
+    s.merges_finished += left == 1
 
 
 @step
 def _merge_back(s, t, job_entries, job_out):
     """An entry of a merge that goes back to memory into its beat."""
     left = _tree_gives(s, t, job_entries)
-    if left == 0 or job_out[s[FINISHED]] or s[BACK_FULL]:
+    if left == 0 or job_out[s.merges_finished] or s.back_full:
         return
-    s[BACK_PLACE] += 1
-    s[BACK_LAST] = left == 1
-    if s[BACK_PLACE] == BEAT_ENTRIES or left == 1:
-        s[BACK_FULL], s[BACK_PLACE] = 1, 0
+    s.back_place += 1
+    s.back_last = left == 1
+    if s.back_place == BEAT_ENTRIES or left == 1:
+        s.back_full, s.back_place = 1, 0
     _take_merged(s, left)
 
 
 @step
 def _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out):
     """Whether an entry is offered: 0, -1 from the chunk sorter, else from the merge tree, as `_tree_gives`."""
-    if s[ACTIVE]:
+    if s.active:
         left = _tree_gives(s, t, job_entries)
-        return left if left and job_out[s[FINISHED]] else 0
-    return -1 if chunk_offers and chunk_spill[s[CHUNK_OUT]] == 0 else 0
+        return left if left and job_out[s.merges_finished] else 0
+    return -1 if chunk_offers and chunk_spill[s.chunk_out] == 0 else 0
 
 
 @step
@@ -236,30 +237,30 @@ def step_sort_out(
 ):
     """What leaves the sorter for the hand-over; whether something did. `chunk_offers`: the chunk sorter offers an entry."""
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
-    freed, moves = s[FREEING], False
-    s[FREEING] = 0
+    freed, moves = s.freeing, False
+    s.freeing = 0
     if offers:
-        moves = _hand_over(s, t, group_end[s[SORTED]])
+        moves = _hand_over(s, t, group_end[s.sorted])
         if moves:
-            s[BUSY_HANDOVER] += 1
+            s.busy_handover += 1
         else:
-            s[BLOCKED_HANDOVER] += 1
+            s.blocked_handover += 1
     if moves:
         if offers < 0:
-            last = s[PLACE_OUT] + 1 == chunk_length[s[CHUNK_OUT]]
-            s[PLACE_OUT] = 0 if last else s[PLACE_OUT] + 1
-            s[CHUNK_OUT] += last
+            last = s.place_out + 1 == chunk_length[s.chunk_out]
+            s.place_out = 0 if last else s.place_out + 1
+            s.chunk_out += last
         else:
             _take_merged(s, offers)
-            s[SPILLED] -= 1
+            s.spilled -= 1
             if offers == 1:
-                s[FREEING] = part_runs[s[FREED]]
-                s[FREED] += 1
-        s[SORTED] += 1
+                s.freeing = part_runs[s.parts_freed]
+                s.parts_freed += 1
+        s.sorted += 1
     if freed:  # by what left a cycle before
-        s[USED] -= freed
-        s[ACTIVE] = s[USED] != 0
-    if s[USED] or (s[RING_RUNS] and chunk_offers):
+        s.used -= freed
+        s.active = s.used != 0
+    if s.used or (s.ring_runs and chunk_offers):
         _merge_back(s, t, job_entries, job_out)
         _spill(s, t, chunk_offers and not (moves and offers < 0), chunk_length, chunk_spill, chunk_last)
         _merge(s, t, way_of, job_start, job_length)
@@ -271,48 +272,48 @@ def step_sort_out(
 @step
 def _hand_over(s, t, ends):
     """An entry offered to the line buffer or the double buffer; whether it is taken."""
-    if s[INCREMENTAL]:
-        at = s[H_IN]
-        if at - s[H_OUT] >= s[LINE]:
+    if s.incremental:
+        at = s.line_in
+        if at - s.line_out >= s.line_size:
             return False
-        s[s[H_TIMES] + (at & s[H_MASK])] = t + 2
-        s[H_IN] = at + 1
+        s.line_times[at & s.line_mask] = t + 2
+        s.line_in = at + 1
         return True
-    half = s[FILLING]
-    if s[HALVES] >> half & 1:
+    half = s.filling
+    if s.half_states >> half & 1:
         return False
-    s[FILLED] += 1
-    if ends or s[FILLED] == s[CAPACITY]:
-        s[H_ENDS + half] = s[FILLED]
-        s[FILLING], s[FILLED] = 1 - half, 0
-        s[HALVES] |= 4 << half  # seen in the next cycle
+    s.filled += 1
+    if ends or s.filled == s.capacity:
+        s.half_ends[half] = s.filled
+        s.filling, s.filled = 1 - half, 0
+        s.half_states |= 4 << half  # seen in the next cycle
     return True
 
 
 @step
 def handover_offers(s, t):
     """The hand-over offers an entry."""
-    if s[INCREMENTAL]:
-        at = s[H_OUT]
-        return at != s[H_IN] and s[s[H_TIMES] + (at & s[H_MASK])] <= t
-    return s[SOURCE] != 0
+    if s.incremental:
+        at = s.line_out
+        return at != s.line_in and s.line_times[at & s.line_mask] <= t
+    return s.source != 0
 
 
 @step
 def step_handover(s, takes):
     """The hand-over's output side."""
-    if s[INCREMENTAL]:
-        s[H_OUT] += takes
+    if s.incremental:
+        s.line_out += takes
         return
-    halves = (s[HALVES] | s[HALVES] >> 2) & ~(s[HALVES] >> 4) & 3  # as the cycle before has left them
-    s[HALVES] = halves
+    halves = (s.half_states | s.half_states >> 2) & ~(s.half_states >> 4) & 3  # as the cycle before has left them
+    s.half_states = halves
     if takes:
-        s[SOURCE] = 0
-        s[HALVES] |= (16 << s[SOURCE_HALF]) * s[SOURCE_LAST]
-    shown = s[SHOWING]
-    if s[SOURCE] == 0 and halves >> shown & 1 and s[NEXT] < s[H_ENDS + shown]:
-        s[SOURCE], s[SOURCE_HALF] = 1, shown
-        s[NEXT] += 1
-        s[SOURCE_LAST] = s[NEXT] == s[H_ENDS + shown]
-        if s[SOURCE_LAST]:
-            s[NEXT], s[SHOWING] = 0, 1 - shown
+        s.source = 0
+        s.half_states |= (16 << s.source_half) * s.source_last
+    shown = s.showing
+    if s.source == 0 and halves >> shown & 1 and s.half_next < s.half_ends[shown]:
+        s.source, s.source_half = 1, shown
+        s.half_next += 1
+        s.source_last = s.half_next == s.half_ends[shown]
+        if s.source_last:
+            s.half_next, s.showing = 0, 1 - shown

@@ -15,22 +15,21 @@ from pathlib import Path
 
 import numpy as np
 
+<<<<<<< HEAD
 from golden.host.quantise import GaussianWords
 from golden.kernels import work_clock
+=======
+>>>>>>> main
 from golden.msv2_ref import pipeline, projection
-from golden.msv2_ref.eyes import StereoFrame, render_request, render_stereo
+from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
-from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output
-from golden.scenes.gaze import FoveationMap
-from golden.scenes.model import GaussianModel
-from golden.scenes.request import resolve
-from golden.scenes.stereo import StereoPair
+from golden.scenes.request import Request, resolve
 from perf import geometry
 from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
-from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
 VERSION = 1
@@ -161,29 +160,10 @@ def trace_of(
         seconds + work_clock() - begin, dict(record or {}), right)
 
 
-@dataclass(frozen=True)
-class TraceSettings:
-    """What a frame's trace depends on besides scene, camera and machine.
-
-    Attributes:
-        foveation: tile levels and blend planes; None: level 1 everywhere.
-        background: r, g, b in [0, 1].
-        obb: bounding boxes instead of the exact tile test.
-        pair: the eyes, of a frame of two; the camera is then the source eye's, and means nothing.
-        threshold_deg, gaze_target: as `golden.msv2_ref.eyes.render_stereo`.
-    """
-
-    foveation: FoveationMap | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    obb: bool = False
-    pair: StereoPair | None = None
-    threshold_deg: float = ECC_THRESHOLD_DEG
-    gaze_target: tuple[float, float] | None = None
-
-
-def trace_frame(
-    scene: GaussianModel | GaussianWords, camera: Camera, settings: TraceSettings | None, config: AcceleratorConfig,
+def trace_request(
+    args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
 ) -> FrameTrace:
+<<<<<<< HEAD
     """Renders a frame with the golden renderer and traces it.
 
     Args:
@@ -207,12 +187,15 @@ def trace_frame(
 
 
 def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
+=======
+>>>>>>> main
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
         args: parsed, and of two eyes taken (`take_stereo_arguments`).
-        config: the machine.
+        config: the machine, as it is built; what the frame does not call for is not left out here.
         cache: folder in which traces are kept; None: nothing is.
+        request: the resolved arguments, where they are known.
 
     Raises:
         InputError: see `resolve`.
@@ -221,8 +204,13 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
+<<<<<<< HEAD
     begin = work_clock()
     request = resolve(args)
+=======
+    begin = time.perf_counter()
+    request = request or resolve(args)
+>>>>>>> main
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:

@@ -10,7 +10,7 @@ up for it.
 
 from __future__ import annotations
 
-from perf import blending, bus
+from perf import bus
 from perf.blending import layout as before
 from perf.bus import W_WARP
 from perf.constants import FILL_LATENCY, RING_STAGES
@@ -19,142 +19,143 @@ from perf.layout import Layout
 from spec.constants import TILE
 from spec.memory import WORDS
 
-layout = Layout(before.size)
-(PRESENT, DONE, ROW, WRITE, LANES, DEPTH, SETTLE_CYCLES, QUEUE_DEPTH, TARGET_BASE, RING, REACH, RIGHT, TO_TAKE, TO_SCAN, HELD,
- OPENED, TAKE_COLUMN, GONE, SETTLE_IN, SETTLE_OUT, SETTLED, OPEN_COLUMN, STARTS, SCANS, WRITTEN, STRIP, SCAN_AT, GROUP, FREED,
- SLOTS, Q_IN, Q_OUT, Q_LEFT, STRIPS) = layout.words(
-    "present done row write lanes depth settle_cycles queue_depth target_base ring reach right to_take to_scan held "
-    "opened take_column gone settle_in settle_out settled open_column starts scans written strip scan_at group freed "
-    "slots q_in q_out q_left strips")
-LANE_ROWS, LANE_LEFT, LANE_IN, LANE_OUT, LANE_TILES = (layout.ring(TILE) for _ in range(5))
+layout = Layout(before)
 _QUEUED = 128  # rows of a lane, at most
-LANE_PIXELS = layout.ring(TILE * _QUEUED)
-Q_BEATS, Q_ADDRESS = layout.ring(16), layout.ring(16)
-SETTLES = layout.ring(64)
-OPEN_AT = layout.ring(512)  # by column of tiles
+layout.words("""
+    warp_present warp_done warp_row warp_write warp_lanes warp_depth warp_settle_cycles warp_queue_depth warp_target_base
+    warp_ring warp_reach warp_right warp_to_take warp_to_scan warp_held warp_opened warp_take_column warp_gone warp_settle_in
+    warp_settle_out warp_settled warp_open_column warp_starts warp_scans warp_written warp_strip warp_scan_at warp_group
+    warp_freed warp_slots warp_q_in warp_q_out warp_q_left warp_strips""")
+for _name in ("rows", "left", "in", "out", "tiles"):
+    layout.ring(f"warp_lane_{_name}", TILE)
+layout.ring("warp_lane_pixels", TILE, _QUEUED)
+layout.ring("warp_beats", 16)
+layout.ring("warp_address", 16)
+layout.ring("warp_settles", 64)
+layout.ring("warp_open_at", 512)  # by column of tiles
 
 
 @step
 def finished(s, t):
     """All strips are in memory, or there is nothing to warp."""
-    return s[PRESENT] == 0 or (s[WRITTEN] and bus.writes_idle(s, t, W_WARP))
+    return s.warp_present == 0 or (s.warp_written and bus.writes_idle(s, t, W_WARP))
 
 
 @step
 def _move_pixels(s, t):
     """A pixel a lane into the ring; a tile that has left all lanes is on its way."""
-    rows = TILE // s[LANES] * TILE // s[blending.CORES_X]
+    rows = TILE // s.warp_lanes * TILE // s.cores_x
     every = True
-    for lane in range(s[LANES]):
-        every = every and s[LANE_TILES + lane] != 0
-    for lane in range(s[LANES]):
-        left = s[LANE_LEFT + lane]
+    for lane in range(s.warp_lanes):
+        every = every and s.warp_lane_tiles[lane] != 0
+    for lane in range(s.warp_lanes):
+        left = s.warp_lane_left[lane]
         if every:
-            s[LANE_TILES + lane] -= 1
+            s.warp_lane_tiles[lane] -= 1
         if left == 1:
-            s[LANE_ROWS + lane] += 1
-            if s[LANE_ROWS + lane] == rows:
-                s[LANE_ROWS + lane] = 0
-                s[LANE_TILES + lane] += 1
-        if left <= 1 and s[LANE_IN + lane] != s[LANE_OUT + lane]:
-            at = s[LANE_OUT + lane]
-            s[LANE_LEFT + lane] = s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)]
-            s[LANE_OUT + lane] = at + 1
+            s.warp_lane_rows[lane] += 1
+            if s.warp_lane_rows[lane] == rows:
+                s.warp_lane_rows[lane] = 0
+                s.warp_lane_tiles[lane] += 1
+        if left <= 1 and s.warp_lane_in[lane] != s.warp_lane_out[lane]:
+            at = s.warp_lane_out[lane]
+            s.warp_lane_left[lane] = s.warp_lane_pixels[lane, at & _QUEUED - 1]
+            s.warp_lane_out[lane] = at + 1
         else:
-            s[LANE_LEFT + lane] = max(0, left - 1)
+            s.warp_lane_left[lane] = max(0, left - 1)
     if every:
-        s[SETTLES + (s[SETTLE_IN] & 63)] = t + s[SETTLE_CYCLES]
-        s[SETTLE_IN] += 1
+        s.warp_settles[s.warp_settle_in & 63] = t + s.warp_settle_cycles
+        s.warp_settle_in += 1
 
 
 @step
 def _reached(s, column):
     """By how many tiles the reach goes to the right of a tile, in its row."""
-    return min(s[REACH], s[blending.TILES_X] - 1 - column)
+    return min(s.warp_reach, s.tiles_x - 1 - column)
 
 
 @step
 def _take_row(s, row):
     """A row into its lane's queue; whether there is room."""
-    rows = TILE * TILE // s[blending.CORES_X]
+    rows = TILE * TILE // s.cores_x
     tile, place = row // rows, row % rows
-    columns = TILE // s[blending.CORES_X]
-    block, line = place // s[blending.CORES_Y], place % s[blending.CORES_Y]
-    inner = block // columns * s[blending.CORES_Y] + line
-    lane = inner & s[LANES] - 1
-    at = s[LANE_IN + lane]
-    if at - s[LANE_OUT + lane] >= s[DEPTH]:
+    columns = TILE // s.cores_x
+    block, line = place // s.cores_y, place % s.cores_y
+    inner = block // columns * s.cores_y + line
+    lane = inner & s.warp_lanes - 1
+    at = s.warp_lane_in[lane]
+    if at - s.warp_lane_out[lane] >= s.warp_depth:
         return False
-    y = tile // s[blending.TILES_X] * TILE + inner
-    x = tile % s[blending.TILES_X] * TILE + block % columns * s[blending.CORES_X]
-    inside = y < s[blending.HEIGHT] and x < s[blending.WIDTH]
-    s[LANE_PIXELS + lane * _QUEUED + (at & _QUEUED - 1)] = min(s[blending.WIDTH] - x, s[blending.CORES_X]) if inside else 1
-    s[LANE_IN + lane] = at + 1
+    y = tile // s.tiles_x * TILE + inner
+    x = tile % s.tiles_x * TILE + block % columns * s.cores_x
+    inside = y < s.height and x < s.width
+    s.warp_lane_pixels[lane, at & _QUEUED - 1] = min(s.width - x, s.cores_x) if inside else 1
+    s.warp_lane_in[lane] = at + 1
     return True
 
 
 @step
 def _take(s, offered, row):
     """Whether the row on offer is taken."""
-    room = s[HELD] + (_reached(s, s[TAKE_COLUMN]) if s[RIGHT] else 0) < s[RING]
-    taken = offered and s[TO_TAKE] != 0 and s[OPENED] != 0 and _take_row(s, row)
-    s[HELD] -= s[GONE]
-    s[GONE] = 0
-    ends = taken and (row + 1) % (TILE * TILE // s[blending.CORES_X]) == 0
+    room = s.warp_held + (_reached(s, s.warp_take_column) if s.warp_right else 0) < s.warp_ring
+    taken = offered and s.warp_to_take != 0 and s.warp_opened != 0 and _take_row(s, row)
+    s.warp_held -= s.warp_gone
+    s.warp_gone = 0
+    ends = taken and (row + 1) % (TILE * TILE // s.cores_x) == 0
     if ends:
-        s[HELD] += 1
-        s[TAKE_COLUMN] += 1
-        if s[TAKE_COLUMN] == s[blending.TILES_X]:
-            s[TAKE_COLUMN] = 0
-            s[TO_TAKE] -= 1
-    s[OPENED] = room and not ends
+        s.warp_held += 1
+        s.warp_take_column += 1
+        if s.warp_take_column == s.tiles_x:
+            s.warp_take_column = 0
+            s.warp_to_take -= 1
+    s.warp_opened = room and not ends
     return taken
 
 
 @step
 def _open(s, t):
     """Tiles that have settled open to the scan, and strips begin."""
-    opens = s[SCANS] and s[OPEN_COLUMN] < s[blending.TILES_X] and (
-        s[SETTLED] > (0 if s[RIGHT] else _reached(s, s[OPEN_COLUMN])))
-    if s[STARTS]:
-        s[STARTS], s[SCANS], s[OPEN_COLUMN], s[GROUP], s[SLOTS], s[FREED] = 0, 1, 0, 0, 0, 0
-        s[STRIP] = s[STRIPS]
-        s[STRIPS] += 1
-        s[TO_SCAN] -= 1
-    elif s[SETTLED] != 0 and s[SCANS] == 0:
-        s[STARTS] = 1
+    opens = s.warp_scans and s.warp_open_column < s.tiles_x and (
+        s.warp_settled > (0 if s.warp_right else _reached(s, s.warp_open_column)))
+    if s.warp_starts:
+        s.warp_starts, s.warp_scans, s.warp_open_column, s.warp_group, s.warp_slots, s.warp_freed = 0, 1, 0, 0, 0, 0
+        s.warp_strip = s.warp_strips
+        s.warp_strips += 1
+        s.warp_to_scan -= 1
+    elif s.warp_settled != 0 and s.warp_scans == 0:
+        s.warp_starts = 1
     if opens:
-        if s[OPEN_COLUMN] == 0:
-            s[SCAN_AT] = t + RING_STAGES + TILE // s[LANES] + 2 + FILL_LATENCY
-        s[OPEN_AT + (s[OPEN_COLUMN] & 511)] = t + RING_STAGES
-        s[OPEN_COLUMN] += 1
-        s[SETTLED] -= 1
-    if s[SETTLE_OUT] != s[SETTLE_IN] and s[SETTLES + (s[SETTLE_OUT] & 63)] <= t:
-        s[SETTLE_OUT] += 1
-        s[SETTLED] += 1
+        if s.warp_open_column == 0:
+            s.warp_scan_at = t + RING_STAGES + TILE // s.warp_lanes + 2 + FILL_LATENCY
+        s.warp_open_at[s.warp_open_column & 511] = t + RING_STAGES
+        s.warp_open_column += 1
+        s.warp_settled -= 1
+    if s.warp_settle_out != s.warp_settle_in and s.warp_settles[s.warp_settle_out & 63] <= t:
+        s.warp_settle_out += 1
+        s.warp_settled += 1
 
 
 @step
 def _there(s, t, group, later):
     """Whether the scan can have read a strip's group `later` cycles ago."""
-    column = group // (TILE // s[LANES] * TILE)
-    return column < s[OPEN_COLUMN] and s[OPEN_AT + (column & 511)] + later <= t
+    column = group // (TILE // s.warp_lanes * TILE)
+    return column < s.warp_open_column and s.warp_open_at[column & 511] + later <= t
 
 
 @step
 def _group(s, fills):
     """Of the group that is scanned: slots that it takes, whether beats are complete, those to write, the last one's address."""
-    lanes, width = s[LANES], s[blending.WIDTH]
+    lanes, width = s.warp_lanes, s.width
     groups = TILE // lanes
-    x, first = s[GROUP] // groups, s[GROUP] % groups * lanes
-    top = s[STRIP] * TILE
+    x, first = s.warp_group // groups, s.warp_group % groups * lanes
+    top = s.warp_strip * TILE
     holes, beats, address, whole = 0, 0, 0, False
     for lane in range(lanes):
         y = top + first + lane
         word = y * width + x
         ends = word % WORDS == WORDS - 1 or x == width - 1
         whole = whole or ends
-        if y < s[blending.HEIGHT]:
+        if y < s.height:
             holes += fills[y, x]
             if ends:
                 beats += 1
@@ -165,51 +166,51 @@ def _group(s, fills):
 @step
 def _scan(s, t, fills):
     """The next slot of the strip."""
-    groups = TILE // s[LANES]
-    total, ahead = groups * s[blending.WIDTH], groups + 2
-    if s[GROUP] == total:
-        if s[Q_IN] == s[Q_OUT] and s[WRITE] == 0:
-            s[SCANS] = 0
-            s[WRITTEN] = s[TO_SCAN] == 0
+    groups = TILE // s.warp_lanes
+    total, ahead = groups * s.width, groups + 2
+    if s.warp_group == total:
+        if s.warp_q_in == s.warp_q_out and s.warp_write == 0:
+            s.warp_scans = 0
+            s.warp_written = s.warp_to_scan == 0
         return
-    read = min(s[GROUP] + ahead + FILL_LATENCY, total - 1)
-    if s[FREED] < s[blending.TILES_X] and read >= min((s[FREED] + 1) * TILE * groups, total) - 1 and _there(s, t, read, 0):
-        s[FREED] += 1
-        s[GONE] = 1
-    if s[OPEN_COLUMN] == 0 or t < s[SCAN_AT] or not _there(s, t, min(s[GROUP] + ahead, total - 1), FILL_LATENCY):
+    read = min(s.warp_group + ahead + FILL_LATENCY, total - 1)
+    if s.warp_freed < s.tiles_x and read >= min((s.warp_freed + 1) * TILE * groups, total) - 1 and _there(s, t, read, 0):
+        s.warp_freed += 1
+        s.warp_gone = 1
+    if s.warp_open_column == 0 or t < s.warp_scan_at or not _there(s, t, min(s.warp_group + ahead, total - 1), FILL_LATENCY):
         return
     slots, whole, beats, address = _group(s, fills)
-    if s[SLOTS] + 1 < slots:
-        s[SLOTS] += 1
+    if s.warp_slots + 1 < slots:
+        s.warp_slots += 1
         return
-    if whole and s[Q_IN] - s[Q_OUT] >= s[QUEUE_DEPTH]:
+    if whole and s.warp_q_in - s.warp_q_out >= s.warp_queue_depth:
         return
-    s[SLOTS] = 0
-    s[GROUP] += 1
+    s.warp_slots = 0
+    s.warp_group += 1
     if whole:
-        at = s[Q_IN]
-        s[Q_BEATS + (at & 15)], s[Q_ADDRESS + (at & 15)] = beats, address
-        s[Q_IN] = at + 1
+        at = s.warp_q_in
+        s.warp_beats[at & 15], s.warp_address[at & 15] = beats, address
+        s.warp_q_in = at + 1
 
 
 @step
 def step_warp(s, t, granted, offered, row, fills):
     """WarpUnit; whether the row on offer is taken."""
     if granted:
-        bus.write(s, W_WARP, s[TARGET_BASE] + s[Q_ADDRESS + (s[Q_OUT] & 15)])
-        s[WRITE] = 0
-    queued = s[Q_IN]
+        bus.write(s, W_WARP, s.warp_target_base + s.warp_address[s.warp_q_out & 15])
+        s.warp_write = 0
+    queued = s.warp_q_in
     taken = _take(s, offered, row)
-    scans = s[SCANS]
+    scans = s.warp_scans
     _open(s, t)
     if scans:
         _scan(s, t, fills)
-    if s[WRITE] == 0 and queued != s[Q_OUT]:
-        beats = s[Q_BEATS + (s[Q_OUT] & 15)]
-        s[WRITE] = beats != 0
-        s[Q_LEFT] += 1
-        if s[Q_LEFT] >= beats:
-            s[Q_LEFT] = 0
-            s[Q_OUT] += 1
+    if s.warp_write == 0 and queued != s.warp_q_out:
+        beats = s.warp_beats[s.warp_q_out & 15]
+        s.warp_write = beats != 0
+        s.warp_q_left += 1
+        if s.warp_q_left >= beats:
+            s.warp_q_left = 0
+            s.warp_q_out += 1
     _move_pixels(s, t)
     return taken

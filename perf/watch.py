@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from perf import memory
 from perf.layout import Layout
+from spec.stages import StagePhase, watched
 
-layout = Layout(memory.layout.size)
-
-(BUSY_LIST, BLOCKED_LIST, BUSY_SORT, BLOCKED_SORT, BUSY_HANDOVER, BLOCKED_HANDOVER, BUSY_FETCH, BLOCKED_FETCH, BUSY_ARRAY,
- BLOCKED_ARRAY, BUSY_PIXELS, BLOCKED_PIXELS, BUSY_WARP, BLOCKED_WARP) = layout.words(
-    "list_read . sort . handover . fetch . array . pixel_write . warp .")
-WATCHED = BUSY_LIST
+layout = Layout(memory.layout)
+layout.counters(*watched(StagePhase.RENDERING, StagePhase.SECOND_EYE))
 
 SORTING, HANDING, FETCHING, BLENDING = range(4)
 """Stages whose times by group are kept; those of rows of pixels are by tile."""
 
-GROUP, OPEN = layout.ring(4), layout.ring(4)
+layout.ring("group", 4)
+layout.ring("group_open", 4)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from spec.constants import MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
+from spec.constants import ENTRY_BYTES, MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
 from spec.formats import SQ, UQ, Fixed, SmallFloat
 
 
@@ -120,9 +120,9 @@ class AcceleratorConfig:
         fine_depth: whether the weights of depth sums have all bits of the transmittance, which they always have with `stereo`.
         support_sigma: Mahalanobis radius at which a splat's support ends, or None where only the cut of alpha ends it.
         culling_units: number of culling and conversion units, which sets `point_interval` and `colour_interval`.
-        sorting_units: number of hierarchical sorting units.
         row_width: width in pixels of the widest frame.
-        line_buffer_bytes, sort_buffer_bytes: capacity of a line buffer and of the double buffer before sorting.
+        line_buffer_bytes: capacity of a line buffer.
+        sort_buffer_bytes: capacity of the double buffer before sorting, a power of two; see `sort_chunk`.
         incremental: whether stages hand over through line buffers as work becomes final; otherwise whole groups and whole
             tiles are handed over through double buffers, which is the paper's baseline.
         merge_ways: number of sorted runs that are merged at a time where a group is larger than the sort buffer.
@@ -150,7 +150,6 @@ class AcceleratorConfig:
     fine_depth: bool = False
     support_sigma: float | None = SUPPORT_SIGMA
     culling_units: int = 8
-    sorting_units: int = 1
     row_width: int = 1920
     line_buffer_bytes: int = 1024
     sort_buffer_bytes: int = 65536
@@ -173,7 +172,7 @@ class AcceleratorConfig:
         for name, low, high in (
             ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS),
             ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, 64),
-            ("sorting_units", 1, 8), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
+            ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192),
         ):
@@ -185,7 +184,7 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        for name in ("merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
+        for name in ("sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled"):
@@ -224,6 +223,11 @@ class AcceleratorConfig:
     def banks(self) -> int:
         """Accumulator banks of a pixel core: one per block and level, index `block * level_banks + level`."""
         return self.blocks * self.level_banks
+
+    @property
+    def sort_chunk(self) -> int:
+        """Intersections that are sorted in one piece, a power of two: half of the double buffer before sorting."""
+        return self.sort_buffer_bytes // 2 // ENTRY_BYTES
 
     @property
     def depth_weight(self) -> Fixed:

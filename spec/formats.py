@@ -1,9 +1,17 @@
 """Number formats: fixed point and small floating point.
 
-A format turns real numbers into raw integers and back; it holds no arithmetic. Fixed-point formats are written SQi.f (signed)
-and UQi.f (unsigned), where i is the number of integer bits without the sign and f the number of fraction bits. So SQ0.13 has
-14 bits in all. (Amaranth's RFC 41 has the same names, but counts the sign in i.) Roundings are named, so that the golden
-renderer and the RTL can say which one they implement:
+A format turns real numbers into raw integers and back; it holds no arithmetic. It is written the same way everywhere, in
+tables, configuration files and on the command line:
+
+    UQ1.8             unsigned fixed point: 1 integer bit and 8 fraction bits, 9 bits in all
+    SQ5.14            signed fixed point: a sign bit, 5 integer bits and 14 fraction bits, 20 bits in all
+    float18e8b127     small float: a sign bit, 8 exponent bits of bias 127, 18 significand bits (17 stored), 26 bits in all
+    ufloat12e6b40     the same without a sign bit: 6 exponent bits of bias 40, 12 significand bits (11 stored), 17 bits in all
+
+The sign bit of `SQ` is not counted among the integer bits, so that `SQ5.14` reaches from -32 up to 32 less an ulp. Amaranth's
+RFC 41 counts the sign bit in `i_bits` and writes the same format SQ(6, 14).
+
+Rounding and overflow are named, so that golden and RTL can say which one they implement:
 
     FLOOR       towards minus infinity: drop the low bits
     HALF_UP     nearest, ties towards plus infinity: add half an ulp, then drop the low bits
@@ -15,10 +23,13 @@ normal to zero; there are no subnormals, infinities or NaNs, and no negative zer
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+
+from spec.errors import InputError
 
 
 class Rounding(Enum):
@@ -47,12 +58,12 @@ def _check_count(name: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Fixed:
-    """A fixed-point format: `int_bits` integer bits, not counting the sign, and `frac_bits` fraction bits.
+    """A fixed-point format: `int_bits` integer bits, `frac_bits` fraction bits and, where it is signed, a sign bit besides.
 
     Attributes:
-        int_bits: integer bits without the sign.
+        int_bits: integer bits; the sign bit is not one of them.
         frac_bits: fraction bits; the ulp is 2**-frac_bits.
-        signed: whether the number is in two's complement, with one more bit for the sign.
+        signed: two's complement, with a sign bit above the integer bits.
     """
 
     int_bits: int
@@ -106,12 +117,12 @@ class Fixed:
 
 
 def SQ(int_bits: int, frac_bits: int) -> Fixed:
-    """Signed fixed point; the sign is not counted in `int_bits`."""
+    """Signed fixed point of 1 + `int_bits` + `frac_bits` bits: the sign bit is not one of the integer bits."""
     return Fixed(int_bits, frac_bits, True)
 
 
 def UQ(int_bits: int, frac_bits: int) -> Fixed:
-    """Unsigned fixed point."""
+    """Unsigned fixed point of `int_bits` + `frac_bits` bits."""
     return Fixed(int_bits, frac_bits, False)
 
 
@@ -142,7 +153,7 @@ class SmallFloat:
         _check_count("bias", self.bias, -1000, 1000)
 
     def __str__(self) -> str:
-        return f"{'' if self.signed else 'u'}float(sig {self.sig_bits}, exp {self.exp_bits}, bias {self.bias})"
+        return f"{'' if self.signed else 'u'}float{self.sig_bits}e{self.exp_bits}b{self.bias}"
 
     @property
     def width(self) -> int:
@@ -210,3 +221,22 @@ class SmallFloat:
 
 
 Format = Fixed | SmallFloat
+
+NOTATION = "UQ1.8, SQ5.14, float18e8b127 or ufloat12e6b40"
+"""One example of each way to write a format, for messages."""
+
+_FIXED = re.compile(r"([US])Q(\d{1,3})\.(\d{1,3})")
+_FLOAT = re.compile(r"(u?)float(\d{1,3})e(\d{1,3})b(-?\d{1,4})")
+
+
+def parse_format(text: str) -> Format:
+    """The format that `text` writes as `str(format)` does; InputError for anything else."""
+    fixed, small = _FIXED.fullmatch(text.strip()), _FLOAT.fullmatch(text.strip())
+    try:
+        if fixed:
+            return Fixed(int(fixed[2]), int(fixed[3]), fixed[1] == "S")
+        if small:
+            return SmallFloat(int(small[2]), int(small[3]), int(small[4]), not small[1])
+    except ValueError as error:
+        raise InputError(f"format {text!r} is not accepted: {error}") from error
+    raise InputError(f"format {text!r} is not accepted: write it as in {NOTATION}")

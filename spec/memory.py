@@ -25,7 +25,8 @@ following links, and a long list wastes at most about half of its allocated spac
 from __future__ import annotations
 
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS, Field, Record, gaussian_colour, uint
+from spec.constants import ENTRY_BYTES
+from spec.records import COUNT_BITS, INDEX_BITS, Field, Record, gaussian_colour, uint
 from spec.stereo import DISPARITY_SCALE_BITS
 
 BEAT_BYTES = 32

@@ -130,7 +130,10 @@ def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
 
 
 def splat2d(config: AcceleratorConfig) -> Record:
-    """A projected Gaussian with its colours, as the golden renderer keeps it for every visible Gaussian."""
+    """A projected Gaussian with all of its colours, as the golden renderer dumps it (`--dump splats`).
+
+    No hardware holds this record: the machine hands on ProjectedSplats, and the array reads SplatViews.
+    """
     n = config.formats
     return Record("Splat2D", splat2d.__doc__, (
         Field("index", uint(INDEX_BITS), "Gaussian index; breaks ties of depth"),
@@ -203,10 +206,6 @@ def pixel_row(config: AcceleratorConfig) -> Record:
         Field("depth", n.depth_accumulator, "sum of weight * depth of each pixel, not yet divided by the coverage", lanes),
         Field("transmittance", n.transmittance, "what is left at the end of each pixel; coverage is 1 minus it", lanes),
     ))
-
-
-ENTRY_BYTES = 8
-"""Bytes of an intersection (TileEntry) in memory and in the sorter's buffers."""
 
 
 def frame_tiles(config: AcceleratorConfig) -> int:

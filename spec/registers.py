@@ -32,6 +32,7 @@ from spec.config import AcceleratorConfig
 from spec.formats import Fixed, Format, SmallFloat
 from spec.host_settings import limits, settings
 from spec.saturations import SATURATIONS
+from spec.stages import StagePhase, watched
 
 REGISTER_ADDRESS_BITS = 12
 """Bits of a byte address in the register space."""
@@ -39,9 +40,10 @@ REGISTER_ADDRESS_BITS = 12
 MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
-VERSION_MAJOR, VERSION_MINOR = 1, 2
-"""Version of this register map. A higher minor version only adds registers. Machines with stereo have the next minor version,
-which is odd. Versions below 1.2 have no counters of saturated values."""
+VERSION_MAJOR, VERSION_MINOR = 2, 0
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. Version 1 had
+a field `sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters
+of saturated values."""
 
 CONTROL_BASE = 0x020
 """Byte address of the first control register."""
@@ -55,10 +57,8 @@ COUNTERS_BASE = 0x400
 SATURATIONS_BASE = 0x600
 """Byte address of the first counter of saturated values. It is the same in all machines, whatever other counters they have."""
 
-STAGES = (
-    "geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover", "fetch", "array",
-    "pixel_write")
-"""Stages whose input streams are counted: busy, starved and blocked cycles."""
+STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING)
+"""Prefixes of the counters of the stages whose input streams are counted: busy, starved and blocked cycles."""
 
 READ_CLIENTS = ("geometry", "tiles", "colour", "entries", "spill", "views")
 """Clients that read memory, named by the region that they read; the position is the AXI read ID. The region `entries` includes
@@ -68,7 +68,7 @@ WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 """Clients that write memory, named by the region that they write; the position is the AXI write ID. The region `entries`
 includes the directory of its pages."""
 
-STEREO_STAGES = ("warp",)
+STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
 
 STEREO_WRITE_CLIENTS = ("warp",)
@@ -274,8 +274,7 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
             config.sh_degree, config.blend),
-        "machine_units": (
-            config.culling_units, config.sorting_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
+        "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width,),
     }
     version = VERSION_MAJOR << 16 | VERSION_MINOR + config.stereo
@@ -299,8 +298,7 @@ _IDENTITY = (
         Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
         Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
-        Bits("culling_units", 0, 8, "culling and conversion units"), Bits("sorting_units", 8, 8, "sorting units"),
-        Bits("merge_ways", 16, 8, "runs merged at a time"),
+        Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
     Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (Bits("row_width", 0, 16, "widest row in pixels"),)),
     Register("machine_sort_buffer", 0x018, Access.READ_ONLY, "bytes of the double buffer before sorting"),

@@ -13,7 +13,11 @@ from pathlib import Path
 
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
+<<<<<<< HEAD
 from spec.paths import BUILD
+=======
+from spec.overrides import add_config_arguments, config_from, config_record
+>>>>>>> main
 from synth import timing
 from synth.area import AreaReport, machine_area
 from synth.hints import SYNTHESISED
@@ -61,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, runs the synthesis and prints the results; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
     parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(SYNTHESISED)} (default: pixel_core)")
-    parser.add_argument("--config", help=f"synthesise all units of this machine: one of {', '.join(CONFIGS)}")
+    add_config_arguments(parser, None)
     parser.add_argument("--stereo", action="store_true", help="with --config: include the warp unit")
     parser.add_argument("--tech", default="generic",
                         help=f"one of {', '.join(TECHNOLOGIES)}, or the path of a liberty file (default: generic)")
@@ -75,6 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.unit and args.config:
         raise InputError(f"one of unit and config is accepted, not {args.unit!r} and {args.config!r}")
+    if args.sets and not args.config:
+        raise InputError(f"set {args.sets[0]!r} is not accepted without config: units have configurations of their own")
     if args.jobs < 1:
         raise InputError(f"jobs must be at least 1, not {args.jobs!r}")
     written = _machine(args) if args.config else _unit(args)
@@ -98,13 +104,13 @@ def _say(line: str) -> None:
 
 
 def _machine(args: argparse.Namespace) -> Path:
-    name = args.config.lower()
-    if name not in CONFIGS:
-        raise InputError(f"config {args.config!r} is not known: {', '.join(CONFIGS)} are")
-    config = CONFIGS[name].with_(stereo=args.stereo)
+    if args.config.lower() in CONFIGS:
+        args.config = args.config.lower()
+    config = config_from(args)
+    config = config.with_(stereo=args.stereo or config.stereo)
     report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, _say, args.runs)
-    path = args.out / f"{name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
-    write_json(path, report.as_json())
+    path = args.out / f"{config.name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
+    write_json(path, {**report.as_json(), "configuration": config_record(config)})
     print("\n".join(machine_lines(report)))
     return path
 

@@ -40,7 +40,6 @@ ABC_SHARE = 0.15
 SOURCES = ("adders", "broadcast", "flow", "heap", "mapping", "memories", "timing")
 """Modules of this package that a netlist depends on; the description of the library is hashed separately."""
 
-NAND2_SCRIPT = "strash; dch; map -a"
 NAND2_FLOP = 6.0
 """Area of a flip-flop in two-input NAND gates."""
 

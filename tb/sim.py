@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 
 from spec.errors import InputError, run_command_line
+from spec.overrides import add_set_argument, changed, choice, parse_sets
 from spec.paths import BUILD
 from tb.axi import suite as axi
 from tb.common.runner import SimulationError, Waves, parse_window
@@ -51,6 +52,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
     parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(UNITS)}")
     parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
+    add_set_argument(parser)
     parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
     parser.add_argument("--runs", default="", help="only runs whose name contains this")
     parser.add_argument("--waves", action="store_true", help="record waves (FST): of the first variant or that of --config")
@@ -62,10 +64,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the unit's suite; 1 when anything differs."""
     args = _arguments(argv)
-    if args.test not in ("all", *UNITS):
-        raise InputError(f"TEST {args.test!r} is not accepted: choose one of all, {', '.join(UNITS)}")
-    if args.config not in ("all", *_variants(args.test)):
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of all, {', '.join(_variants(args.test))}")
+    choice("TEST", args.test, ("all", *UNITS))
+    choice("CONFIG", args.config, ("all", *_variants(args.test)))
+    values = parse_sets(args.sets)
     if args.seed < 0:
         raise InputError(f"SEED {args.seed} is not accepted: 0 or more is")
     begin, end = parse_window(args.wave_cycles)
@@ -75,16 +76,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         for unit, suite in units.items() if args.test in ("all", test) else ():
             every = suite.DISTINCT[:1] if waves else suite.DISTINCT
             names = every if args.config == "all" else {args.config} & suite.VARIANTS.keys()
-            statuses += [_run_variant(unit, suite, name, args.seed, args.runs, waves) for name in names]
+            statuses += [_run_variant(unit, suite, name, values, args.seed, args.runs, waves) for name in names]
     if all(status is None for status in statuses):
         raise InputError(f"runs {args.runs!r}: no run has that in its name")
     return max(status for status in statuses if status is not None)
 
 
-def _run_variant(unit: str, suite: ModuleType, variant: str, seed: int, only: str, waves: Waves | None) -> int | None:
-    """One unit in one machine: 1 when anything differs; None when no run is chosen."""
-    name = f"{unit} {variant}"
-    config, folder = suite.VARIANTS[variant], BUILD / unit / variant
+def _run_variant(
+    unit: str, suite: ModuleType, variant: str, values: Mapping[str, object], seed: int, only: str, waves: Waves | None,
+) -> int | None:
+    """One unit in one machine, changed by `values`: 1 when anything differs; None when no run is chosen."""
+    base = suite.VARIANTS[variant]
+    config = changed(base, values)
+    label = variant if config is base else f"{variant}-{config.name}"
+    name, folder = f"{unit} {label}", BUILD / unit / label
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None

@@ -34,7 +34,7 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
-from spec.records import ENTRY_BYTES, gaussian_colour, gaussian_geometry
+from spec.records import gaussian_colour, gaussian_geometry
 
 REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
 """In the order in which they lie; the machine writes from the views on. Frames of one eye have none of the target's."""
@@ -241,7 +241,7 @@ def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:
 
     Half of the region holds runs as they are sorted, the other half those of one group that are merged.
     """
-    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    chunk = config.sort_chunk
     largest = int(np.max(group_counts, initial=0))
     runs = -(-largest // chunk) if largest > chunk else 1
     return 4 * runs * chunk // BEAT_ENTRIES

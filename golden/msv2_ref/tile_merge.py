@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, ENTRY_BYTES, tile_group
+from spec.records import COUNT_BITS, tile_group
 
 
 def auto_beta(counts: np.ndarray, config: AcceleratorConfig) -> int:
     """Twice the mean count of the frame's non-empty tiles, capped by half of the double buffer."""
     filled = counts[counts > 0]
     mean = float(filled.mean()) if len(filled) else 0.0
-    return max(1, min(round(2 * mean), config.sort_buffer_bytes // 2 // ENTRY_BYTES))
+    return max(1, min(round(2 * mean), config.sort_chunk))
 
 
 def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:

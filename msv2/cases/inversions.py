@@ -13,9 +13,15 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+<<<<<<< HEAD
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.paths import BUILD
+=======
+from spec.config import AcceleratorConfig
+from spec.errors import run_command_line
+from spec.overrides import add_config_arguments, config_from, config_record
+>>>>>>> main
 
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
@@ -93,26 +99,31 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m msv2.cases.inversions", description=__doc__, epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, the widest rows)")
+    add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/order/NAME)")
     return parser.parse_args(argv)
 
 
-def report(request: Request, config_name: str) -> dict[str, object]:
+def report(request: Request, config: AcceleratorConfig) -> dict[str, object]:
     """order.json of a request."""
     frame = pipeline.render(
-        request.model, request.camera, config=CONFIGS[config_name], foveation=request.foveation, background=request.background)
-    return {**request.record, "config": config_name, **analyse(frame, float64_z(request.model, request.camera))}
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+    machine = {"config": config.name, "configuration": config_record(config)}
+    return {**request.record, **machine, **analyse(frame, float64_z(request.model, request.camera))}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when the machine's order is not that of its own z."""
     args = _arguments(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    config = config_from(args)
     request = resolve(args)
+<<<<<<< HEAD
     numbers = report(request, args.config)
     out = make_folder(args.out or BUILD / "order" / request.model.name)
+=======
+    numbers = report(request, config)
+    out = make_folder(args.out or Path("build/order") / request.model.name)
+>>>>>>> main
     write_json(out / "order.json", numbers)
     print(f"{out}: {numbers['entries']:,} entries, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")

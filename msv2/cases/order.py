@@ -16,7 +16,7 @@ from msv2.cases.inversions import analyse, float64_z
 from msv2.cases.makers import random_model, splats, turned_view, view
 from msv2.cases.projection import closed_form
 from spec.errors import InputError
-from spec.records import COUNT_BITS, ENTRY_BYTES, INDEX_BITS
+from spec.records import COUNT_BITS, INDEX_BITS
 
 STACK = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], float)
 
@@ -156,7 +156,7 @@ def crowded(count: int, seed: int) -> GaussianModel:
 
 
 def _buffer_entries() -> int:
-    return MACHINE.sort_buffer_bytes // 2 // ENTRY_BYTES
+    return MACHINE.sort_chunk
 
 
 @scene_case(

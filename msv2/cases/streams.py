@@ -15,7 +15,6 @@ from msv2.cases.check import MACHINE, Cell
 from msv2.cases.makers import random_model, turned_view, view
 from msv2.cases.order import crowded
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
-from spec.records import ENTRY_BYTES
 from spec.registers import ErrorCode
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.top.planned import SPEEDS, PlannedFrame, planned
@@ -73,7 +72,7 @@ def _different() -> list[PlannedFrame]:
 
 
 def _errors() -> list[PlannedFrame]:
-    chunk = MACHINE.sort_buffer_bytes // 2 // ENTRY_BYTES
+    chunk = MACHINE.sort_chunk
     model = crowded(2 * chunk + 5, 3)
     frame = render(model, view(16, 16, cx=32.0, cy=24.0), config=MACHINE, beta=0)
     large, right = Played("41: too many entries", frame, 0, False), scene("41: right", 8)

@@ -19,9 +19,9 @@ then Gaussian index. The order is made at three levels:
 
 - The coarse level is the binning of intersections by native tile, the top bits of the sort key, at the time they are found.
   The tile merge unit joins neighbouring tiles into groups, and the intersections of a group are read from memory in any order.
-- The precise level is the chunk sorter. A group of at most `chunk_capacity` intersections is one chunk, which is sorted at one
+- The precise level is the chunk sorter. A group of at most `sort_chunk` intersections is one chunk, which is sorted at one
   intersection per cycle.
-- The overflow level is a merge of runs. A larger group is cut into chunks of `chunk_capacity` intersections, each chunk is
+- The overflow level is a merge of runs. A larger group is cut into chunks of `sort_chunk` intersections, each chunk is
   sorted and written to memory as a run, and the sorted runs are merged as they are read back. Such a group is nearly always a
   single tile, because a tile that reaches the threshold beta forms a group of its own.
 

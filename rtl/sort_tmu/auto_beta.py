@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.sort_tmu.tile_counters import total_bits
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, ENTRY_BYTES, frame_tiles
+from spec.records import COUNT_BITS, frame_tiles
 
 
 class AutoBeta(wiring.Component):
@@ -47,7 +47,7 @@ class AutoBeta(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        cap = self.config.sort_buffer_bytes // 2 // ENTRY_BYTES
+        cap = self.config.sort_chunk
         bits = len(self.total) + 1
         # `quotient` holds the dividend at first. Each cycle its top bit moves out and a bit of the quotient enters at the
         # bottom.

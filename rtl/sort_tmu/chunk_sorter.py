@@ -11,16 +11,12 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from rtl.sort_tmu.merge_stage import Kind, MergeStage
 from spec.config import AcceleratorConfig
-from spec.records import ENTRY_BYTES, chunk_entry, tile_entry
-
-
-def chunk_capacity(config: AcceleratorConfig) -> int:
-    """Intersections in the longest chunk that is sorted in one piece: what fits half the sort buffer, as a power of two."""
-    return 1 << (config.sort_buffer_bytes // 2 // ENTRY_BYTES).bit_length() - 1
+from spec.constants import ENTRY_BYTES
+from spec.records import chunk_entry, tile_entry
 
 
 class ChunkSorter(wiring.Component):
-    """Sorts chunks of up to `chunk_capacity` intersections by (native tile, depth key, index); chunks keep their order.
+    """Sorts chunks of up to `sort_chunk` intersections by (native tile, depth key, index); chunks keep their order.
 
     The sorter is a chain of log2(capacity) `MergeStage`s. The run length doubles from stage to stage, so that all stages
     together store two chunks. The storage of the paper's double buffer ahead of its sorter is thus the sorter itself.
@@ -33,7 +29,7 @@ class ChunkSorter(wiring.Component):
         sorted: the same chunks, each sorted. The order is total, because two equal records would be the same Gaussian in the
             same tile.
         oversize: strobe; the intersection being taken exceeds the capacity of its chunk. The chunk then leaves as several
-            sorted runs of `chunk_capacity` intersections, one after another, and only its very end carries `last`.
+            sorted runs of `sort_chunk` intersections, one after another, and only its very end carries `last`.
         busy: at least one item is inside.
 
     Storage: memories of 2, 4, ... capacity items, each a TileEntry and 3 bits. For PAPER these are 8,190 items of 65 bits, so
@@ -49,7 +45,7 @@ class ChunkSorter(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         if tile_entry(config).width > 8 * ENTRY_BYTES:
             raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
-        self.config, self.capacity = config, chunk_capacity(config)
+        self.config, self.capacity = config, config.sort_chunk
         items = stream.Signature(layout(chunk_entry(config)))
         super().__init__({"chunks": In(items), "sorted": Out(items), "oversize": Out(1), "busy": Out(1)})
 

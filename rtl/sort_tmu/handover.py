@@ -17,9 +17,9 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import AcceleratorConfig
-from spec.records import ENTRY_BYTES, chunk_entry
+from spec.constants import ENTRY_BYTES
+from spec.records import chunk_entry
 
 
 class LineBuffer(wiring.Component):
@@ -51,7 +51,7 @@ class LineBuffer(wiring.Component):
 
 
 class DoubleBuffer(wiring.Component):
-    """Two halves of `chunk_capacity` intersections each; one is filled while the other is read.
+    """Two halves of `sort_chunk` intersections each; one is filled while the other is read.
 
     A half takes one group, or as much of a larger group as fits. It is shown to the reader when that is complete, and it is
     free again when its last intersection has been taken. A short group leaves most of its half unused, as in the paper's
@@ -64,13 +64,13 @@ class DoubleBuffer(wiring.Component):
         sink, source: ChunkEntry items, order kept; a group ends with `last`.
         busy: at least one item is inside.
 
-    Storage: 2 chunk_capacity intersections in one memory; the half that is written is never the one that is read. Throughput:
+    Storage: 2 `sort_chunk` intersections in one memory; the half that is written is never the one that is read. Throughput:
     one intersection per cycle if consecutive groups are of equal length; otherwise the faster side waits until the other has
     finished with its half. Latency: the first intersection of a group leaves two cycles after its last one arrived.
     """
 
     def __init__(self, config: AcceleratorConfig):
-        self._capacity = chunk_capacity(_checked(config))
+        self._capacity = _checked(config).sort_chunk
         super().__init__(_ports(config))
 
     def elaborate(self, platform) -> Module:

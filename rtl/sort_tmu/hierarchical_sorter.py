@@ -23,7 +23,7 @@ from spec.records import chunk_entry, tile_entry
 class HierarchicalSorter(wiring.Component):
     """Sorts each group by (native tile, depth key, index); groups keep their order.
 
-    A group of at most `chunk_capacity` intersections is sorted by the chunk sorter and leaves. A larger group is cut into
+    A group of at most `sort_chunk` intersections is sorted by the chunk sorter and leaves. A larger group is cut into
     chunks as it arrives. Each chunk is sorted and written to memory as a run, and the runs are merged, `merge_ways` at a time,
     as they are read back::
 

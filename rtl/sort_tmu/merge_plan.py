@@ -21,7 +21,6 @@ from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from rtl.sort_tmu.run_reader import way_run
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
@@ -48,7 +47,7 @@ def merge_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def run_beats(config: AcceleratorConfig) -> int:
     """Beats of the run that a full chunk makes."""
-    return chunk_capacity(config) // BEAT_ENTRIES
+    return config.sort_chunk // BEAT_ENTRIES
 
 
 def run_bits(config: AcceleratorConfig) -> int:

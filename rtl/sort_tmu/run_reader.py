@@ -12,8 +12,9 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from rtl.sort_tmu.merge_tree import run_layout
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, read_data, read_request
-from spec.records import ENTRY_BYTES, tile_entry
+from spec.records import tile_entry
 
 _TAIL_BITS = (BEAT_ENTRIES - 1).bit_length()
 

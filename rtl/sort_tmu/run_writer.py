@@ -9,8 +9,9 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, WORDS, write_request
-from spec.records import ENTRY_BYTES, tile_entry
+from spec.records import tile_entry
 
 _ENTRY_BITS = 8 * ENTRY_BYTES
 

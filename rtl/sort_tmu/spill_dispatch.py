@@ -7,7 +7,6 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from rtl.sort_tmu.merge_plan import part_layout, run_beats, run_bits
 from rtl.sort_tmu.run_writer import written_entry
 from spec.config import AcceleratorConfig
@@ -20,7 +19,7 @@ def cut_layout(config: AcceleratorConfig) -> data.StructLayout:
 
     `number` counts chunks modulo more than the sorter can hold; `last` says that the group ends with this chunk.
     """
-    return data.StructLayout({"number": (4 * chunk_capacity(config) - 1).bit_length(), "last": 1})
+    return data.StructLayout({"number": (4 * config.sort_chunk - 1).bit_length(), "last": 1})
 
 
 class SpillDispatch(wiring.Component):
@@ -73,7 +72,7 @@ class SpillDispatch(wiring.Component):
         used, following, first, runs = (
             Signal(bits, name=name) for name in ("used", "following", "first", "runs"))
         # `parts` are closed parts that have not left; `count` intersections of the current run are taken.
-        parts, count = Signal(4), Signal(range(chunk_capacity(config)))
+        parts, count = Signal(4), Signal(range(config.sort_chunk))
         item, opened, taken = self.chunks.payload, runs != 0, self.chunks.valid & self.chunks.ready
         cut = self.cuts.valid & (self.cuts.payload.number == number)
         names = ("spills", "ends", "closes", "splits", "admitted")

@@ -14,9 +14,10 @@ from rtl.tile_lists.beats import check_config, read_port
 from rtl.tile_lists.entry_writer import UNIT_BITS
 from rtl.tile_lists.page_walk import ListedTiles, PageWalk
 from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, WORDS
 from spec.queues import LIST_BEATS
-from spec.records import ENTRY_BYTES, chunk_entry, tile_entry, tile_group
+from spec.records import chunk_entry, tile_entry, tile_group
 
 
 class ListReader(wiring.Component):

@@ -18,8 +18,9 @@ from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
 
 from rtl.axi.registers import counters_layout
 from spec import host_settings, registers
-from spec.config import CONFIGS, AcceleratorConfig
+from spec.config import AcceleratorConfig
 from spec.memory import frame_settings
+from spec.overrides import config_from_record
 from spec.registers import Access, ErrorCode, Phase, Register
 from tb.common.runner import CLOCK_NS
 
@@ -364,7 +365,7 @@ async def scenarios(dut: object) -> None:
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
     bus = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), dut.clk, dut.rst)
     for order in orders:
-        config = CONFIGS[order["config"]].with_(counters=order["counters"], stereo=order["stereo"])
+        config = config_from_record(order["config"])
         await restart(dut)
         host = Host(dut, bus, config, order["pauses"], order["seed"])
         watching, begin = cocotb.start_soon(host.watch()), get_sim_time("ns")

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from spec.config import TINY, AcceleratorConfig
+from spec.overrides import config_record
 from tb.axi.device import DEPTH, IN_FLIGHT, READERS, WRITERS, master_design, register_design
 from tb.common.exact import Outcome
 from tb.common.patterns import Pattern
@@ -59,15 +60,16 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Registers:
-    """A run of the register file: one of REGISTER_SCENARIOS with a host that pauses in a share of the cycles."""
+    """A run of the register file: one of REGISTER_SCENARIOS with a host that pauses in a share of the cycles.
+
+    `config` is the machine's record (`spec.overrides.config_record`), because the run goes to another process.
+    """
 
     name: str
     scenario: str
     pauses: float
     seed: int
-    config: str
-    counters: bool
-    stereo: bool
+    config: dict[str, object]
 
 
 Planned = Scenario | Registers
@@ -139,8 +141,7 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
 def register_plan(config: AcceleratorConfig, seed: int) -> list[Registers]:
     """Every scenario, without pauses and with."""
     return [
-        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, "tiny", config.counters,
-                  config.stereo)
+        Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, config_record(config))
         for scenario in REGISTER_SCENARIOS for i, pauses in enumerate((0.0, 0.5))]
 
 

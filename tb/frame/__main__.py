@@ -19,10 +19,14 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
+<<<<<<< HEAD
 from spec.paths import BUILD, short_path
+=======
+from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.paths import ROOT
+>>>>>>> main
 from spec.records import COUNT_BITS
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
@@ -78,14 +82,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     parser.add_argument("--scene", dest="scene_option", metavar="SCENE", help="the same as the positional SCENE")
-    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    add_config_arguments(parser, "default")
     parser.add_argument("--machine", default="scene", metavar="scene|full",
                         help="units for active effects only, or all of the configuration's (default: scene)")
     parser.add_argument("--part", default="machine", help=f"{' or '.join(PARTS)} (default: machine)")
     parser.add_argument("--pixels", help=f"{' or '.join(PIXELS)}: of the frame in memory (default: wide; of two eyes display)")
     parser.add_argument("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
-    parser.add_argument("--pipeline", default="1", metavar="0|1",
-                        help="stages hand over incrementally (default: 1); 0 is another machine, with double buffers")
+    parser.add_argument("--pipeline", metavar="0|1",
+                        help="stages hand over incrementally (default: the machine's, 1); 0 is another, with double buffers")
     parser.add_argument("--beta", default="auto", metavar="N|auto", help="merge threshold in entries (default: auto)")
     parser.add_argument("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
                         help=f"of memory, bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
@@ -127,19 +131,19 @@ def parse_switch(name: str, text: str) -> bool:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when a bit or a counter differs."""
     args = _arguments(argv)
-    choices = (("CONFIG", args.config, CONFIGS), ("part", args.part, PARTS), ("pixels", args.pixels, PIXELS),
-               ("machine", args.machine, MACHINES))
+    config = config_from(args, "default")
+    choices = (("part", args.part, PARTS), ("pixels", args.pixels, PIXELS), ("machine", args.machine, MACHINES))
     for name, value, accepted in choices:
-        if value not in accepted:
-            raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(accepted)}")
+        choice(name, value, accepted)
     if args.stereo and (args.part, args.pixels) != ("machine", "display"):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     if args.part == "array" and args.pixels != "wide":
         raise InputError(f"pixels {args.pixels!r} is not accepted with part 'array', which writes no memory: 'wide' is")
-    merge, incremental = parse_switch("merge", args.merge), parse_switch("pipeline", args.pipeline)
+    merge = parse_switch("merge", args.merge)
+    if args.pipeline is not None:
+        config = config.with_(incremental=parse_switch("pipeline", args.pipeline))
     beta, speed = parse_beta(args.beta, merge), parse_speed(args.bandwidth, args.latency)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
-    config = CONFIGS[args.config].with_(incremental=incremental)
     take_stereo_arguments(args)
     work = work_for(args, resolve(args), config, contention=speed.bytes_per_cycle is not None, full=args.machine == "full")
     out = make_folder(args.out or BUILD / "frame")
@@ -149,7 +153,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"FAILED: {error}")
         return 1
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels, "merge": merge,
+<<<<<<< HEAD
                 "pipeline": incremental, "beta": beta, "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
+=======
+                "pipeline": config.incremental, "beta": beta, "configuration": config_record(config),
+                "effects": work.plan.record}
+>>>>>>> main
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
     return _verdict(numbers, short_path(out))
 

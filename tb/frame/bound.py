@@ -8,6 +8,9 @@ from golden.msv2_ref.pipeline import Frame
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 
+RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
+"""Clients of the memory that work in the rendering phase."""
+
 
 def array_ops(frame: Frame) -> int:
     """Most ops of the array: one a level that uses an entry, one a level for a rendered tile's background; each for every block

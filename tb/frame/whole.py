@@ -17,14 +17,11 @@ from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 from spec.registers import READ_CLIENTS, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
-from tb.frame.bound import bound_cycles
+from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, beats_log2
 from tb.top.player import FrameResult, FrameRun, play_frames
-
-RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
-"""Clients of the memory that work in the rendering phase."""
 
 _SHOWN = 10
 

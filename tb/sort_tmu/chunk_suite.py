@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.records import chunk_entry
 from tb.common import exact
@@ -35,7 +34,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The sorter of a configuration, emitted, with files at its streams."""
     record = chunk_entry(config)
     return Playback(
-        name=f"sort-{chunk_capacity(config)}", module="chunk_sorter",
+        name=f"sort-{config.sort_chunk}", module="chunk_sorter",
         verilog=emitted("chunk_sorter", config),
         inputs=(Stream("chunks", record),), outputs=(Stream("sorted", record),), observed=(("busy", 1),))
 
@@ -48,7 +47,7 @@ def plan_of(config: AcceleratorConfig, name: str, chunks: Iterable[np.ndarray], 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Lengths at powers of two in every order; patterns of pauses; cut off by resets; back to back."""
-    rng, top = np.random.default_rng(seed), chunk_capacity(config)
+    rng, top = np.random.default_rng(seed), config.sort_chunk
     near = sorted({(1 << k) + d for k in range(top.bit_length()) for d in (-1, 0, 1)} - {top + 1})
     plan = []
     for order in ORDERS:
@@ -71,7 +70,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Long chunks at full rate, in every order."""
-    rng, top = np.random.default_rng(seed), chunk_capacity(config)
+    rng, top = np.random.default_rng(seed), config.sort_chunk
     low = min(LONG_CHUNK, top // 2 + 1)
     plan = []
     for order in ORDERS:
@@ -83,7 +82,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
     """The groups of scenes' frames; once more those of LONG_CHUNK and more alone, whose rate is held."""
-    plan, top = [], chunk_capacity(config)
+    plan, top = [], config.sort_chunk
     for name, frame in traced_frames(config, size).items():
         chunks = group_chunks(frame, top)
         plan.append(plan_of(config, f"traced {name}", chunks))

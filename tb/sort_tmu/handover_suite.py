@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import DEFAULT, TINY, AcceleratorConfig
 from spec.records import chunk_entry
 from tb.common import exact
@@ -32,7 +31,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The buffer of a configuration, emitted, with files at its streams."""
     record = chunk_entry(config)
     return Playback(
-        name=f"handover-{'line' if config.incremental else chunk_capacity(config)}", module="handover",
+        name=f"handover-{'line' if config.incremental else config.sort_chunk}", module="handover",
         verilog=emitted("handover", config), inputs=(Stream("sink", record),),
         outputs=(Stream("source", record),), observed=(("busy", 1),))
 
@@ -47,7 +46,7 @@ def cycles_of(config: AcceleratorConfig, items: np.ndarray) -> int:
     each is filled when it is free and the one before is full, and read when it is full and the one before is read."""
     if config.incremental:
         return 1 + len(items) + 2
-    top = chunk_capacity(config)
+    top = config.sort_chunk
     lengths: list[int] = []
     for length in np.diff(np.concatenate(([0], np.flatnonzero(items["last"]) + 1))).tolist():
         lengths += [min(top, length - start) for start in range(0, length, top)]
@@ -62,7 +61,7 @@ def cycles_of(config: AcceleratorConfig, items: np.ndarray) -> int:
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Groups of every kind of length at full speed, with pauses, cut off by resets, back to back."""
-    rng, top = np.random.default_rng(seed), chunk_capacity(config)
+    rng, top = np.random.default_rng(seed), config.sort_chunk
     lengths = {
         "equal": [top // 2] * 6, "long and short": [top, 1, top, 0, 0, 2, top - 1, 1, 1, top + 1, 3],
         "larger than a half": [3 * top + 2, 2 * top, top + 1, top], "short": rng.integers(0, 5, 300).tolist(),

@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
 from spec.records import chunk_entry
@@ -48,7 +47,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The sorter of a configuration, emitted, with files at its streams and a memory at the others."""
     record = chunk_entry(config)
     return with_memory(Playback(
-        name=f"hierarchical-{chunk_capacity(config)}-{config.merge_ways}", module="hierarchical_sorter",
+        name=f"hierarchical-{config.sort_chunk}-{config.merge_ways}", module="hierarchical_sorter",
         verilog=emitted("hierarchical_sorter", config),
         inputs=(Stream("groups", record),), outputs=(Stream("sorted", record),),
         settings=(("spill_base", BEAT_BITS), ("spill_beats", BEAT_BITS), ("clear", 1)),
@@ -57,12 +56,12 @@ def playback(config: AcceleratorConfig) -> Playback:
 
 def ring_runs(config: AcceleratorConfig, beats: int) -> int:
     """Runs that fit half of a spill region."""
-    return beats // 2 // (chunk_capacity(config) // BEAT_ENTRIES)
+    return beats // 2 // (config.sort_chunk // BEAT_ENTRIES)
 
 
 def written(config: AcceleratorConfig, count: int) -> int:
     """Entries that a spilled part of `count` entries writes: its own, and those of the merges that do not go out."""
-    ways, top = config.merge_ways, chunk_capacity(config)
+    ways, top = config.merge_ways, config.sort_chunk
     runs = [min(top, count - start) for start in range(0, count, top)]
     longer, total = [], count
     while len(runs) + len(longer) > ways:
@@ -77,7 +76,7 @@ def written(config: AcceleratorConfig, count: int) -> int:
 
 def expected_of(config: AcceleratorConfig, items: np.ndarray, beats: int) -> tuple[np.ndarray, int, int]:
     """Items as they leave, entries written, whether a group did not fit: its parts, of as many runs as fit, leave in order."""
-    room, top = ring_runs(config, beats), chunk_capacity(config)
+    room, top = ring_runs(config, beats), config.sort_chunk
     pieces, spilled, overflow = items.copy(), 0, 0
     bounds = np.concatenate(([0], np.flatnonzero(items["last"]) + 1))
     for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
@@ -111,7 +110,7 @@ def plan_of(
 
 def lengths_around(config: AcceleratorConfig) -> list[int]:
     """Lengths about the capacity, its multiples, the tree's ways and beyond them, and every rest of a beat."""
-    top, ways = chunk_capacity(config), config.merge_ways
+    top, ways = config.sort_chunk, config.merge_ways
     counts = [1, 2, 3, ways - 1, ways, ways + 1, 2 * ways - 1, 2 * ways]
     counts += [c for c in (2 * ways + 1, ways * ways, ways * ways + 1, ways**3 + 1) if c * top <= 6_000]
     rests = (-1, 0, 1, 2, 3)
@@ -121,7 +120,7 @@ def lengths_around(config: AcceleratorConfig) -> list[int]:
 
 def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Lengths, orders and mixes of groups, in a kind memory."""
-    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     around = lengths_around(config)
     plan = [plan_of(config, "lengths about the capacity and its multiples", [
         random_chunk(config, rng, length, "random", 1) for length in rng.permutation(around)])]
@@ -142,7 +141,7 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Slow and jittery memory, pauses of every kind, small regions, resets in the middle of everything."""
-    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     unit = top // BEAT_ENTRIES
     sizes = [top + 1, 5, (ways + 2) * top + 3, 2 * top, top, 0, 3 * top - 1, 1, top + 3]
     groups = random_chunks(config, rng, sizes)
@@ -182,7 +181,7 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Groups that fit, and groups that one merge suffices for, at full rate."""
-    rng, top, ways = np.random.default_rng(seed), chunk_capacity(config), config.merge_ways
+    rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     plan, low = [], min(256, top // 2 + 1)
     fit = [low, top, top - 1, *rng.integers(low, top + 1, 6).tolist()]
     plan.append(plan_of(config, "rate, groups that fit", random_chunks(config, rng, fit), least_rate={"groups": 1.0}))
@@ -214,8 +213,8 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Everything."""
-    traced = traced_plan(config, traced_size(config, "256x144")) if chunk_capacity(config) >= 256 else []
-    memory = memory_plan(config, seed) if chunk_capacity(config) <= 256 else []  # millions of cycles that find no more
+    traced = traced_plan(config, traced_size(config, "256x144")) if config.sort_chunk >= 256 else []
+    memory = memory_plan(config, seed) if config.sort_chunk <= 256 else []  # millions of cycles that find no more
     return [*directed_plan(config, seed), *memory, *rate_plan(config, seed), *traced]
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
-from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, ErrorCode, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
@@ -39,7 +38,7 @@ def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFram
     scene = stereo_case(config, "two eyes", wall(rng, 2, config.levels), (64, 48), threshold_deg=180)
     mixed = stereo_case(config, "warped in part", wall(rng, 2, config.levels), (48, 33), gaze=(10, 10), baseline=0.2)
     single = case(config, "one eye", cloud(rng, 100, sh=1), (64, 48))
-    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    chunk = config.sort_chunk
     hidden = stereo_case(config, "seen by the target eye alone", aside(crowd(rng, 2 * chunk + 5), 100.0), (16, 16),
                          baseline=100.0, threshold_deg=180, beta=0)
     plan: list[PlannedFrame] = []

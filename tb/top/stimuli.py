@@ -12,7 +12,6 @@ from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
 from spec.config import AcceleratorConfig
-from spec.records import ENTRY_BYTES
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def case(
 def small_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     """Every kind of frame, small."""
     rng, levels = np.random.default_rng(seed), config.levels
-    chunk, widest = config.sort_buffer_bytes // 2 // ENTRY_BYTES, config.row_width
+    chunk, widest = config.sort_chunk, config.row_width
     cases = [case(config, f"SH degree {sh}", cloud(rng, 150, sh=sh), (48, 33)) for sh in SH_REST_COUNT]
     scene = cloud(rng, 250, levels=levels, sh=1)
     gazes = {"in a corner": (0, 0), "in the middle": (45, 30), "at the side": (89, 20)} if levels > 1 else {}

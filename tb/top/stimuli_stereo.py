@@ -12,7 +12,6 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.stereo import stereo_pair
 from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
-from spec.records import ENTRY_BYTES
 from tb.top.stimuli import Case, camera_of, cloud, crowd
 
 
@@ -59,7 +58,7 @@ def aside(model: GaussianModel, baseline: float) -> GaussianModel:
 def stereo_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     """Every kind of frame of two eyes, small."""
     rng, levels = np.random.default_rng(seed), config.levels
-    chunk, widest = config.sort_buffer_bytes // 2 // ENTRY_BYTES, config.row_width
+    chunk, widest = config.sort_chunk, config.row_width
     scene, plain, solid = cloud(rng, 250, levels=levels, sh=1), cloud(rng, 120, sh=1), wall(rng, 4, levels)
 
     def make(name: str, model: GaussianModel = scene, size: tuple[int, int] = (90, 60), **options: object) -> Case:

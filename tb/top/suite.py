@@ -12,7 +12,6 @@ import numpy as np
 from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
-from spec.records import ENTRY_BYTES
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
@@ -58,7 +57,7 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         return broken_stereo_plan(config, seed)
     rng = np.random.default_rng(seed)
     scene = case(config, "scene", cloud(rng, 200, sh=1), (64, 48))
-    chunk = config.sort_buffer_bytes // 2 // ENTRY_BYTES
+    chunk = config.sort_chunk
     spilling = case(config, "spilling scene", crowd(rng, 2 * chunk + 5), (16, 16), beta=0)
     plan = []
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import pytest
 
 from perf import constants, model
-from perf.plan import chunk_capacity
 from rtl.culling.colour import LEAST_INTERVAL, ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
 from rtl.culling.tile_test import TileTest
-from rtl.sort_tmu import chunk_sorter
 from rtl.vrc_array import blend, collect, row, setup
 from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
@@ -50,11 +48,10 @@ def test_latencies_and_sizes_are_the_rtls(config):
     assert constants.LEAST_COLOUR_INTERVAL == LEAST_INTERVAL
     assert (constants.ROW_PIPELINE, constants.SUMS_LATER) == (row.PIPELINE, row.SUMS_LATER)
     assert (constants.BLEND_LATENCY, constants.SETUP_LATENCY) == (blend.BLEND_LATENCY, setup.LATENCY)
-    assert chunk_capacity(config) == chunk_sorter.chunk_capacity(config)
-    s = [0] * 100_000
+    s = model.warp.layout.new()
     model._set_array(s, _Size, config, True)
     blending = constants.BLEND_LATENCY if config.level_banks == 2 else 0
-    assert s[model.blending.ROW_LATENCY] == collect.place_latency(config) + blending + 3
+    assert s.row_latency == collect.place_latency(config) + blending + 3
 
 
 class _Size:
@@ -73,9 +70,9 @@ def test_the_warp_units_sizes_are_the_rtls(config):
     class Map:
         target_frame = 0
 
-    s = [0] * 100_000
+    s = model.warp.layout.new()
     model._set_warp(s, Trace, config, Map)
-    assert s[model.warp.QUEUE_DEPTH] == queue_groups(config)
-    assert s[model.warp.DEPTH] == queue_rows(config)
-    assert s[model.warp.SETTLE_CYCLES] == disparity_latency(config)
-    assert s[model.warp.RING] == ring_tiles(config) > s[model.warp.REACH]
+    assert s.warp_queue_depth == queue_groups(config)
+    assert s.warp_depth == queue_rows(config)
+    assert s.warp_settle_cycles == disparity_latency(config)
+    assert s.warp_ring == ring_tiles(config) > s.warp_reach

@@ -88,8 +88,8 @@ def test_answers_are_worked_out_as_a_stepped_memory_gives_them(small, monkeypatc
 
     def stepped(s, **settings):
         prepare(s, **settings)
-        assert s[bus.KIND] == bus.COMPUTED
-        s[bus.KIND] = bus.STEPPED
+        assert s.kind == bus.COMPUTED
+        s.kind = bus.STEPPED
 
     monkeypatch.setattr(bus, "prepare", stepped)
     assert simulate(small, PAPER, memory=memory).as_json() | {"seconds": 0} == worked | {"seconds": 0}

@@ -22,12 +22,12 @@ from spec.config import (
 
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "sh_degree": (0, 3), "culling_units": (1, 64),
-    "sorting_units": (1, 8), "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
+    "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
     "warp_columns": (64, 8192),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled")
-POWERS_OF_TWO = ("merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns")
+POWERS_OF_TWO = ("sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns")
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -110,7 +110,7 @@ def test_the_configurations():
     DEFAULT its array; TINY passes over a tile in 16 blocks."""
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert (PAPER.cores_x, PAPER.cores_y, PAPER.blocks, PAPER.banks) == (16, 16, 1, 2)
-    assert (PAPER.culling_units, PAPER.sorting_units, PAPER.row_width) == (8, 1, 1920)
+    assert (PAPER.culling_units, PAPER.row_width) == (8, 1920)
     assert (PAPER.line_buffer_bytes, PAPER.sort_buffer_bytes) == (1024, 64 * 1024)
     assert (TINY.cores_x, TINY.cores_y, TINY.blocks, TINY.level_banks, TINY.banks) == (4, 4, 16, 2, 32)
     assert (DEFAULT.cores_x, DEFAULT.cores_y, DEFAULT.formats) == (PAPER.cores_x, PAPER.cores_y, PAPER.formats)

@@ -23,13 +23,13 @@ from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
-from spec.config import CONFIGS, AcceleratorConfig
-from spec.constants import TILE
-from spec.errors import InputError
+from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
+from spec.overrides import add_config_arguments, config_from
 from spec.paths import ROOT
 from spec.queues import COUNTER_BITS
-from spec.records import ENTRY_BYTES, array_entry, frame_tiles, tile_header
+from spec.records import array_entry, frame_tiles, tile_header
 from tb.common.exact import Planned, planned, run_plan
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames
@@ -140,12 +140,11 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[st
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints the table; 1 when a bit differs."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies drain_waits", description=__doc__.split("\n\n")[0])
-    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    add_config_arguments(parser, "default")
     parser.add_argument("--size", default="160x96", metavar="WxH", help="of the frames, at least 50x40 (default: 160x96)")
     args = parser.parse_args(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
-    lines, right = measure(CONFIGS[args.config], args.size, ROOT / "build" / "drains" / args.config)
+    config = config_from(args, "default")
+    lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)
     print("| frame | buffer | entries | ops | skipped | cycles | of them waited | bits |\n|---|---|---|---|---|---|---|---|")
     print(*lines, sep="\n")
     return 0 if right else 1

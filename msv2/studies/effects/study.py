@@ -10,10 +10,7 @@ and of each effect, the machine with it less the same machine without it.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -29,9 +26,11 @@ from golden.scenes.files import atomic_output
 from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from msv2.studies.rtl_frame import simulate
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
+from spec.overrides import add_config_arguments, choice, config_from, config_options
 from spec.paths import ROOT
 
 EXAMPLES = """examples:
@@ -86,16 +85,15 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
     parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
-    parser.add_argument("--config", default="default", help=f"machine: {', '.join(CONFIGS)} (default: default)")
+    add_config_arguments(parser, "default")
     parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
     parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
     parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
     parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
     parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
     args = parser.parse_args(argv)
-    for name in (args.config, args.area_config):
-        if name not in CONFIGS:
-            raise InputError(f"config {name!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    config_from(args, "default")  # before anything is rendered
+    choice("config", args.area_config, CONFIGS)
     for size in (args.size, args.rtl):
         if size is not None:
             parse_size(size)
@@ -150,14 +148,10 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
         InputError: the simulation fails.
     """
     view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
-    command = [sys.executable, "-m", "tb.frame", frame.scene, "--size", args.rtl, *view, "--config", args.config,
-               "--effects", effects, "--seed", str(args.seed), "--out", str(out)]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-    if done.returncode:
-        raise InputError(f"{' '.join(command[1:])} failed with exit status {done.returncode}")
-    row = json.loads((out / "frame.json").read_text())
+    row = simulate(frame.scene, ["--size", args.rtl, *view, *config_options(args), "--machine", "scene", "--effects", effects,
+                                 "--seed", str(args.seed)], make_folder(out))
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
-    spent = frame_energy(counter_counts(row), row["cycles"], CONFIGS[args.config], load_table())
+    spent = frame_energy(counter_counts(row), row["cycles"], config_from(args, "default"), load_table())
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
 
 
@@ -175,7 +169,8 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
                 for name in ("auto", "most") if name in found}
         auto, full = both["auto"], both.get("most", both["auto"])
         energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
-        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl_config": args.config, "rtl": both,
+        row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl": both,
+                "rtl_config": config_from(args, "default").name,
                 "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
     if area:
         config = CONFIGS[args.area_config]

@@ -24,10 +24,14 @@ from golden.scenes.request import add_request_arguments, add_stereo_arguments, t
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
-from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
+<<<<<<< HEAD
 from spec.paths import REPORTS, ROOT, cache_folder
+=======
+from spec.overrides import add_config_arguments, config_from, recorded_config
+from spec.paths import ROOT
+>>>>>>> main
 
 CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
@@ -43,7 +47,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_request_arguments(parser, size="640x360")
     parser.set_defaults(scene=None)
     add_stereo_arguments(parser)
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper, which is measured)")
+    add_config_arguments(parser, "paper", ", which is measured")
     parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
     parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
     parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
@@ -57,7 +61,8 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
     from perf.model import MemoryModel, simulate  # compiled at first use, which counters need not wait for
     from perf.trace import trace_request
 
-    config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
+    config = config_from(args)
+    config = config.with_(stereo=args.stereo or config.stereo)
     trace = trace_request(args, config, cache=CACHE)
     cycles = simulate(trace, config, memory=MemoryModel(args.memory), display=True)
     report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
@@ -66,7 +71,7 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
 
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
     """A frame through the RTL, by its counters."""
-    counts, config = counter_counts(frame), CONFIGS[frame["config"]]
+    counts, config = counter_counts(frame), recorded_config(frame)
     report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
 
@@ -117,8 +122,7 @@ def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     args = _arguments(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"CONFIG {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    config_from(args)  # before anything is rendered
     if not 1 <= args.clock_mhz <= 1e5:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
     take_stereo_arguments(args)

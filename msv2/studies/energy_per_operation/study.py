@@ -9,8 +9,6 @@ default activity. Needs the extra `synth` and the liberty files of MSV2_PDK.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import subprocess
 from collections.abc import Sequence
 from functools import cache
@@ -22,6 +20,7 @@ from msv2.studies.energy.table import TABLE
 from msv2.studies.energy_per_operation.measure import map_work, measure, still
 from msv2.studies.energy_per_operation.table import DEFAULTS, unit_rows
 from msv2.studies.energy_per_operation.work import WORK
+from msv2.studies.kept import fingerprint, kept
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -50,14 +49,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _kept(unit: str, scene: str, args: argparse.Namespace) -> Path:
-    """Where a measurement is kept, by all that it depends on."""
-    files = sorted(path for pattern in ("spec/*.py", "rtl/**/*.py", "synth/**/*.py", "msv2/studies/energy_per_operation/*.py",
-                                        "golden/msv2_ref/*.py")
-                   for path in ROOT.glob(pattern) if path.name not in ("__main__.py", "table.py"))
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in files))
-    digest.update(repr((unit, scene, SIZE, args.clock_ps, flow.version())).encode())
-    return FOLDER / f"{unit}-{Path(scene).stem or 'still'}-{digest.hexdigest()[:12]}.json"
+def _key(unit: str, scene: str, args: argparse.Namespace) -> str:
+    """The name of a measurement, by all that it depends on."""
+    key = fingerprint([measure.__module__], unit, scene, SIZE, args.clock_ps, flow.version())
+    return f"{unit}-{Path(scene).stem or 'still'}-{key}"
 
 
 def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespace) -> list[dict[str, object]]:
@@ -66,13 +61,13 @@ def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespa
     for unit in units:
         mapped = None
         for scene in scenes if unit in WORK else ("",):
-            path = _kept(unit, scene, args)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists():
+            def make(unit: str = unit, scene: str = scene) -> dict[str, object]:
+                nonlocal mapped
                 config = PAPER.with_(stereo=True) if unit == "warp_unit" else PAPER
                 mapped = mapped or map_work(unit, config, args.clock_ps, args.synth)
-                write_json(path, measure(mapped, unit, config, scene, _frame(scene)) if scene else still(mapped, unit))
-            rows.append(json.loads(path.read_text()))
+                return measure(mapped, unit, config, scene, _frame(scene)) if scene else still(mapped, unit)
+
+            rows.append(kept(FOLDER, _key(unit, scene, args), make))
             print(_line(rows[-1]), flush=True)
     return rows
 

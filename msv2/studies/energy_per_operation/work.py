@@ -11,7 +11,6 @@ from golden.msv2_ref.frame_memory import frame_pixels
 from golden.msv2_ref.pipeline import Frame
 from msv2.studies.energy_per_operation.gates import Window
 from msv2.studies.energy_per_operation.setup_ops import setup_ops
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import AcceleratorConfig
 from spec.records import array_entry, chunk_entry, frame_tiles, pixel_op, tile_header
 from tb.common.exact import Planned, planned
@@ -99,7 +98,7 @@ def tile_merge(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
 
 def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Groups that fit the sort buffer, sorted; the memory of larger ones stands still."""
-    groups = [group for group in whole_groups(frame) if len(group) <= chunk_capacity(config)]
+    groups = [group for group in whole_groups(frame) if len(group) <= config.sort_chunk]
     plan = hierarchical_suite.plan_of(config, name, groups)
     playback = replace(  # without the bench's memory
         hierarchical_suite.playback(config), inputs=(Stream("groups", chunk_entry(config)),),

@@ -10,11 +10,8 @@ Real scenes are looked for in MSV2_DATA; frames whose scene is not there are lef
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,6 +19,7 @@ from pathlib import Path
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
+from msv2.studies.rtl_frame import kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
 from spec.config import CONFIGS, AcceleratorConfig
@@ -49,10 +47,6 @@ _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 """A frame whose seconds are stated, for the model alone."""
 
 TIMED_SECONDS = 10.0
-
-RTL_SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/*.py",
-               "tb/top/memory.sv")
-"""What they are made of."""
 
 PHASES = ("table", "geometry", "render")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
@@ -144,31 +138,17 @@ def _error(model: int, rtl: int) -> float:
     return (model - rtl) / rtl if rtl else float(model != 0)
 
 
-def rtl_folder(line: str) -> Path:
-    """Where a frame's RTL run is kept, for as long as nothing it is made of changes."""
-    state = hashlib.sha256(line.encode())
-    for pattern in RTL_SOURCES:
-        for source in sorted(ROOT.glob(pattern)):
-            state.update(source.read_bytes())
-    return BUILD / "rtl" / state.hexdigest()[:12]
-
-
-def rtl_frame(line: str, *, again: bool = False) -> dict[str, object] | None:
+def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
     """A frame through the RTL, a finished run unless `again`; None where its scene is not there.
 
     Raises:
-        InputError: the simulation fails.
+        InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
     """
     name, *options = line.split()
-    scene, folder = scene_path(name), rtl_folder(line)
+    scene = scene_path(name)
     if scene is None:
         return None
-    if again or not (folder / "frame.json").is_file():
-        command = [sys.executable, "-m", "tb.frame", scene, "--machine", "full", *options, "--out", str(folder)]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-        if done.returncode:
-            raise InputError(f"{' '.join(command)} failed: {(done.stdout + done.stderr)[-2000:]}")
-    row = json.loads((folder / "frame.json").read_text())
+    row = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
     return {**{key: row[key] for key in _KEPT if key in row}, "scene": name}
 
 
@@ -176,7 +156,7 @@ def render_rtl() -> None:
     """The frames of reports/model_rtl.json, and how fast both are, one behind the other."""
     rows, speed = [], side_by_side()
     for line in RTL_FRAMES:
-        row = rtl_frame(line)
+        row = rtl_row(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
         write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed})
@@ -186,7 +166,7 @@ def side_by_side() -> dict[str, object]:
     """A frame's cycles over seconds of a processor in the RTL's simulator and in the model, on the same machine one behind the
     other; both run on one processor. The model is repeated for some seconds.
     """
-    row = rtl_frame(TIMED, again=True)
+    row = rtl_row(TIMED, again=True)
     trace, frame = model_row(row, EMBEDDED)  # compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import os
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import add_request_arguments, parse_size, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
+from msv2.studies.kept import fingerprint
 from perf.gscore import GscoreTrace, gscore_trace
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
 from spec.config import PAPER, AcceleratorConfig
@@ -36,10 +36,6 @@ TRAINED = ("fern", "bonsai")
 
 SECOND_VIEW = "3"
 """Of the orbit's eight, or of a scene's cameras: far from the first."""
-
-SOURCES = ("golden/msv2_ref/*.py", "golden/scenes/*.py", "spec/*.py", "perf/trace.py", "perf/gscore.py", "perf/runs.py",
-           "perf/stops.py")
-"""What a trace is made of."""
 
 _ALL_TILES = 180.0  # degrees: no tile lies beyond, so that none is warped
 
@@ -120,12 +116,8 @@ def compared(scene: str, size: str, camera: str = "orbit", *, config: Accelerato
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
-    state = hashlib.sha256(repr((sorted(vars(args).items()), ECC_THRESHOLD_DEG, config)).encode())
-    for path in sorted(path for pattern in SOURCES for path in ROOT.glob(pattern)):
-        state.update(path.read_bytes())
-    for path in filter(Path.exists, map(Path, (args.scene, args.camera))):
-        state.update(repr((path.stat().st_size, path.stat().st_mtime_ns)).encode())
-    return state.hexdigest()[:16]
+    files = [(path.stat().st_size, path.stat().st_mtime_ns) for path in map(Path, (args.scene, args.camera)) if path.exists()]
+    return fingerprint(("perf.trace", "perf.gscore"), sorted(vars(args).items()), ECC_THRESHOLD_DEG, config, files)
 
 
 def _load(folder: Path) -> tuple[FrameTrace, FrameTrace, FrameTrace, GscoreTrace] | None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from golden.msv2_ref.pipeline import render
 from golden.scenes.request import resolve, write_json
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
-from spec.config import CONFIGS
-from spec.errors import InputError
+from spec.config import AcceleratorConfig
+from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import ROOT
 
 EPILOG = """\
@@ -36,7 +36,7 @@ def default_scenes() -> list[str]:
     return ["embedded", *(str(path) for path in paths if path.exists())]
 
 
-def measure(scenes: Sequence[str], size: str, config_name: str) -> tuple[Profiles, dict[str, dict[str, int]]]:
+def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tuple[Profiles, dict[str, dict[str, int]]]:
     """Profiles over all scenes, and each scene's clipped and dropped values."""
     profiles: Profiles = {}
     clipped = {}
@@ -45,7 +45,7 @@ def measure(scenes: Sequence[str], size: str, config_name: str) -> tuple[Profile
             where = "none" if gaze == "none" else ",".join(str(int(part) // 2) for part in size.split("x"))
             request = resolve(argparse.Namespace(
                 scene=scene, size=size, camera="orbit", gaze=where, levels=levels, background="0,0,0", seed=0))
-            frame = render(request.model, request.camera, config=CONFIGS[config_name], foveation=request.foveation,
+            frame = render(request.model, request.camera, config=config, foveation=request.foveation,
                            background=request.background)
             name = f"{Path(scene).stem} {size}{', four levels' if levels else ''}"
             clipped[name] = profile(frame, profiles)
@@ -61,17 +61,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("what", choices=("ranges",), help="ranges: value ranges of records")
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="model files, folders, or `embedded`")
     parser.add_argument("--size", default="640x360", help="frame size (default: 640x360)")
-    parser.add_argument("--config", default="paper", help=f"machine: {', '.join(CONFIGS)} (default: paper)")
+    add_config_arguments(parser, "paper")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
     parser.add_argument("--keep", action="store_true", help="write into reports/ instead")
     args = parser.parse_args(argv)
-    if args.config not in CONFIGS:
-        raise InputError(f"config {args.config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
-    profiles, clipped = measure(args.scenes or default_scenes(), args.size, args.config)
+    config = config_from(args)
+    profiles, clipped = measure(args.scenes or default_scenes(), args.size, config)
     out = ROOT / "reports" if args.keep else Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
     fields = [p.row for p in profiles.values()]
-    write_json(out / "ranges.json", {"size": args.size, "config": args.config, "scenes": clipped, "fields": fields})
+    write_json(out / "ranges.json", {
+        "size": args.size, "config": config.name, "configuration": config_record(config), "scenes": clipped, "fields": fields})
     (out / "ranges.md").write_text(markdown(profiles, clipped), encoding="utf-8")
     picture(fields, out / "ranges.png")
     tight = [f"{p.record}.{p.field}" for p in profiles.values() if p.at_low + p.at_high]

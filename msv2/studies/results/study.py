@@ -29,9 +29,9 @@ from golden.scenes.load import load_scene
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import write_json
 from msv2.studies.results.tables import fill_readme
+from msv2.studies.rtl_frame import kept_frame
 from spec.errors import InputError
 from spec.paths import ROOT
-from spec.sources import fingerprint, sources_of
 
 REPORTS = ROOT / "reports"
 EXACT_FRAMES = (
@@ -122,19 +122,10 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if scene_path(frame[0])]))
 
 
-def frame_sources() -> list[Path]:
-    """Whatever a frame through the machine and its numbers are made of."""
-    return [*sources_of("tb.frame.__main__"), ROOT / "tb" / "top" / "memory.sv"]
-
-
 def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> dict[str, object]:
-    """What is kept of one frame through the machine; one that these sources have given already is not simulated again."""
-    key = fingerprint(frame_sources(), scene, size, gaze, options)
-    out = ROOT / "build" / "results" / f"frame-{key}"
+    """What is kept of one frame through the machine; one that the same sources have given is not simulated again."""
     view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
-    if not (out / "frame.json").exists():
-        run("-m", "tb.frame", scene_path(scene), "--machine", "full", "--out", str(out), *view, *options)
-    row = json.loads((out / "frame.json").read_text())
+    row = kept_frame(ROOT / "build" / "results", scene_path(scene), ["--machine", "full", *view, *options])
     return {"scene": Path(scene).stem, **{key: row[key] for key in FRAME_KEYS}}
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import PAPER, AcceleratorConfig
 from spec.paths import ROOT
 from synth.report import write_json
@@ -39,7 +38,7 @@ def group_lengths(items: np.ndarray) -> np.ndarray:
 def row_of(config: AcceleratorConfig, item: Planned, outcome: Outcome) -> dict[str, object]:
     """A frame's numbers: `taken_per_cycle` is of the cycles in which an entry was offered."""
     recording, lengths = outcome.recordings[item.name], group_lengths(item.run.inputs["groups"])
-    large = lengths[lengths > chunk_capacity(config)]
+    large = lengths[lengths > config.sort_chunk]
     return {
         "frame": item.name.removeprefix("traced "), "entries": int(lengths.sum()), "groups": len(lengths),
         "large_groups": len(large), "entries_in_large_groups": int(large.sum()),
@@ -56,7 +55,7 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
         if outcome.failures:
             raise SimulationError(f"the sorter is wrong: {outcome.failures}")
         rows += [row_of(config, item, outcome) for item in plan]
-    return {"config": config.name, "buffer_entries": chunk_capacity(config), "latency": LATENCY, "rows": rows}
+    return {"config": config.name, "buffer_entries": config.sort_chunk, "latency": LATENCY, "rows": rows}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

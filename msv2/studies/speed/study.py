@@ -1,4 +1,4 @@
-"""Speed of the renderers side by side: the integer golden, a float32 kernel of the same structure, per-tile torch.
+"""Speed of the renderers side by side: the integer golden, a float32 kernel of the same structure, plain torch.
 
 Then training iterations: the differentiable renderer against a plain one in torch.
 
@@ -18,6 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from golden import threads
+from golden.diff import import_torch
 from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
@@ -25,7 +26,7 @@ from golden.oracle.render import render as render_oracle
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import Request, make_folder, resolve, write_json
-from msv2.studies.speed import float32, per_tile_torch
+from msv2.studies.speed import float32
 from spec.config import PAPER
 from spec.errors import InputError
 
@@ -69,6 +70,11 @@ def timed(work: Callable[[], object]) -> tuple[float, object]:
 
 def compare(request: Request, rounds: int) -> dict[str, object]:
     """One scene's numbers: per renderer seconds by round, PSNR against the oracle, preparation; stages where they exist."""
+    import torch
+
+    from golden.diff import reference
+    from golden.diff.gaussians import from_model
+
     model, camera = request.model, request.camera
     progress = tqdm(total=4 + 3 * (rounds + 1), desc=model.name, unit="frame")
 
@@ -80,14 +86,13 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
     prepared = {
         INTEGER: step(lambda: quantise_model(PAPER, model)),
         FLOAT: step(lambda: float32.prepare(model)),
-        TORCH: step(lambda: per_tile_torch.prepare(model)),
+        TORCH: step(lambda: from_model(model)),
     }
     draw = {
         INTEGER: lambda: pipeline.render(prepared[INTEGER][1], camera, config=PAPER),
         FLOAT: lambda: float32.render(prepared[FLOAT][1], camera),
-        TORCH: lambda: per_tile_torch.render(prepared[TORCH][1], camera),
+        TORCH: torch.inference_mode()(lambda: reference.render(prepared[TORCH][1], camera)),
     }
-    image = {INTEGER: lambda frame: frame.image, FLOAT: lambda frame: frame.image, TORCH: lambda frame: frame}
     oracle = step(lambda: render_oracle(model, camera))[1].image
     warm = {name: step(work)[1] for name, work in draw.items()}
     seconds = {name: [] for name in draw}
@@ -107,7 +112,7 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
             name: {
                 "median_s": median[name], "min_s": min(values), "max_s": max(values), "rounds_s": values,
                 "times_integer": median[name] / median[INTEGER], "prepare_s": prepared[name][0],
-                "psnr_vs_oracle_db": psnr_vs(np.asarray(image[name](warm[name]), np.float64), oracle),
+                "psnr_vs_oracle_db": psnr_vs(np.asarray(warm[name].image, np.float64), oracle),
             } for name, values in seconds.items()
         },
         "stages_s": {
@@ -143,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parse_arguments(argv)
     if args.repeat < 1:
         raise InputError(f"repeat {args.repeat} is not accepted: 1 or more is")
-    per_tile_torch.import_torch()  # a missing package is told before the work, not after
+    import_torch()  # a missing package is told before the work, not after
     from msv2.studies.speed import training
 
     out = make_folder(args.out)

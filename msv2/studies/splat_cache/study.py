@@ -15,10 +15,9 @@ from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.pipeline import Frame
 from golden.scenes.files import atomic_output
 from spec.config import PAPER, AcceleratorConfig
-from spec.constants import MAX_LEVELS
+from spec.constants import ENTRY_BYTES, MAX_LEVELS
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
 from spec.paths import ROOT
-from spec.records import ENTRY_BYTES
 from tb.common.scenes import scene_path, traced_frame
 
 SCENES = (

@@ -12,13 +12,18 @@ from golden.metrics.binocular import BinocularHvsq, BinocularReference, EyePair
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import StereoFrame, render_stereo
 from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.pipeline import Frame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, foveation_map
 from golden.scenes.stereo import StereoPair, stereo_pair, warpable_tiles
-from msv2.studies.threshold.cycles import CycleModel, eye_cycles, golden_cycles
+from msv2.studies.cycles import MODEL
 from msv2.studies.threshold.scenes import TableScene
+from perf.model import simulate
+from perf.trace import trace_of
 from spec.config import PAPER
 from spec.constants import IPD_METRES
+from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
+from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 
 CONFIG = PAPER.with_(stereo=True)
 """The machine."""
@@ -49,7 +54,6 @@ class TableWords:
 
 def measure_pose(
     words: TableWords, camera: Camera, thresholds: Sequence[float], *, units_per_metre: float, ipd_metres: float = IPD_METRES,
-    cycles: CycleModel = golden_cycles,
 ) -> dict[str, object]:
     """A pose's row, ready for JSON: `rendered` (both eyes rendered), `v1` (the same of v1, or None) and `thresholds`.
 
@@ -58,7 +62,6 @@ def measure_pose(
         camera: of the source eye, which looks at the frame's centre.
         thresholds: degrees.
         units_per_metre, ipd_metres: of the pair.
-        cycles: of a golden frame.
     """
     pair = stereo_pair(camera, units_per_metre=units_per_metre, ipd_metres=ipd_metres)
     centre = camera.width / 2, camera.height / 2
@@ -67,7 +70,8 @@ def measure_pose(
     shown = eyes_of(whole)
     dense = [_eye_judge(*each) for each in zip(_dense(words.dense, pair), gazes, strict=True)]
     judges = {"rendered": (0.0, _eye_judge(shown[1], gazes[1])), "dense": (dense[0](shown[0]), dense[1])}
-    rows = [_row(at_threshold(whole, words.ours, threshold), whole, judges, cycles) for threshold in thresholds]
+    both = _rendered(whole, judges["dense"])
+    rows = [_row(at_threshold(whole, words.ours, threshold), whole, judges, both["cycles"]) for threshold in thresholds]
     v1 = None
     if words.v1 is not None:
         frame = render_stereo(words.v1, pair, config=CONFIG, foveation=_foveation(words.v1, camera, centre), threshold_deg=ALL,
@@ -76,7 +80,7 @@ def measure_pose(
     return {
         "camera": camera.name, "size": [camera.width, camera.height], "gaze": [list(gaze) for gaze in gazes],
         "median_disparity_px": float(np.nanmedian(pair.disparity(whole.source.depth))),
-        "rendered": _rendered(whole, judges["dense"]), "v1": v1, "thresholds": rows}
+        "cycles_by": MODEL, "rendered": both, "v1": v1, "thresholds": rows}
 
 
 def at_threshold(whole: StereoFrame, words: GaussianWords, threshold_deg: float) -> StereoFrame:
@@ -116,6 +120,29 @@ def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
                  for camera in (pair.source, pair.target))
 
 
+def eye_cycles(eye: Frame) -> int:
+    """Cycles of an eye rendered alone, as a whole, by a machine that warps nothing."""
+    return simulate(trace_of(eye), PAPER, display=True).total
+
+
+def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
+    """Cycles of a frame of two eyes by the cycle model, ready for JSON.
+
+    `source`, `target` and `total`: of the eyes and of the frame; `geometry`, `render`: of both eyes by phase; `stages`: the
+    work of the rendering stages on what is rendered, `busiest` the most of it; `overhead`: all cycles over those that the
+    frame would take if warping were free, which are `geometry` and `busiest`. All as in frame.json of `python -m tb.frame`.
+    """
+    found = simulate(trace_of(frame), CONFIG)
+    render = found.phases["render"]
+    geometry = found.total - render
+    beats = (sum(moved[name] for name in names) // BEAT_BYTES
+             for moved, names in ((found.reads, RENDER_READS), (found.writes, RENDER_WRITES)))
+    stages = bound_cycles(frame.source, found.ops, *beats, DRAM_BYTES_PER_CYCLE, second=frame.target)
+    source, target = (sum(eye.values()) for eye in found.eyes)
+    return {"source": source, "target": target, "total": found.total, "geometry": geometry, "render": render,
+            "busiest": max(stages.values()), "stages": stages, "overhead": found.total / (geometry + max(stages.values()))}
+
+
 def _hvsq(target: np.ndarray, judge: Judge) -> dict[str, float]:
     found = BinocularHvsq((judge[0], judge[1](target)))
     return {"mean": found.mean, "source": found.eyes[0], "target": found.eyes[1]}
@@ -129,12 +156,11 @@ def _rendered(frame: StereoFrame, judge: Judge) -> dict[str, object]:
 
 
 def _row(
-    frame: StereoFrame, whole: StereoFrame, judges: dict[str, Judge], cycles: CycleModel,
+    frame: StereoFrame, whole: StereoFrame, judges: dict[str, Judge], alone: dict[str, int],
 ) -> dict[str, object]:
-    """A threshold's."""
+    """A threshold's row; `alone`: the cycles of both eyes, each rendered by itself."""
     entries, foveal = np.diff(whole.target.entries.start), frame.registers.warp == 0
-    again, cost = frame.rendered & ~foveal, cycles(frame)
-    alone = eye_cycles(whole.source), eye_cycles(whole.target)
+    again, cost = frame.rendered & ~foveal, stereo_cycles(frame)
     all_entries = max(int(entries.sum()), 1)
     return {
         "threshold_deg": frame.threshold_deg,
@@ -146,7 +172,5 @@ def _row(
                     "target_if_rendered": int(entries.sum()),
                     "floor_share": float(entries[foveal].sum() / all_entries),
                     "holes_share": float(entries[again].sum() / all_entries)},
-        "cycles": {"source": cost.source, "target": cost.target, "total": cost.total, "geometry": cost.geometry,
-                   "render": cost.render, "busiest": cost.busiest, "stages": cost.stages, "overhead": cost.overhead,
-                   "of_one_eye": cost.total / alone[0], "of_two_eyes": cost.total / sum(alone)},
+        "cycles": {**cost, "of_one_eye": cost["total"] / alone["source"], "of_two_eyes": cost["total"] / alone["total"]},
         "warnings": list(frame.warnings)}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import atomic_output
+from msv2.studies.cycles import cycles_of
 from msv2.studies.threshold.scenes import TRAINED
 from msv2.studies.threshold.summary import over_poses, rendered
 
@@ -47,6 +48,6 @@ def _panel(axis: Any, scene: Mapping[str, Any]) -> None:
             if which == "v1":
                 axis.axhline(1e5 * row["hvsq_dense"], color="C3", linewidth=0.8, linestyle=":")
     axis.set_title(scene["scene"], fontsize=10)
-    axis.set_xlabel("frames/s, both eyes (golden cycles, 1 GHz)")
+    axis.set_xlabel(f"frames/s, both eyes ({cycles_of(scene['poses'][0])}, 1 GHz)")
     axis.set_ylabel(f"binocular HVSQ vs {'dense' if trained else 'rendered pair'}, 1e-5")
     axis.legend(fontsize=8)

@@ -11,10 +11,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from golden.diff import import_torch
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, write_json
-from golden.train import import_torch
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -> dict[str, Any]:
     """A scene's record; poses that were measured before are not measured again."""
-    from msv2.studies.threshold.kept import GOLDEN_SOURCES, fingerprint, kept
+    from msv2.studies.kept import fingerprint, kept
     from msv2.studies.threshold.measure import TableWords, measure_pose
     from msv2.studies.threshold.rtl import rtl_pose
     from msv2.studies.threshold.scenes import named, table_scene
@@ -118,7 +118,8 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
     pair = {"units_per_metre": scene.metres, "ipd_metres": args.ipd}
     poses, words = [], None
     for camera in tqdm(scene.cameras, desc=scene.name, unit="pose", disable=None):
-        key = fingerprint(GOLDEN_SOURCES, scene.model, scene.reference, scene.v1, camera, pair, tuple(thresholds))
+        key = fingerprint(["msv2.studies.threshold.measure"], scene.model, scene.reference, scene.v1, camera, pair,
+                          tuple(thresholds))
 
         def make(camera: Any = camera) -> dict[str, object]:
             nonlocal words

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from msv2.studies.cycles import cycles_by, cycles_of, explained
 from msv2.studies.threshold.summary import CLOCK_HZ, over_poses, picked, rendered
 from spec.constants import ECC_THRESHOLD_DEG
 
@@ -17,20 +18,21 @@ Made by `make table-ecc`. Both eyes look at one point, the source eye at its fra
 the mean of both eyes, each judged at its own gaze: against *the rendered pair*, both eyes rendered by the machine from the same
 model, and against *dense*, both eyes of the dense model rendered without a gaze. *Tiles* and *entries* are of the target eye,
 in percent of all its tiles and of the entries it has where it is rendered as a whole; *foveal* tiles have a pixel inside the
-threshold, *holes* are rendered again. The floor is the share of entries in foveal tiles. Golden cycles are the busiest-stage
-bound of the integer renderer's frames (`msv2/studies/threshold/cycles.py`), of the machine `paper`; frames per second are at
-{CLOCK_HZ / 1e9:g} GHz, both eyes together. *Of one eye*, *of two eyes*: those cycles over the golden cycles of the source eye,
-and of both eyes, rendered without warping. *Warping costs* is what the warp unit adds to both eyes' geometry and the busiest
-stage's work on what is rendered: its writes, and its own pace. Depth costs no cycles: it is summed beside the colours.
+threshold, *holes* are rendered again. The floor is the share of entries in foveal tiles. Cycles are of the machine `paper`;
+frames per second are at {CLOCK_HZ / 1e9:g} GHz, both eyes together. *Of one eye*, *of two eyes*: those cycles over the cycles
+of the source eye, and of both eyes, rendered without warping. *Warping costs* is what all cycles are over both eyes' geometry
+and the busiest stage's work on what is rendered. Depth costs no cycles: it is summed beside the colours.
 """
 
 HEAD = ("threshold", "HVSQ vs rendered pair", "HVSQ vs dense", "tiles foveal", "holes", "warped", "entries: floor", "holes",
-        "rendered in all", "golden cycles", "frames/s", "of one eye", "of two eyes", "warping costs")
+        "rendered in all", "{cycles}", "frames/s", "of one eye", "of two eyes", "warping costs")
+"""Columns of a scene's table; `cycles`: how the cycles are called."""
 
 
 def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
     """The page of scenes' records."""
-    parts = [INTRODUCTION, f"![HVSQ against frames per second]({picture})\n", _picks(scenes), _costs(scenes)]
+    parts = [INTRODUCTION, explained(scene["poses"][0] for scene in scenes) + "\n",
+             f"![HVSQ against frames per second]({picture})\n", _picks(scenes), _costs(scenes)]
     return "\n".join([*filter(None, parts), *map(_scene, scenes)])
 
 
@@ -64,7 +66,7 @@ def _costs(scenes: Sequence[Mapping[str, Any]]) -> str:
         if not rtl:
             continue
         golden = next(row for row in pose["thresholds"] if row["threshold_deg"] == ECC_THRESHOLD_DEG)
-        both, kind, ratios = rtl["stereo"], "golden", (golden["cycles"]["of_one_eye"], golden["cycles"]["of_two_eyes"])
+        both, kind, ratios = rtl["stereo"], cycles_by(pose), (golden["cycles"]["of_one_eye"], golden["cycles"]["of_two_eyes"])
         if "target" in rtl:
             one, other = rtl["source"]["cycles"], rtl["target"]["cycles"]
             kind, ratios = "RTL", (both["cycles"] / one, both["cycles"] / (one + other))
@@ -82,9 +84,9 @@ def _costs(scenes: Sequence[Mapping[str, Any]]) -> str:
         f"The first pose at {ECC_THRESHOLD_DEG:g} degrees through the RTL of the machine `paper`, both eyes compared bit for "
         "bit. *Overhead*: cycles of the frame over both eyes' geometry phases and the busiest stage's work on the entries that "
         f"are rendered; the goal is {OVERHEAD_GOAL:g}. *Of one eye*, *of two eyes*: against eyes rendered alone, by the RTL "
-        "where it was asked for, else golden cycles over golden cycles.", "",
-        _table(("scene", "RTL cycles", "overhead", "goal", "golden cycles (overhead)", "entries: floor", "holes", "of one eye",
-                "of two eyes", "HVSQ vs dense", "rendered pair's"), rows)])
+        "where it was asked for, else without it, as the word beside the number says.", "",
+        _table(("scene", "RTL cycles", "overhead", "goal", "cycles without the RTL (overhead)", "entries: floor", "holes",
+                "of one eye", "of two eyes", "HVSQ vs dense", "rendered pair's"), rows)])
 
 
 def _scene(scene: Mapping[str, Any]) -> str:
@@ -106,7 +108,8 @@ def _scene(scene: Mapping[str, Any]) -> str:
         f"## {_title(scene)}", "",
         f"{len(poses)} poses ({', '.join(pose['camera'] for pose in poses)}), means over them; {scene['levels']}, "
         f"{scene['points']:,} points; judged by {scene['judged_by']}. Scale {units['scale']}: {units['units_per_metre']:g} "
-        f"units per metre{why}; median disparities {disparity} px.", "", _table(HEAD, rows),
+        f"units per metre{why}; median disparities {disparity} px.", "",
+        _table([name.format(cycles=cycles_of(poses[0])) for name in HEAD], rows),
         *(f"Warning: {warning}.\n" for warning in warnings)])
 
 

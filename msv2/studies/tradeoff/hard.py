@@ -16,10 +16,6 @@ from msv2.studies.tradeoff.knobs import Setting
 from spec.config import AcceleratorConfig
 from spec.constants import SUPPORT_SIGMA
 
-SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/oracle/*.py", "msv2/cases/*.py", "golden/scenes/*.py",
-           "msv2/studies/tradeoff/hard.py")
-"""What these results are made of."""
-
 _GOLDEN = RENDERERS["golden"]
 
 

@@ -20,10 +20,6 @@ from perf.model import simulate
 from perf.trace import trace_of
 from spec.constants import REGION_START_DEG
 
-SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/metrics/*.py", "golden/scenes/*.py", "golden/oracle/*.py",
-           "golden/metrics/regions.py", "perf/*.py", "msv2/studies/tradeoff/measure.py", "msv2/studies/tradeoff/scene.py")
-"""What these results are made of."""
-
 CLOCK_HZ = 1e9
 
 

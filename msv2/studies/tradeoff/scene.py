@@ -16,11 +16,10 @@ from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import ORBIT_VIEWS, parse_size
-from msv2.studies.threshold.kept import fingerprint
+from msv2.studies.kept import fingerprint
 from spec.constants import MAX_LEVELS
 from spec.errors import InputError
 
-ORACLE_SOURCES = ("spec/constants.py", "golden/oracle/*.py", "golden/scenes/*.py")
 TEST_EVERY = 8
 
 
@@ -79,7 +78,7 @@ class TradeoffScene:
         model = self.model(variant, 1, None)
         folder = Path(self.request.work) / "oracle"
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{fingerprint(ORACLE_SOURCES, model, camera)}.npy"
+        path = folder / f"{fingerprint([render_oracle.__module__], model, camera)}.npy"
         if not path.exists():
             image = render_oracle(model, camera).image
             with atomic_output(path) as file:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,6 +17,7 @@ from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import resolve
+from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.speed import float32
 from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
 from perf.model import simulate
@@ -29,9 +28,6 @@ from spec.paths import REPORTS, ROOT
 
 Row = dict[str, object]
 REPEATS = 3
-RTL_SOURCES = ("spec/*.py", "golden/msv2_ref/*.py", "golden/scenes/*.py", "rtl/**/*.py", "tb/frame/*.py", "tb/top/*.py")
-"""What a frame through the RTL is made of."""
-
 
 def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
     """Least wall time in seconds of some calls, and the last result; a call before them compiles."""
@@ -50,7 +46,7 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
     cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
 
     Args:
-        rtl: `rtl_frame` of the same request and machine.
+        rtl: `played` of the same request and machine.
     """
     config, (model, camera) = CONFIGS[config_name], _frame(request)
     rows: list[Row] = []
@@ -103,7 +99,7 @@ def _worst_known() -> float | None:
     return max((abs(row["total"]["error"]) for row in rows), default=None)
 
 
-def rtl_frame(request: SceneRequest, config_name: str) -> Row:
+def played(request: SceneRequest, config_name: str) -> Row:
     """frame.json of the first view through the RTL (minutes, and a build at the first time).
 
     Raises:
@@ -112,9 +108,5 @@ def rtl_frame(request: SceneRequest, config_name: str) -> Row:
     """
     if run_scene(request.path):
         raise InputError(f"{request.path} is not accepted with --rtl: a model is, or embedded")
-    folder = Path(request.work) / "rtl" / config_name
-    command = [sys.executable, "-m", "tb.frame", request.path, "--machine", "full", "--camera", "0", "--size", request.size,
-               "--config", config_name, "--out", str(folder.resolve())]
-    if subprocess.run(command, cwd=ROOT, check=False).returncode:
-        raise InputError(f"{' '.join(command[1:])} is not accepted: the RTL did not match, see above")
-    return json.loads((folder / "frame.json").read_text())
+    options = ["--machine", "full", "--camera", "0", "--size", request.size, "--config", config_name]
+    return kept_frame(Path(request.work) / "rtl", request.path, options)

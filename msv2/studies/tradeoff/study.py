@@ -14,7 +14,7 @@ from tqdm import tqdm
 from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size, write_json
-from msv2.studies.threshold.kept import fingerprint
+from msv2.studies.kept import fingerprint
 from msv2.studies.tradeoff import hard, measure, report, simulation, training
 from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, recommended, with_losses
 from msv2.studies.tradeoff.jobs import run_all
@@ -106,7 +106,7 @@ def sweep(
 def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argparse.Namespace) -> list[dict[str, Any]]:
     """Settings with what they are worth, what they cost, and what they break."""
     scene = load(request)
-    made = fingerprint(measure.SOURCES), fingerprint(hard.SOURCES)
+    made = fingerprint([measure.__name__]), fingerprint([hard.__name__])
     measured = sweep(measure.tried, [(request, s) for s in settings],
                      [fingerprint((), made[0], scene.identity(s.variant), request.size, request.units_per_metre, s)
                       for s in settings], args, "frames")
@@ -168,8 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     small = SceneRequest(args.scene, args.rtl_size if args.rtl else args.size, 1, work=args.work)
     scene, played = load(request), None
     if args.rtl:
-        key = fingerprint(simulation.RTL_SOURCES, load(small).identity(), small.size, args.rtl_config)
-        played = sweep(simulation.rtl_frame, [(small, args.rtl_config)], [key], args, "rtl")[0]
+        played = simulation.played(small, args.rtl_config)
     simulated = simulation.renderers(small, args.rtl_config, played)
     content = {
         "scene": Path(args.scene).stem, "size": args.size, "views": args.views, "photographs": scene.photographs is not None,

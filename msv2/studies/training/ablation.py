@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from golden.diff.gaussians import Gaussians
 from golden.training.evaluate import evaluate
 from golden.training.foveated import FLOAT_BYTES, FoveatedModel, floats_per_point
-from msv2.studies.training.frame_cycles import FrameWork, foveated_frame_work, whole_frame_work
+from msv2.studies.training.frame_work import FrameWork, foveated_frame_work, whole_frame_work
 
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
@@ -36,8 +36,7 @@ class Step:
 
     def record(self) -> dict[str, object]:
         """Ready for JSON."""
-        frame = asdict(self.frame) | {"cycles": self.frame.cycles, "entries_per_tile": self.frame.entries_per_tile}
-        return asdict(self) | {"frame": frame}
+        return asdict(self) | {"frame": self.frame.record()}
 
 
 def ablate(scene: TrainingScene, models: Sequence[tuple[str, Gaussians | FoveatedModel]]) -> list[Step]:

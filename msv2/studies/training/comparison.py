@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from golden.training.level_quality import Levels, level_hvsq
-from msv2.studies.training.frame_cycles import FrameWork, foveated_frame_work
+from msv2.studies.training.frame_work import FrameWork, foveated_frame_work
 
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
@@ -43,8 +43,7 @@ class Compared:
 
     def record(self) -> dict[str, object]:
         """Ready for JSON."""
-        frame = asdict(self.frame) | {"cycles": self.frame.cycles, "entries_per_tile": self.frame.entries_per_tile}
-        return asdict(self) | {"points_percent": self.points_percent, "frame": frame}
+        return asdict(self) | {"points_percent": self.points_percent, "frame": self.frame.record()}
 
 
 def compare(scene: TrainingScene, methods: Mapping[str, Levels], seconds: Mapping[str, float]) -> list[Compared]:

@@ -30,9 +30,6 @@ PAPER_SIZE_PERCENT = {DENSE: 100.0, PRUNED: 15.0, FOVEATED: 16.0}
 
 CRITERION_LABELS = {"ce": "CE", "importance": "importance (LightGS)", "count": "count (opacity)", "random": "random"}
 
-CYCLES = {"golden": "golden", "rtl": "RTL"}
-"""Kinds of cycles, and how they are called."""
-
 TARGET_DENSE_PSNR = {"fern": 22.0, "bonsai": 27.0}
 """Least PSNR of the dense model on test views, dB, by scene."""
 

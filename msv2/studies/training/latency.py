@@ -15,8 +15,8 @@ import numpy as np
 from golden.diff.gaussians import Gaussians
 from golden.scenes.camera import Camera
 from golden.training.efficiency import Scores, without_lowest
-from msv2.studies.training.frame_cycles import FrameWork, whole_frame_work
-from msv2.studies.training.labels import CYCLES
+from msv2.studies.cycles import CYCLES, MODEL, RTL
+from msv2.studies.training.frame_work import FrameWork, whole_frame_work
 from msv2.studies.training.rtl_cycles import RtlCycles
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Version:
         criterion: one of CRITERIA.
         removed: share of the dense model's points.
         points: that are left.
-        work: of the golden frame.
+        work: of the frame, by the golden renderer and the cycle model.
         rtl: measured, or None.
     """
 
@@ -52,9 +52,8 @@ class Version:
 
     def record(self) -> dict[str, Any]:
         """Ready for JSON."""
-        work = asdict(self.work) | {"cycles": self.work.cycles, "entries_per_tile": self.work.entries_per_tile}
         rtl = None if self.rtl is None else asdict(self.rtl) | {"cycles": self.rtl.cycles}
-        return asdict(self) | {"work": work, "rtl": rtl}
+        return asdict(self) | {"work": self.work.record(), "rtl": rtl}
 
 
 def frame_camera(camera: Camera, edge: int = EDGE) -> Camera:
@@ -78,7 +77,7 @@ def measure(
 
     Args:
         edge: longest edge of the frame, of the scene's first test view.
-        rtl: cycles of a frame of a model, or None: golden cycles alone.
+        rtl: cycles of a frame of a model, or None: cycles by the model alone.
         progress: called after each version.
     """
     camera, versions, whole = frame_camera(scene.cameras[scene.test[0]], edge), [], None
@@ -96,17 +95,17 @@ def measure(
 
 
 def series(versions: Sequence[Version]) -> dict[str, np.ndarray]:
-    """(V,) float64 of each quantity: points, entries, golden cycles, and RTL cycles where all were measured."""
+    """(V,) float64 of each quantity: points, entries, cycles by the model, and RTL cycles where all were measured."""
     result = {
         "points": [v.points for v in versions], "entries": [v.work.entries for v in versions],
-        "golden": [v.work.cycles for v in versions]}
+        MODEL: [v.work.cycles for v in versions]}
     if all(v.rtl is not None for v in versions):
-        result["rtl"] = [v.rtl.cycles for v in versions]
+        result[RTL] = [v.rtl.cycles for v in versions]
     return {name: np.array(values, np.float64) for name, values in result.items()}
 
 
 def proportionality(versions: Sequence[Version]) -> dict[str, dict[str, dict[str, float]]]:
-    """How latency follows points and entries: by latency (golden, rtl), then by points or entries.
+    """How latency follows points and entries: by latency (model, rtl), then by points or entries.
 
     `pearson`: correlation. `off`: mean over versions of |ln(latency / dense's) - ln(quantity / dense's)|: 0 where both fall at
     the same rate, 0.69 where one falls to half of what the other does.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from golden.diff.gaussians import Gaussians
 from golden.training.evaluate import evaluate
 from golden.training.pruning import gate_views
-from msv2.studies.training.frame_cycles import FrameWork, whole_frame_work
+from msv2.studies.training.frame_work import FrameWork, whole_frame_work
 from msv2.studies.training.table_runs import Trained, prune_stages, tuned_stage
 
 if TYPE_CHECKING:
@@ -74,9 +74,9 @@ class Pruned:
 
     def record(self, dense: Pruned) -> dict[str, Any]:
         """Ready for JSON, with shares of the dense model's."""
-        frame = asdict(self.frame) | {"cycles": self.frame.cycles, "entries_per_tile": self.frame.entries_per_tile}
         return asdict(self) | {
-            "frame": frame, "points_percent": 100 * self.points / dense.points, "psnr_percent": 100 * self.psnr / dense.psnr,
+            "frame": self.frame.record(), "points_percent": 100 * self.points / dense.points,
+            "psnr_percent": 100 * self.psnr / dense.psnr,
             "ssim_percent": 100 * self.ssim / dense.ssim, "cut": dense.frame.entries / max(self.frame.entries, 1.0)}
 
 

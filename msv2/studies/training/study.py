@@ -6,13 +6,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from golden.train import import_torch
+from golden.diff import import_torch
 from msv2.studies.training.labels import TABLES
 from spec.errors import InputError
 
 EXAMPLES = """examples:
   python -m msv2.studies training                                     the embedded scene
-  python -m msv2.studies training embedded fern@504x378 --no-rtl      several scenes, sizes of their own, golden cycles alone
+  python -m msv2.studies training embedded fern@504x378 --no-rtl      several scenes, own sizes, no simulation of the RTL
   python -m msv2.studies training fern --tables pruning               one table alone; later ones find what it has trained
   python -m msv2.studies training --out reports --name training      training.json, training.md and training.png in reports/
 
@@ -42,7 +42,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--tables", default=",".join(TABLES), metavar="NAME,NAME", help=f"some of {', '.join(TABLES)} (default: all)")
     add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
-    add("--no-rtl", dest="rtl", action="store_false", help="golden cycles alone: no simulation")
+    add("--no-rtl", dest="rtl", action="store_false", help="cycles by the model alone: no simulation of the RTL")
     add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
     add("--work", default="build/tables-training/kept", metavar="DIR", help="checkpoints and simulated frames")
     add("--out", default="build/tables-training", metavar="DIR", help="of NAME.md, NAME.json and NAME.png")

@@ -213,13 +213,8 @@ def _latency(
 
 
 def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
-    """Cycles of a model's frame by the RTL, kept under `folder` by the model's points."""
-    def cycles(gaussians: Gaussians, camera: Camera) -> RtlCycles:
-        model = to_model(gaussians, up=scene.up, name=scene.name)
-        digest = hashlib.sha256(model.means.tobytes() + repr(camera).encode()).hexdigest()[:12]
-        return rtl_cycles(model, camera, folder / digest)
-
-    return cycles
+    """What gives the cycles of a model's frame by the RTL; frames are kept in `folder`."""
+    return lambda gaussians, camera: rtl_cycles(to_model(gaussians, up=scene.up, name=scene.name), camera, folder)
 
 
 def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import atomic_output
-from msv2.studies.training.labels import CRITERION_LABELS, CYCLES
+from msv2.studies.cycles import CYCLES
+from msv2.studies.training.labels import CRITERION_LABELS
 from msv2.studies.training.latency import CRITERIA, Version, proportionality
 from msv2.studies.training.level_curves import LevelCurve
 
@@ -58,11 +59,11 @@ def _latency(axis: Any, shown: Shown, quantity: str, label: str) -> None:
         own = [v for v in shown.versions if v.criterion == criterion]
         name = CRITERION_LABELS[criterion]
         x = [v.points if quantity == "points" else v.work.entries_per_tile for v in own]
-        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{name}, golden")
+        axis.plot(x, [v.work.cycles for v in own], "o-", color=colour, linewidth=1, label=f"{name}, model")
         if all(v.rtl is not None for v in own):
             axis.plot(x, [v.rtl.cycles for v in own], "x--", color=colour, linewidth=1, label=f"{name}, RTL")
     told = ", ".join(
-        f"{CYCLES[kind]} r = {of[quantity]['pearson']:.3f}" for kind, of in proportionality(shown.versions).items())
+        f"{CYCLES[kind]}: r = {of[quantity]['pearson']:.3f}" for kind, of in proportionality(shown.versions).items())
     axis.set(xlabel=label, ylabel="cycles per frame", xlim=(0, None), ylim=(0, None))
     axis.set_title(f"{shown.name}: {told}", fontsize=9)
     axis.grid(alpha=0.3)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from msv2.studies.cycles import CYCLES, cycles_of, explained
 from msv2.studies.training import labels
 from msv2.studies.training.labels import reached
 from msv2.studies.training.targets_text import equal_target, own_targets, targets_rows
@@ -28,9 +29,7 @@ def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
     head = [
         "# Foveated training: the paper's tables", "", f"Made by `make tables-training`. {PAPERS} Ours are measured on each "
         "scene's test views, which no stage of training reads, against the photographs unless said otherwise.", "",
-        "Golden cycles are an estimate from the integer renderer's frames: projection and rendering one after the other, each "
-        "as long as its busiest part at one item a cycle or memory's beats at 25.6 bytes a cycle "
-        "(`msv2/studies/training/frame_cycles.py`), of the machine `paper`. Foveated frames have the gaze in the centre. "
+        f"All cycles are of the machine `paper`. {explained(_works(scenes))} Foveated frames have the gaze in the centre. "
         "MMFR's frames project every model and render each in the tiles of its level.", ""]
     targets = ["## Targets", "", targets_table(scenes)] if any(True for scene in scenes for _ in targets_rows(scene)) else []
     parts = [part for scene in scenes for part in _scene(scene)]
@@ -39,6 +38,14 @@ def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
     plotted = shown if any("latency" in scene or "level_curves" in scene for scene in scenes) else []
     latencies = [LATENCY_HEAD, *map(latency_text, timed)] if timed else []
     return "\n".join([*head, *targets, *parts, *plotted, *latencies])
+
+
+def _works(scenes: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Every recorded frame with cycles."""
+    for scene in scenes:
+        for part in ("comparison", "ablation", "pruning"):
+            yield from (row["frame"] for row in scene.get(part, ()))
+        yield from (version["work"] for version in scene.get("latency", {}).get("versions", ()))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -92,8 +99,9 @@ def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
                 " / ".join(f"{value:g}" for value in paper["hvsq_e5"])]
 
     return table(
-        ("method", "storage MB", "over L1", "HVSQ 1e-5 L1", "L2", "L3", "L4", "intersections/frame", "golden cycles/frame",
-         "speed, SMFR = 1", "paper: FPS (SMFR = 1)", "paper: MB (over SMFR)", "paper: HVSQ 1e-5"),
+        ("method", "storage MB", "over L1", "HVSQ 1e-5 L1", "L2", "L3", "L4", "intersections/frame",
+         f"{cycles_of(smfr['frame'])}, per frame", "speed, SMFR = 1", "paper: FPS (SMFR = 1)",
+         "paper: MB (over SMFR)", "paper: HVSQ 1e-5"),
         map(cells, rows))
 
 
@@ -112,8 +120,9 @@ def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
             "" if size is None else f"{size:g} %"]
 
     return table(
-        ("model", "points of L1", "storage MB", "of dense", "intersections/tile", "per frame", "golden cycles/frame",
-         "fewer intersections, times", "speed, dense = 1", "PSNR dB", "SSIM", "paper: speed", "paper: size"), map(cells, rows))
+        ("model", "points of L1", "storage MB", "of dense", "intersections/tile", "per frame",
+         f"{cycles_of(dense['frame'])}, per frame", "fewer intersections, times", "speed, dense = 1", "PSNR dB", "SSIM",
+         "paper: speed", "paper: size"), map(cells, rows))
 
 
 def points_table(scene: Mapping[str, Any]) -> str:
@@ -158,8 +167,9 @@ def pruning_table(rows: Sequence[Mapping[str, Any]]) -> str:
             f"{row['psnr_percent']:.2f} %", f"{row['ssim']:.4f}", f"{row['ssim_percent']:.2f} %", "; ".join(targets)]
 
     return table(
-        ("pruned by", "gate", "points", "of dense", "intersections/frame", "fewer than dense, times", "golden cycles/frame",
-         "PSNR dB", "of dense", "SSIM", "of dense", "targets"), map(cells, rows))
+        ("pruned by", "gate", "points", "of dense", "intersections/frame", "fewer than dense, times",
+         f"{cycles_of(rows[0]['frame'])}, per frame", "PSNR dB", "of dense", "SSIM", "of dense", "targets"),
+        map(cells, rows))
 
 
 def _pruned_name(row: Mapping[str, Any]) -> str:
@@ -185,6 +195,7 @@ def latency_text(scene: Mapping[str, Any]) -> str:
     """Pruned versions of the dense model, and how their cycles follow points and intersections."""
     shown, (width, height) = scene["latency"], scene["latency"]["size"]
     whole = shown["versions"][0]
+    cycles = cycles_of(whole["work"])
 
     def cells(version: Mapping[str, Any]) -> list[str]:
         work, rtl = version["work"], version["rtl"]
@@ -197,14 +208,14 @@ def latency_text(scene: Mapping[str, Any]) -> str:
 
     return "\n".join([
         f"### {scene['scene']}, {width}x{height}", "",
-        table(("removed by", "removed", "points", "intersections/tile", "golden cycles", "RTL cycles", "points, of dense",
-               "intersections, of dense", "golden cycles, of dense", "RTL cycles, of dense"), map(cells, shown["versions"])),
+        table(("removed by", "removed", "points", "intersections/tile", cycles, "RTL cycles", "points, of dense",
+               "intersections, of dense", f"{cycles}, of dense", "RTL cycles, of dense"), map(cells, shown["versions"])),
         agreement_table(scene)])
 
 
 def agreement_table(scene: Mapping[str, Any]) -> str:
     """How well cycles follow points and intersections."""
     return table(("", "Pearson r", "off"), (
-        [f"{labels.CYCLES[name]} cycles against {'intersections' if quantity == 'entries' else quantity}",
+        [f"{CYCLES[name]} against {'intersections' if quantity == 'entries' else quantity}",
          f"{of['pearson']:.4f}", f"{of['off']:.3f}"]
         for name, by in scene["latency"]["proportionality"].items() for quantity, of in by.items()))

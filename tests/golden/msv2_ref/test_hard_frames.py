@@ -18,7 +18,6 @@ from golden.oracle.render import render as oracle
 from spec.config import TINY
 from spec.constants import LOW_PASS
 from spec.errors import InputError
-from spec.records import ENTRY_BYTES
 from tests.helpers.checked_frames import N, checked, coverage
 from tests.helpers.golden_samples import random_model, splats, turned_view, view
 
@@ -112,7 +111,7 @@ def test_41_more_entries_in_a_tile_than_the_sorters_buffer_holds():
     model = splats(*means, scale=1e-3, opacity=0.05, colour=rng.uniform(0, 1, (n, 3)))
     frame = checked(model, view(), config=TINY)
     counts = np.diff(frame.entries.start)
-    assert counts[0] == n > TINY.sort_buffer_bytes // 2 // ENTRY_BYTES >= auto_beta(counts, TINY)
+    assert counts[0] == n > TINY.sort_chunk >= auto_beta(counts, TINY)
     assert (frame.groups == frame.groups[0]).sum() == 1
     assert psnr_vs(frame.image, oracle(model, view()).image) > 60
 

@@ -16,7 +16,7 @@ from golden.msv2_ref.tile_merge import auto_beta, count_tiles, merge_tiles, tile
 from golden.msv2_ref.tile_test import tile_entries
 from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, TINY
-from spec.records import ENTRY_BYTES, chunk_entry
+from spec.records import chunk_entry
 from tests.helpers.golden_samples import map_for, random_model, view
 
 CAMERA = view(150, 100)
@@ -123,7 +123,7 @@ def test_negative_beta_is_refused():
 def test_automatic_beta_is_twice_the_mean_capped_by_the_buffer():
     assert auto_beta(np.array([0, 10, 0, 30]), DEFAULT) == 40
     assert auto_beta(np.zeros(4, int), DEFAULT) == 1
-    assert auto_beta(np.array([10**6]), TINY) == TINY.sort_buffer_bytes // 2 // ENTRY_BYTES
+    assert auto_beta(np.array([10**6]), TINY) == TINY.sort_chunk
 
 
 @pytest.mark.parametrize("beta", [None, 0, 1, 50, 10**9])

@@ -257,7 +257,7 @@ def test_automatic_beta_is_exact():
 
 def test_the_goldens_beta_is_the_exact_one():
     """Float64 rounds the quotient once more; never visibly, at the ties and next to them."""
-    cap, tiles = TINY.sort_buffer_bytes // 16, 14_400
+    cap, tiles = TINY.sort_chunk, 14_400
     for filled in (1, 2, 3, 7, 8, 1023, 4096, tiles - 1, tiles):
         for twice in range(1, 2 * cap + 4, 37):  # 2 total / filled near twice / 2
             for total in {twice * filled // 4 + d for d in (-1, 0, 1)}:

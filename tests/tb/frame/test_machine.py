@@ -89,7 +89,7 @@ def test_a_run_has_room_for_its_frame(frame):
     run = check.frame_run(frame, 300)
     counts = np.diff(frame.entries.start)
     assert run.image.settings["entries_beats"] == page_beats(counts) and run.image.settings["beta"] == 300
-    chunk = TINY.sort_buffer_bytes // 16
+    chunk = TINY.sort_chunk
     assert spill_beats(TINY, np.array([chunk, 3])) == chunk
     assert spill_beats(TINY, np.array([2 * chunk + 1, 3])) == 3 * chunk
 

@@ -26,7 +26,7 @@ def test_plans_cover_what_the_machine_can_meet(plans):
     names = [item.name for item in (*good, *broken)]
     assert len(set(names)) == len(names) and set(DISTINCT) <= set(VARIANTS)
     frames = [item.frame for item in good]
-    chunk = TINY.sort_buffer_bytes // 16
+    chunk = TINY.sort_chunk
     assert any(np.bincount(f.groups, np.diff(f.entries.start)).max() > TINY.merge_ways * chunk / 2 for f in frames)
     assert {f.words.sh_degree for f in frames} == {0, 1, 2, 3} and {len(f.words.geometry) for f in frames} >= {0, 1}
     assert all({i.run.image.settings["display"] for i in good if i.frame is f} == {0, 1} for f in frames)
@@ -92,7 +92,7 @@ def test_plans_of_two_eyes_cover_what_the_machine_can_meet(stereo_plans):
     kinds = np.concatenate([f.warped.origin.reshape(-1) for f in frames])
     assert set(kinds.tolist()) == {0, 1, 2, 3} and any(not f.events["warped"] for f in frames)
     assert any((f.registers.target.header[:, 1] == 1).any() and f.target.entries.filtered for f in frames)
-    chunk = STEREO.sort_buffer_bytes // 16
+    chunk = STEREO.sort_chunk
     for eye in ("source", "target"):
         groups = [np.bincount(f.groups, np.diff(f.entries.start)).max() for f in (getattr(f, eye) for f in frames)]
         assert max(groups) > chunk

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from msv2.studies.sorting.study import REPORT, SIZES, group_lengths, row_of
-from rtl.sort_tmu.chunk_sorter import chunk_capacity
 from spec.config import PAPER
 from tb.common.exact import Outcome, Planned
 from tb.common.player import Recording
@@ -36,7 +35,7 @@ def given(item: Planned, taken: int, stalled: int) -> dict[str, object]:
 
 
 def test_large_groups_are_those_that_the_buffer_does_not_hold() -> None:
-    top, rng = chunk_capacity(PAPER), np.random.default_rng(0)
+    top, rng = PAPER.sort_chunk, np.random.default_rng(0)
     groups = [random_chunk(PAPER, rng, length, "random") for length in (top, top + 1, 5, 2 * top)]
     row = given(plan_of(PAPER, "traced large", groups), 3, 1)
     assert row == {
@@ -56,7 +55,7 @@ def test_the_report_is_of_the_frames_of_today(gaze: str, levels: int | None) -> 
 
 def test_rows_agree_with_themselves() -> None:
     report = json.loads(REPORT.read_text())
-    assert (report["config"], report["buffer_entries"], report["latency"]) == (PAPER.name, chunk_capacity(PAPER), LATENCY)
+    assert (report["config"], report["buffer_entries"], report["latency"]) == (PAPER.name, PAPER.sort_chunk, LATENCY)
     assert len(report["rows"]) == 6 * len(SIZES)
     for row in report["rows"]:
         large = row["entries_in_large_groups"]

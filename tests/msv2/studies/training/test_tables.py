@@ -24,7 +24,7 @@ from msv2.studies.training import (  # noqa: E402
     table_runs,
     tables,
 )
-from msv2.studies.training.frame_cycles import FrameWork  # noqa: E402
+from msv2.studies.training.frame_work import FrameWork  # noqa: E402
 from msv2.studies.training.level_curves import LevelCurve, level_curves  # noqa: E402
 from msv2.studies.training.rtl_cycles import RtlCycles  # noqa: E402
 from msv2.studies.training.tables_text import markdown  # noqa: E402
@@ -90,15 +90,15 @@ def test_versions_lose_points_and_the_dense_frame_is_measured_once(scene, dense)
 
 
 def versions_of(rows):
-    """Versions of (points, entries, golden cycles, RTL cycles)."""
-    return [latency.Version("ce", 0.0, points, FrameWork(points, 0, entries, 4, 0, 0, 0, cycles, 0),
+    """Versions of (points, entries, cycles by the model, RTL cycles)."""
+    return [latency.Version("ce", 0.0, points, FrameWork(points, entries, 4, cycles, 0),
                             None if rtl is None else RtlCycles(rtl, 0, entries)) for points, entries, cycles, rtl in rows]
 
 
 def test_proportionality_in_closed_form():
     result = latency.proportionality(versions_of([(100, 40, 400, 1000), (50, 20, 200, 1000), (25, 30, 300, 1000)]))
-    assert result["golden"]["entries"] == pytest.approx({"pearson": 1.0, "off": 0.0})
-    assert result["golden"]["points"]["off"] == pytest.approx(np.log(3) / 3)
+    assert result["model"]["entries"] == pytest.approx({"pearson": 1.0, "off": 0.0})
+    assert result["model"]["points"]["off"] == pytest.approx(np.log(3) / 3)
     assert np.isnan(result["rtl"]["points"]["pearson"])  # what never changes correlates with nothing
     assert result["rtl"]["entries"]["off"] == pytest.approx((np.log(2) + np.log(4 / 3)) / 3)
     assert "rtl" not in latency.proportionality(versions_of([(1, 1, 1, 5), (2, 2, 2, None)]))

@@ -1,0 +1,83 @@
+"""Frames through the RTL by `python -m tb.frame`, a process for each frame, kept by everything that they are made of."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from golden.scenes.camera import Camera
+from golden.scenes.camera_file import save_camera
+from golden.scenes.files import read_json
+from golden.scenes.model import GaussianModel
+from golden.scenes.request import make_folder
+from golden.scenes.save import save_model
+from msv2.studies.kept import fingerprint
+from spec.errors import InputError
+from spec.paths import ROOT
+from spec.sources import sources_of
+
+COMMAND = "tb.frame.__main__"
+"""The module behind `python -m tb.frame`."""
+
+
+def frame_sources() -> tuple[Path, ...]:
+    """The files that a frame through the RTL is made of."""
+    return (*sources_of(COMMAND), ROOT / "tb" / "top" / "memory.sv")
+
+
+def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]:
+    """The numbers of a frame, which is simulated now. `out` also gets the pictures.
+
+    Args:
+        scene: as `python -m tb.frame` takes it.
+        options: the other arguments of that command.
+        out: the output folder.
+
+    Raises:
+        InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
+    """
+    command = [sys.executable, "-m", "tb.frame", scene, *options, "--out", str(out.resolve())]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode or not (out / "frame.json").exists():
+        last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
+        raise InputError(f"{' '.join(command[1:])}: exit status {done.returncode}: {last}")
+    return numbers(out)
+
+
+def numbers(folder: Path) -> dict[str, object]:
+    """The numbers of a frame that was simulated before.
+
+    Raises:
+        InputError: a bit or a counter differs from the golden renderer's.
+    """
+    found = read_json(folder / "frame.json")
+    if not found["bit_exact"] or found.get("counter_errors"):
+        raise InputError(f"{folder / 'frame.json'}: the RTL differs from the golden renderer; its cycles mean nothing")
+    return found
+
+
+def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool = False) -> dict[str, object]:
+    """The numbers of a frame, simulated where `folder` has none of the same scene, options and sources, or where `again`."""
+    path = Path(scene)
+    file = (path.stat().st_size, path.stat().st_mtime_ns) if path.exists() else None
+    out = folder / f"frame-{fingerprint((), _machine(), scene, file, *options)}"
+    return numbers(out) if (out / "frame.json").exists() and not again else simulate(scene, options, make_folder(out))
+
+
+def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Sequence[str]) -> dict[str, object]:
+    """The same of a model and a camera, which are written to files for the command; they count by their contents."""
+    out = folder / f"frame-{fingerprint((), _machine(), model, camera, *options)}"
+    if (out / "frame.json").exists():
+        return numbers(out)
+    scene, seen = make_folder(out).resolve() / "model.ply", out.resolve() / "camera.json"
+    save_model(model, scene)
+    save_camera(camera, seen)
+    found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
+    scene.unlink()  # it is large, and made anew wherever it is needed again
+    return found
+
+
+def _machine() -> str:
+    return fingerprint((), *(path.read_bytes() for path in frame_sources()))
