@@ -31,6 +31,8 @@ STATES_KEPT = 8
 KEPT_SECONDS = 24 * 3600
 """Other states are kept this long after their last use: another checkout may be working with them."""
 
+_TOOLS = frozenset({"golden.kernels"})  # what this module imports finds folders and hashes: no compiled code depends on it
+
 
 def compiled(function: Callable | None = None, **options: object) -> Callable:
     """`numba.njit` with the project's cache: `@compiled` or `@compiled(nogil=True)`, with the options of `numba.njit`."""
@@ -46,7 +48,7 @@ def compiled(function: Callable | None = None, **options: object) -> Callable:
 @cache
 def kernel_folder(module: str, root: Path = ROOT) -> Path:
     """Where the compiled kernels of a module are kept while its sources are as they are now."""
-    state = fingerprint(sources_of(module, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
+    state = fingerprint(sources_of(module, closed=_TOOLS, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
     folder = cache_folder("kernels", module, state)
     with suppress(OSError):
         os.utime(folder)

@@ -25,14 +25,9 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-<<<<<<< HEAD
-from spec.config import CONFIGS
-from spec.errors import InputError, run_command_line
-from spec.paths import BUILD, short_path
-=======
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, choice, config_from, config_record
->>>>>>> main
+from spec.paths import BUILD, short_path
 
 EXAMPLES = """examples:
   python golden/render.py                                        the embedded scene

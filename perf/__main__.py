@@ -6,10 +6,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
-<<<<<<< HEAD
 from golden.kernels import compile_note, compile_seconds
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments, write_json
-=======
 from golden.scenes.probe import probe
 from golden.scenes.request import (
     add_request_arguments,
@@ -19,18 +16,13 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
->>>>>>> main
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import trace_request
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
-<<<<<<< HEAD
-from spec.paths import BUILD, cache_folder, short_path
-=======
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import ROOT
->>>>>>> main
+from spec.paths import BUILD, cache_folder, short_path
 from spec.records import COUNT_BITS
 
 CACHE = cache_folder("traces")
@@ -98,19 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         memory = MemoryModel(args.memory, args.latency, None if args.bandwidth == "unlimited" else float(args.bandwidth))
     except ValueError as error:
         raise InputError(f"bandwidth {args.bandwidth!r}, latency {args.latency}: {error}") from error
-<<<<<<< HEAD
-    config = CONFIGS[args.config].with_(stereo=args.stereo or CONFIGS[args.config].stereo)
     out = make_folder(args.out or BUILD / "perf" / "frame")
-    trace = trace_request(args, config, cache=None if args.no_cache else CACHE)
-    frame = simulate(
-        trace, config, memory=memory, merge=args.merge == "1", pipeline=args.pipeline == "1",
-        beta=None if args.beta == "auto" else int(args.beta), display=None if args.pixels is None else args.pixels == "display")
-    settings = {"config": config.name, "merge": args.merge == "1", "pipeline": args.pipeline == "1", "memory": args.memory,
-                "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency}
-    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
-                                   "compile_seconds": compile_seconds()})
-=======
-    out = make_folder(args.out or ROOT / "build" / "perf" / "frame")
     request = resolve(args)
     plan = probe(request.model, request.foveation, stereo=args.stereo, contention=memory.bytes_per_cycle is not None)
     machine = plan.machine(config) if args.machine == "scene" else config.with_(stereo=args.stereo or config.stereo)
@@ -121,8 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     settings = {"config": config.name, "machine": args.machine, "merge": args.merge == "1", "pipeline": config.incremental,
                 "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
                 "configuration": config_record(config), "effects": plan.record}
-    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds})
->>>>>>> main
+    write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
+                                   "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
     print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "

@@ -7,12 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-<<<<<<< HEAD
 from golden.kernels import work_clock
-from perf import blending, bus, chunks, constants, dram, geometry, lists, render, sorter, warp, watch
-=======
 from perf import bus, chunks, constants, dram, geometry, render, warp
->>>>>>> main
 from perf.plan import (
     Lists,
     MemoryMap,

@@ -15,11 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-<<<<<<< HEAD
-from golden.host.quantise import GaussianWords
 from golden.kernels import work_clock
-=======
->>>>>>> main
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.warp import FILLED
@@ -163,32 +159,6 @@ def trace_of(
 def trace_request(
     args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
 ) -> FrameTrace:
-<<<<<<< HEAD
-    """Renders a frame with the golden renderer and traces it.
-
-    Args:
-        scene: the Gaussians, or their words when several frames share them.
-        camera: the view.
-        settings: see `TraceSettings`; None: its defaults.
-        config: the machine; formats, levels, row width and stereo matter here.
-
-    Raises:
-        InputError: what the golden renderer does not accept.
-    """
-    settings, begin = settings or TraceSettings(), work_clock()
-    if settings.pair is not None:
-        golden = render_stereo(
-            scene, settings.pair, config=config, foveation=settings.foveation, threshold_deg=settings.threshold_deg,
-            gaze_target=settings.gaze_target, background=settings.background, obb=settings.obb)
-    else:
-        golden = pipeline.render(
-            scene, camera, config=config, foveation=settings.foveation, background=settings.background, obb=settings.obb)
-    return trace_of(golden, seconds=work_clock() - begin)
-
-
-def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None) -> FrameTrace:
-=======
->>>>>>> main
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
@@ -204,13 +174,8 @@ def trace_request(args: argparse.Namespace, config: AcceleratorConfig, *, cache:
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
-<<<<<<< HEAD
     begin = work_clock()
-    request = resolve(args)
-=======
-    begin = time.perf_counter()
     request = request or resolve(args)
->>>>>>> main
     if getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:

@@ -13,11 +13,8 @@ from pathlib import Path
 
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
-<<<<<<< HEAD
-from spec.paths import BUILD
-=======
 from spec.overrides import add_config_arguments, config_from, config_record
->>>>>>> main
+from spec.paths import BUILD
 from synth import timing
 from synth.area import AreaReport, machine_area
 from synth.hints import SYNTHESISED

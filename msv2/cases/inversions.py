@@ -13,15 +13,10 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
-<<<<<<< HEAD
-from spec.config import CONFIGS
-from spec.errors import InputError, run_command_line
-from spec.paths import BUILD
-=======
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
->>>>>>> main
+from spec.paths import BUILD
 
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
@@ -117,13 +112,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     config = config_from(args)
     request = resolve(args)
-<<<<<<< HEAD
-    numbers = report(request, args.config)
-    out = make_folder(args.out or BUILD / "order" / request.model.name)
-=======
     numbers = report(request, config)
-    out = make_folder(args.out or Path("build/order") / request.model.name)
->>>>>>> main
+    out = make_folder(args.out or BUILD / "order" / request.model.name)
     write_json(out / "order.json", numbers)
     print(f"{out}: {numbers['entries']:,} entries, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from golden.kernels import compile_note
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
 from golden.msv2_ref.plan import Work, work_for
@@ -21,12 +22,8 @@ from golden.scenes.request import (
 )
 from spec.errors import InputError, run_command_line
 from spec.memory import DRAM_BYTES_PER_CYCLE
-<<<<<<< HEAD
-from spec.paths import BUILD, short_path
-=======
 from spec.overrides import add_config_arguments, choice, config_from, config_record
-from spec.paths import ROOT
->>>>>>> main
+from spec.paths import BUILD, short_path
 from spec.records import COUNT_BITS
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
@@ -153,12 +150,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"FAILED: {error}")
         return 1
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels, "merge": merge,
-<<<<<<< HEAD
-                "pipeline": incremental, "beta": beta, "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
-=======
                 "pipeline": config.incremental, "beta": beta, "configuration": config_record(config),
-                "effects": work.plan.record}
->>>>>>> main
+                "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
     return _verdict(numbers, short_path(out))
 

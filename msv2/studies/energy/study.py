@@ -26,12 +26,8 @@ from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
-<<<<<<< HEAD
-from spec.paths import REPORTS, ROOT, cache_folder
-=======
 from spec.overrides import add_config_arguments, config_from, recorded_config
-from spec.paths import ROOT
->>>>>>> main
+from spec.paths import REPORTS, ROOT, cache_folder
 
 CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))

@@ -24,7 +24,7 @@ from perf.model import simulate
 from perf.trace import trace_of
 from spec.config import CONFIGS
 from spec.errors import InputError
-from spec.paths import REPORTS, ROOT
+from spec.paths import REPORTS
 
 Row = dict[str, object]
 REPEATS = 3
