@@ -1,24 +1,35 @@
-# Targets only dispatch to Python; every command line has --help.
+# Targets only dispatch to `msv2`; every command has --help. Variables become options of the same name.
 PYTHON ?= python3
 RUN := .venv/bin/python
+MSV2 := $(RUN) -m msv2
 TESTS := $(RUN) -m pytest -n auto --dist worksteal
 EXTRAS ?=
 
-option = $(if $($(1)),--$(2) "$($(1))")
-config = $(call option,CONFIG,config) $(foreach set,$(SET),--set "$(set)")
-request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
-	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,EFFECTS,effects) $(call option,OUT,out)
+# A misspelt variable would otherwise be ignored: those of the command line are checked against what the targets use.
+given := $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(name)))
+ifneq ($(filter-out MAKEFLAGS SHELL -%,$(given)),)
+complaint := $(shell $(PYTHON) msv2/cli/make_variables.py $(MAKECMDGOALS) -- $(filter-out MAKEFLAGS SHELL -%,$(given)))
+ifneq ($(complaint),)
+$(error $(complaint))
+endif
+endif
 
-eyes = $(if $(filter-out 0,$(STEREO)),--stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
+option = $(if $($(1)),--$(2) "$($(1))")
+switch = $(if $(filter-out 0,$($(1))),--$(2))
+request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
+	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
+eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
+config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested demo render frame sim synth perf report-area report-energy report-performance report train tables-training table-ecc table-effects tradeoff bench results stability docs test test-long lint
+.PHONY: help setup base tested documented demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,metrics,cuda
+setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,cluster,metrics,cuda,docs
 	@$(PYTHON) msv2/cli/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
 
 base:
@@ -27,71 +38,88 @@ base:
 tested:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras models,synth,dev
 
-demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures
-	@$(RUN) -m msv2.cli.demo $(call option,OUT,out)
+doctor: ## what is missing on this machine, and how to get it
+	@$(or $(wildcard $(RUN)),$(PYTHON)) -m msv2 doctor
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
-	@$(RUN) golden/render.py $(request) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump) $(if $(filter-out 0,$(DEPTH)),--depth)
+demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
+	@$(MSV2) demo $(call option,OUT,out)
 
-frame: base ## a frame through the RTL, compared bit for bit; SCENE= SIZE= CONFIG= SET="NAME=VALUE ..." GAZE=X,Y PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= EFFECTS= MACHINE=scene|full STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right
-	@$(RUN) -m tb.frame $(request) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
-		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) $(call option,LATENCY,latency)
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+
+frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
+	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
+		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) \
+		$(call option,LATENCY,latency) $(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
-	@$(RUN) -m tb.sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
-		$(if $(filter-out 0,$(WAVES)),--waves) $(call option,WAVE_CYCLES,wave-cycles)
+	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
+		$(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N, liberty folder in MSV2_PDK
-	@$(RUN) -m synth $(call option,UNIT,unit) $(config) $(if $(filter-out 0,$(STEREO)),--stereo) \
+synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N OUT=, liberty folder in MSV2_PDK
+	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
+verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT=
+	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out)
+
+study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
+	@$(MSV2) study $(or $(NAME),list) $(ARGS)
+
 report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N RUNS=N MSV2_PDK=
-	@$(RUN) -m msv2.studies area $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs) $(call option,RUNS,runs)
+	@$(MSV2) study area $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs) $(call option,RUNS,runs)
 
 perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
-	@$(RUN) -m msv2.studies model $(if $(filter-out 0,$(RTL)),--rtl)
+	@$(MSV2) study model $(call switch,RTL,rtl)
 
 report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET="NAME=VALUE ..." CLOCK_MHZ= FRAME=frame.json OUT=
-	@$(RUN) -m msv2.studies energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
+	@$(MSV2) study energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
 
 report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
-	@$(RUN) -m msv2.studies performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
 report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
-	@$(RUN) -m msv2.studies report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
+	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
 
-train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= DEVICE= RESUME=1 OUT=
-	@$(RUN) golden/train.py $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
-		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) \
-		$(call option,DEVICE,device) $(if $(filter-out 0,$(RESUME)),--resume) $(call option,OUT,out)
+train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= SEED= DEVICE= RESUME=1 OUT=
+	@$(MSV2) train $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
+		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) $(call option,SEED,seed) \
+		$(call option,DEVICE,device) $(call switch,RESUME,resume) $(call option,OUT,out)
 
 tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" TABLES=pruning,... VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME=
-	@$(RUN) -m msv2.studies training $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
+	@$(MSV2) study training $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
 		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
 
-table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=all|NAME OUT= NAME=
-	@$(RUN) -m msv2.studies threshold $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
+table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= THRESHOLDS= IPD= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=all|NAME OUT= NAME=
+	@$(MSV2) study threshold $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
-		$(if $(filter-out 0,$(TRAIN_V1)),--train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
+		$(call switch,TRAIN_V1,train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
 
 table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET="NAME=VALUE ..." AREA=1 (MSV2_PDK=) OUT=
-	@$(RUN) -m msv2.studies effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(if $(filter-out 0,$(AREA)),--area) $(call option,OUT,out)
+	@$(MSV2) study effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(call switch,AREA,area) $(call option,OUT,out)
 
 tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
-	@$(RUN) -m msv2.studies tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \
-		$(if $(filter-out 0,$(RTL)),--rtl) $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
+	@$(MSV2) study tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \
+		$(call switch,RTL,rtl) $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
 
-bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH
-	@$(RUN) -m msv2.studies speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT=
+	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
 results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
-	@$(RUN) -m msv2.studies results $(call option,ONLY,only) $(call option,UNIT,unit)
+	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
-	@$(RUN) -m msv2.cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(if $(filter-out 0,$(KEEP)),--keep)
+	@$(MSV2) cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-docs: tested ## regenerate the generated pages of docs/
-	@$(RUN) -m msv2.document
+documented:
+	@$(PYTHON) msv2/cli/setup_environment.py --extras docs
+
+docs: documented ## the generated pages of docs/, and the site of all pages and docstrings in build/docs; SITE=0: the pages alone; OUT=
+	@$(MSV2) docs $(if $(filter 0,$(SITE)),,--site) $(call option,OUT,out)
+
+check: tested ## what a change needs at once: ruff, and the tests of spec, commands and rooms
+	@$(RUN) -m ruff check .
+	@$(RUN) -m pytest tests/spec tests/msv2/cli tests/test_import_law.py
 
 test: tested ## the tests, on all cores (minutes)
 	@$(TESTS) -m "not long"

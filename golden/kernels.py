@@ -48,7 +48,8 @@ def compiled(function: Callable | None = None, **options: object) -> Callable:
 @cache
 def kernel_folder(module: str, root: Path = ROOT) -> Path:
     """Where the compiled kernels of a module are kept while its sources are as they are now."""
-    state = fingerprint(sources_of(module, closed=_TOOLS, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
+    sources = sources_of(module, closed=_TOOLS, root=root)
+    state = fingerprint(sources, numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
     folder = cache_folder("kernels", module, state)
     with suppress(OSError):
         os.utime(folder)

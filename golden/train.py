@@ -7,29 +7,28 @@ import sys
 from collections.abc import Sequence
 
 from golden.diff import import_torch
-from golden.scenes.load import EMBEDDED
-from golden.scenes.request import parse_size
+from golden.scenes.request import add_scene_argument, parse_size
+from spec.command_line import add_out_argument, command_parser
 from spec.errors import run_command_line
 
-EXAMPLES = """examples:
-  python golden/train.py                                         the embedded scene, some minutes
-  python golden/train.py fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 % of the PSNR
-  python golden/train.py truck/ --from truck.ply                 prune and foveate a trained model; photographs judge
-  python golden/train.py --baseline smfr --out build/train/smfr  random subsets of the same sizes, to compare with
-  python golden/train.py fern/ --resume                          go on after Ctrl-C or a crash
+EXAMPLES = """\
+examples:
+  %(prog)s                                         the embedded scene, some minutes
+  %(prog)s fern/ --size 504x378 --variant M        a COLMAP folder; L1 may lose 2 % of the PSNR
+  %(prog)s truck/ --from truck.ply                 prune and foveate a trained model; photographs judge
+  %(prog)s --baseline smfr --out build/train/smfr  random subsets of the same sizes, to compare with
+  %(prog)s fern/ --resume                          go on after Ctrl-C or a crash
 
-In the output folder: model.ply (for golden/render.py and make frame), report.md, report.json, log.jsonl, curves.png,
+In the output folder: model.ply (for `msv2 render` and `msv2 frame`), report.md, report.json, log.jsonl, curves.png,
 pictures/ and checkpoints/.
 """
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="golden/train.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("python golden/train.py", __doc__, EXAMPLES)
+    add_scene_argument(parser, "posed photographs: a COLMAP, LLFF, nerfstudio or Blender folder, a transforms.json")
     add = parser.add_argument
-    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
-        help="posed photographs: a COLMAP, LLFF, nerfstudio or Blender folder, a transforms.json; or 'embedded' (default)")
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
     add("--from", dest="source", metavar="DENSE.PLY", help="a trained model instead of dense training")
     add("--baseline", metavar="smfr|mmfr|count|importance",
@@ -43,7 +42,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--seed", type=int, default=0, help="of everything drawn at random (default: 0)")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")
-    add("--out", metavar="DIR", help="output folder (default: build/train/NAME)")
+    add_out_argument(parser, "build/train/NAME")
     return parser.parse_args(argv)
 
 

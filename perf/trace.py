@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -158,6 +158,7 @@ def trace_of(
 
 def trace_request(
     args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
+    render: Callable[[], pipeline.Frame | StereoFrame] | None = None,
 ) -> FrameTrace:
     """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
@@ -166,6 +167,8 @@ def trace_request(
         config: the machine, as it is built; what the frame does not call for is not left out here.
         cache: folder in which traces are kept; None: nothing is.
         request: the resolved arguments, where they are known.
+        render: makes the frame where it is not kept, from the arguments and the machine alone; None: the request is rendered
+            as it is, without a plan of effects.
 
     Raises:
         InputError: see `resolve`.
@@ -176,7 +179,9 @@ def trace_request(
         return found
     begin = work_clock()
     request = request or resolve(args)
-    if getattr(args, "stereo", False):
+    if render is not None:
+        golden = render()
+    elif getattr(args, "stereo", False):
         golden = render_request(args, request, config.with_(stereo=True))
     else:
         golden = pipeline.render(
@@ -188,7 +193,7 @@ def trace_request(
 
 
 _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target")
+            "source", "gaze_target", "effects", "depth", "machine", "pixels")
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
@@ -196,7 +201,8 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
-    machine = (config.formats, config.levels, config.depth, config.support_sigma, config.row_width, config.warp_columns)
+    machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
+               config.support_sigma, config.row_width, config.warp_columns)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 

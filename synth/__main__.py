@@ -1,8 +1,4 @@
-"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds.
-
-    python -m synth --unit pixel_core --tech asap7 --clock-ps 1000
-    python -m synth --config paper --stereo --tech asap7
-"""
+"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds."""
 
 from __future__ import annotations
 
@@ -11,6 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -20,6 +17,13 @@ from synth.area import AreaReport, machine_area
 from synth.hints import SYNTHESISED
 from synth.report import synthesise_unit, write_json
 from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
+
+EXAMPLES = """\
+examples:
+  %(prog)s                                          a pixel core in NAND2 equivalents, without liberty files
+  %(prog)s --unit pixel_core --tech asap7 --clock-ps 1000
+  %(prog)s --config paper --stereo --tech asap7     all units of a machine
+"""
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
 """Number of modules synthesised at a time; each takes a core and up to 1 GB of memory."""
@@ -60,7 +64,7 @@ def _number(value: float | None) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, runs the synthesis and prints the results; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
+    parser = command_parser("python -m synth", __doc__, EXAMPLES)
     parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(SYNTHESISED)} (default: pixel_core)")
     add_config_arguments(parser, None)
     parser.add_argument("--stereo", action="store_true", help="with --config: include the warp unit")

@@ -15,6 +15,7 @@ from pathlib import Path
 from amaranth.lib import wiring
 
 from rtl.units import TOP, UNITS
+from spec.command_line import nearest
 from spec.errors import InputError
 from synth import flow, timing
 from synth.design import Design, elaborate
@@ -38,7 +39,7 @@ def synthesise_unit(
     if name == TOP:
         raise InputError(f"unit {name!r} is synthesised as a machine, unit by unit: give a config instead")
     if name not in SYNTHESISED:
-        raise InputError(f"unit {name!r} is not known: {', '.join(SYNTHESISED)} are")
+        raise InputError(f"unit {name!r} is not known: {', '.join(SYNTHESISED)} are{nearest(name, SYNTHESISED)}")
     unit, config, settings = UNITS[name], config_of(name), Settings(technology, clock_ps, folder, runs=runs)
     settings.check()
     report: dict[str, object] = {"unit": name, "technology": technology, "config": config.name}

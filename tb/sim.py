@@ -1,4 +1,4 @@
-"""`python -m tb.sim --test vrc`: a unit's RTL against the golden renderer."""
+"""`python -m tb.sim`: simulates a unit's RTL and compares it with the golden renderer."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 
+from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_set_argument, changed, choice, parse_sets
 from spec.paths import BUILD
@@ -42,6 +43,14 @@ unit; sorters and what hands over to the array; splat fetch, array and pixel wri
 machine."""
 
 
+EXAMPLES = """\
+examples:
+  %(prog)s --test tmu                             the tile merge unit in every machine
+  %(prog)s --test sort --config small --seed 3   the sorters of one variant, other stimuli
+  %(prog)s --test vrc --waves --wave-cycles 1000:2000
+"""
+
+
 def _variants(test: str) -> list[str]:
     """Names of the machines that a unit, or any, can be tested in."""
     suites = [suite for name, units in UNITS.items() if test in ("all", name) for suite in units.values()]
@@ -49,7 +58,7 @@ def _variants(test: str) -> list[str]:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tb.sim", description="Simulates a unit against the golden renderer.")
+    parser = command_parser("python -m tb.sim", __doc__, EXAMPLES)
     parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(UNITS)}")
     parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
     add_set_argument(parser)

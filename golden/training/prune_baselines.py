@@ -1,4 +1,4 @@
-"""What pruning is compared with: the field's criteria in the same loop, and pruning once to a number of points."""
+"""Baselines of pruning: the field's criteria in the same loop, and pruning once to a given number of points."""
 
 from __future__ import annotations
 
@@ -16,16 +16,23 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 BASELINES = ("count", "importance", "random")
-"""Criteria of efficiency.CRITERIA that look at points, not at what they cost."""
+"""Those of efficiency.CRITERIA that do not consider what a point costs."""
 
 
 def baseline_stage(
     criterion: str, scene: TrainingScene, dense: Gaussians, variant: str = "H", options: PruneOptions | None = None, *,
     seed: int = 0, rates: Mapping[str, float] | None = None,
 ) -> PruneStage:
-    """The loop of `PruneStage`, its gates and its budget, with a baseline's criterion and no scale decay.
+    """The loop of `PruneStage`, with its gates and its budget, but with a baseline's criterion and without scale decay.
 
-    So that models are compared at equal PSNR, and by nothing but how their points were chosen.
+    So models are compared at equal PSNR and differ only in how their points were chosen.
+
+    Args:
+        criterion: one of BASELINES.
+        scene, dense, variant, options, seed, rates: see `PruneStage`.
+
+    Raises:
+        ValueError: the criterion is none of these.
     """
     if criterion not in BASELINES:
         raise ValueError(f"criterion must be one of {BASELINES}, not {criterion!r}")
@@ -34,16 +41,16 @@ def baseline_stage(
 
 
 class OneShotStage(Stage):
-    """Prune once to a number of points, then retrain: how points are pruned without a gate (LightGaussian).
+    """Prunes once to a number of points and then retrains: pruning without a gate, as LightGaussian does it.
 
     Args:
         scene: training views score and train.
         dense: the model to prune.
         criterion: one of efficiency.CRITERIA.
-        points: to keep, 1 to len(dense).
-        iterations: of retraining with 0.8 L1 + 0.2 (1 - SSIM).
-        seed: of random choices and of the order of views.
-        rates: Adam's, by field; None for `retraining_rates`.
+        points: number of points to keep, 1 to len(dense).
+        iterations: number of retraining iterations with the loss 0.8 L1 + 0.2 (1 - SSIM).
+        seed: seed of random choices and of the order of views.
+        rates: Adam's rates by field; None for `retraining_rates`.
     """
 
     def __init__(
@@ -61,11 +68,11 @@ class OneShotStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained."""
+        """The Gaussians in training."""
         return self._training.gaussians
 
     def step(self) -> dict[str, float]:
-        """One iteration of retraining; the prune comes before the first."""
+        """Takes one iteration of retraining; the prune comes before the first."""
         excess = len(self.gaussians) - self._points
         if excess > 0:
             self._training.select(without_lowest(self._scores.measure(self.gaussians), excess))
@@ -78,10 +85,10 @@ class OneShotStage(Stage):
         return self.gaussians.detached()
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """See `Stage`."""
         return {"done": self.done, "training": self._training.state()}
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """See `Stage`."""
         self.done = state["done"]
         self._training.load(state["training"])

@@ -1,4 +1,4 @@
-"""report.md: what report.json holds, for people. Nothing is in it that is not in report.json."""
+"""Writes report.md, which shows the content of report.json for people. It holds nothing that is not in report.json."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """The page."""
+    """The text of report.md."""
     width, height = report["size"]
     views = report["views"]
     parts = [
@@ -61,7 +61,7 @@ def _summary(report: Mapping[str, Any]) -> str:
 
 
 def _doubtful(report: Mapping[str, Any]) -> str:
-    """What to say of views whose poses are in doubt."""
+    """The sentence about views whose poses are in doubt."""
     doubtful, psnr = report["views"]["doubtful"], report["psnr_dense_well_posed"]
     if not doubtful:
         return ""
@@ -70,7 +70,7 @@ def _doubtful(report: Mapping[str, Any]) -> str:
 
 
 def _pictures(pictures: Mapping[str, str]) -> str:
-    """Tables of one row: frames, levels, regions; what there is of them."""
+    """Tables of one row each: frames, levels, regions, as far as there are any."""
     levels = [name for name in pictures if name.startswith("level ")]
     rows = (("reference", "dense", "foveated", "difference"), levels, ("regions",))
     lines = []

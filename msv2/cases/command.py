@@ -19,6 +19,7 @@ from msv2.cases.check import Cell, cell
 from msv2.cases.registry import CASES as SHOT_CASES
 from msv2.cases.report import FaultRow, Result, Row, added, read_record, table, write
 from msv2.cases.streams import MachineCase
+from spec.command_line import choice, command_parser
 from spec.errors import InputError
 from spec.paths import ROOT
 
@@ -32,10 +33,10 @@ EPILOG = """\
 Writes stability.json, stability.md and stability.png. Exit status 1 where a case fails or a seeded fault is not caught.
 
 examples:
-  python -m msv2.cases                                     everything
-  python -m msv2.cases --columns oracle,golden --no-faults    in a minute, without a simulator
-  python -m msv2.cases --case 06-needle-at-the-frustum     one case, everywhere
-  python -m msv2.cases --columns rtl --add                 the machine, beside what other columns gave before
+  %(prog)s                                     everything
+  %(prog)s --columns oracle,golden --no-faults    in a minute, without a simulator
+  %(prog)s --case 06-needle-at-the-frustum     one case, everywhere
+  %(prog)s --columns rtl --add                 the machine, beside what other columns gave before
 """
 
 
@@ -98,8 +99,7 @@ def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("python -m msv2.cases", __doc__, EPILOG)
     parser.add_argument("--case", action="append", metavar="CASE", help="only this one, by id or name; may be given again")
     parser.add_argument("--columns", default=",".join(COLUMNS), help="of oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
@@ -117,9 +117,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         raise InputError(f"columns {', '.join(unknown)} are not accepted: choose of {', '.join(COLUMNS)}")
     names = {name: case for case in CASES for name in (case.name, case.id)}
-    missing = [name for name in args.case or () if name not in names]
-    if missing:
-        raise InputError(f"case {missing[0]!r} is not accepted: choose one of {', '.join(case.id for case in CASES)}")
+    for name in args.case or ():
+        if name not in names:
+            choice("case", name, [case.id for case in CASES])
     chosen = [case for case in CASES if not args.case or {case.name, case.id} & set(args.case)]
     result = run(chosen, columns, not (args.no_faults or args.case), Path(args.out))
     if args.add:

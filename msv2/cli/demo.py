@@ -1,9 +1,7 @@
-"""`python -m msv2.cli.demo`: the main job on the embedded scene, from model to RTL frame, bit-compared, with pictures and a
-table."""
+"""`msv2 demo`: the main job on the embedded scene, from model to RTL frame, bit-compared, with pictures and a table."""
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -24,6 +22,7 @@ from golden.scenes.levels import enhanced_levels
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture, save_png, to_bytes
 from golden.scenes.request import make_folder, write_json
+from spec.command_line import add_out_argument, command_parser
 from spec.config import DEFAULT
 from spec.errors import run_command_line
 from spec.paths import ROOT
@@ -124,9 +123,9 @@ def print_table(full: dict[str, object], foveated: dict[str, object], photo_db: 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when the RTL differs from the golden renderer in any bit."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.cli.demo", description=__doc__)
-    parser.add_argument("--out", default=ROOT / "build" / "demo", metavar="DIR", help="output folder (default: build/demo)")
-    out = make_folder(Path(parser.parse_args(argv).out))
+    parser = command_parser("python -m msv2.cli.demo", __doc__)
+    add_out_argument(parser, "build/demo")
+    out = make_folder(parser.parse_args(argv).out or ROOT / "build" / "demo")
     begin = time.perf_counter()
     print(f"embedded scene, {SIZE[0]}x{SIZE[1]}, machine '{DEFAULT.name}'")
     with step("scene: trace surfaces, make the Gaussian model"):

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import venv
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,11 +38,11 @@ def wanted_state(extras: set[str]) -> dict[str, object]:
     return {"project": project, "python": sys.version.split()[0], "extras": sorted(extras)}
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Create or update the environment."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="msv2 setup", description=__doc__)
     parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"comma-separated, or 'none' (default: {DEFAULT_EXTRAS})")
-    asked = {extra for extra in parser.parse_args().extras.split(",") if extra and extra != "none"}
+    asked = {extra for extra in parser.parse_args(argv).extras.split(",") if extra and extra != "none"}
     installed = json.loads(STAMP.read_text()) if STAMP.exists() else {"extras": []}
     extras = asked | set(installed["extras"])  # never take away what an earlier set-up installed
     if installed == wanted_state(extras):

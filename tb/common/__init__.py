@@ -2,7 +2,7 @@
 
     runner      builds and runs simulations (Verilator under cocotb)
     emission    emitted Verilog, kept
-    codec       arrays of records to bit patterns and files
+    codec       bit patterns to files and back
     patterns    when a port pauses
     playback    a Verilog testbench that plays files into a unit's streams and records what comes out: whole frames
     player      plays recordings through it; recordings is the part in the simulator's process

@@ -1,4 +1,4 @@
-"""Whole arrays of records to bit patterns and back, and to files that Verilog reads and writes."""
+"""Bit patterns to files that Verilog reads and writes, and back; `spec.packing` makes patterns of records."""
 
 from __future__ import annotations
 
@@ -6,48 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.formats import Fixed
-from spec.records import Record
-
 _HEX = np.frombuffer(b"0123456789abcdef", np.uint8)
 _DIGIT = np.full(256, 255, np.uint8)
 _DIGIT[_HEX] = np.arange(16)
-
-
-def encode(record: Record, rows: np.ndarray) -> np.ndarray:
-    """(N, bytes) uint8, little-endian bit patterns of (N,) rows of `record`'s dtype.
-
-    Raises:
-        ValueError: a raw value does not fit its field.
-    """
-    bits = np.empty((len(rows), record.width), np.uint8)
-    offset = 0
-    for f in record.fields:
-        raw = np.asarray(rows[f.name], np.int64).reshape(len(rows), f.count)
-        low, high = f.raw_range
-        wrong = raw[(raw < low) | (raw > high)]
-        if len(wrong):
-            raise ValueError(f"{record.name}.{f.name} must be in {low}..{high}, not {int(wrong[0])!r}")
-        places = raw[:, :, None] >> np.arange(f.format.width) & 1
-        bits[:, offset : offset + f.width] = places.reshape(len(rows), f.width)
-        offset += f.width
-    return np.packbits(bits, axis=1, bitorder="little")
-
-
-def decode(record: Record, patterns: np.ndarray) -> np.ndarray:
-    """(N,) rows of `record`'s dtype from (N, bytes) uint8 little-endian bit patterns."""
-    bits = np.unpackbits(patterns, axis=1, bitorder="little", count=record.width)
-    rows = np.empty(len(patterns), record.dtype)
-    offset = 0
-    for f in record.fields:
-        width = f.format.width
-        places = bits[:, offset : offset + f.width].reshape(len(rows), f.count, width)
-        raw = (places.astype(np.int64) << np.arange(width)).sum(axis=2)
-        if isinstance(f.format, Fixed):
-            raw = f.format.from_bits(raw)
-        rows[f.name] = raw if f.count > 1 else raw[:, 0]
-        offset += f.width
-    return rows
 
 
 def write_hex(path: Path, patterns: np.ndarray) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spec.packing import pack, unpack
 from tb.common import codec
 from tb.common.patterns import Pattern
 from tb.common.playback import ERRORS, Playback
@@ -101,7 +102,7 @@ def play(
 def _write_stimuli(playback: Playback, run: Run, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for stream in playback.inputs:
-        codec.write_hex(folder / f"{stream.name}.hex", codec.encode(stream.record, run.inputs[stream.name]))
+        codec.write_hex(folder / f"{stream.name}.hex", pack(stream.record, run.inputs[stream.name]))
     for stream in (*playback.inputs, *playback.outputs):
         pattern, seed = run.patterns.get(stream.name, (Pattern.NEVER, 0))
         (folder / f"{stream.name}.pauses").write_text("\n".join(str(int(p)) for p in pattern.pauses(seed)))
@@ -113,7 +114,7 @@ def _read(playback: Playback, run: Run, result: dict, folder: Path) -> Recording
         outputs = {stream.name: np.empty(0, stream.record.dtype) for stream in playback.outputs}
         return Recording(outputs, errors=(), **numbers)
     outputs = {
-        stream.name: codec.decode(stream.record, codec.read_hex(folder / f"{stream.name}.out", stream.record.width))
+        stream.name: unpack(stream.record, codec.read_hex(folder / f"{stream.name}.out", stream.record.width))
         for stream in playback.outputs}
     errors = tuple(text for bit, text in ERRORS.items() if result["errors"] & bit)
     return Recording(outputs, errors=errors, **numbers)

@@ -15,8 +15,8 @@ from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.formats import Fixed
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, colour_beats, read_data, read_request, splat_view, write_request
+from spec.packing import pack
 from spec.records import INDEX_BITS, Record, gaussian_colour, surviving_splat
-from tb.common import codec
 
 DIRECTIONS = np.array([
     (x, y, z) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)])
@@ -57,7 +57,7 @@ class Case:
     def inputs(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
         """Rows of the streams into the unit; bits of a beat beyond its record are set, and those of a bad beat flipped."""
         record, beats = gaussian_colour(config, self.sh_degree), colour_beats(config, self.sh_degree)
-        patterns = codec.encode(record, np.concatenate(self.records))
+        patterns = pack(record, np.concatenate(self.records))
         bits = np.unpackbits(patterns, axis=1, bitorder="little")
         image = np.ones((len(bits), 8 * BEAT_BYTES * beats), np.uint8)
         image[:, : record.width] = bits[:, : record.width]
@@ -79,7 +79,7 @@ class Case:
         views, place = survivor_views(config, splats, records, self.sh_degree, self.view_shift)
         writes = np.zeros(len(views), write_request(config).dtype)
         writes["beat"], writes["strobe"] = (self.views_base + place) & ((1 << BEAT_BITS) - 1), (1 << WORDS) - 1
-        patterns = codec.encode(splat_view(config), views)
+        patterns = pack(splat_view(config), views)
         writes["word"] = words_of(np.pad(patterns, ((0, 0), (0, BEAT_BYTES - patterns.shape[1]))))
         return {"reads": reads, "writes": writes}
 

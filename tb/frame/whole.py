@@ -20,7 +20,7 @@ from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
-from tb.top.memory import MemorySpeed, beats_log2
+from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun, play_frames
 
 _SHOWN = 10
@@ -65,7 +65,7 @@ def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     begin = time.perf_counter()
-    build(machine.design(beats_log2(run.image.beats)), waves)
+    build(machine.design(), waves)
     build_s = time.perf_counter() - begin
     result, = play_frames(machine, [run], folder, waves=waves, progress=True)
     if not result.done:

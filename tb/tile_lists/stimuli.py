@@ -21,6 +21,7 @@ from spec.memory import (
     tile_setting,
     write_request,
 )
+from spec.packing import pack
 from spec.records import (
     INDEX_BITS,
     Record,
@@ -32,7 +33,6 @@ from spec.records import (
     tile_level,
     tile_use,
 )
-from tb.common import codec
 from tb.tile_lists.device import load_item
 from tb.tile_lists.memory import ADDRESS_BITS
 
@@ -169,10 +169,8 @@ class Case:
 
 def _words(record: Record, rows: np.ndarray, per_beat: int) -> np.ndarray:
     """(beats, WORDS) uint32: so many records a beat, each at the start of its share."""
-    share = np.zeros((-(-len(rows) // per_beat) * per_beat, BEAT_BYTES // per_beat), np.uint8)
-    patterns = codec.encode(record, rows)
-    share[: len(rows), : patterns.shape[1]] = patterns
-    return share.reshape(-1, BEAT_BYTES).view("<u4")
+    share = pack(record, rows, BEAT_BYTES // per_beat)
+    return np.pad(share, ((0, -len(rows) % per_beat), (0, 0))).reshape(-1, BEAT_BYTES).view("<u4")
 
 
 def random_rows(record: Record, rng: np.random.Generator, count: int) -> np.ndarray:

@@ -31,7 +31,7 @@ module tb (
 );
 {wires}
   {module} dut (.clk(clk), .rst(rst){machine});
-  memory #(.BEATS_LOG2({beats_log2}), .ID_BITS({id_bits})) memory (.clk(clk), .rst(rst){memory});
+  memory #(.ID_BITS({id_bits})) memory (.clk(clk), .rst(rst){memory});
 endmodule
 """
 
@@ -59,8 +59,8 @@ class Machine:
         ports = re.findall(r"\b(input|output)\s+(?:wire\s+|reg\s+)?(?:\[(\d+):0\]\s*)?(\w+)", found[0])
         return {name: (way, int(high or 0) + 1) for way, high, name in ports}
 
-    def design(self, beats_log2: int) -> Design:
-        """The machine with a memory of 1 << beats_log2 beats."""
+    def design(self) -> Design:
+        """The machine with a memory, whose size the simulation is told when it starts (`tb.top.memory.plusargs`)."""
         ports = self.ports
         bus = {name: name.removeprefix("m_axi_") for name in sorted(ports) if name.startswith("m_axi_")}
         slave = [*((inner, name) for name, inner in bus.items() if inner not in _IGNORED),
@@ -69,13 +69,13 @@ class Machine:
         driven = {name: ports[name] for name in host} | {name: ("input", bits) for name, bits in SETTINGS.items()}
         driven |= {name: ("output", bits) for name, bits in OBSERVED.items()}
         text = _TB.format(
-            module=MODULE, beats_log2=beats_log2, id_bits=max(ports["m_axi_arid"][1], ports["m_axi_awid"][1]),
+            module=MODULE, id_bits=max(ports["m_axi_arid"][1], ports["m_axi_awid"][1]),
             ports="".join(f",\n  {way} [{bits - 1}:0] {name}" for name, (way, bits) in driven.items()),
             wires="\n".join(f"  wire [{ports[name][1] - 1}:0] {name};" for name in bus),
             machine="".join(f",\n    .{name}({name})" for name in (*host, *bus)),
             memory="".join(f",\n    .{inner}({name})" for inner, name in slave))
         sources = (("dut.v", self.verilog), SOURCE, ("tb.sv", text))
-        return Design(f"{self.name}-{beats_log2}", "tb", sources, ("clk", "rst", *driven), self.apart)
+        return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart)
 
     def bare_design(self) -> Design:
         """The machine alone, every port for Python."""

@@ -18,8 +18,8 @@ ERRORS = {
 }
 """Bits of the memory's `errors`."""
 
-LEAST_LOG2 = 18
-"""Memories have 1 << LEAST_LOG2 beats (8 MiB) or more: frames of small models and of the embedded scene share a build."""
+LEAST_BEATS = 1 << 18
+"""Memories have at least so many beats (8 MiB)."""
 
 _FINEST = 1000  # denominators of bandwidths
 
@@ -59,9 +59,14 @@ class MemorySpeed:
             "pauses": self.pauses, "error_first": self.failing[0], "error_end": self.failing[1]}
 
 
-def beats_log2(beats: int) -> int:
-    """Size of the smallest memory of so many beats."""
-    return max(LEAST_LOG2, (beats - 1).bit_length())
+def memory_beats(beats: int) -> int:
+    """Size of the smallest memory that holds so many beats: a power of two, and LEAST_BEATS or more."""
+    return max(LEAST_BEATS, 1 << (beats - 1).bit_length())
+
+
+def plusargs(folder: Path, beats: int) -> list[str]:
+    """What a simulation of `memory.sv` is started with: the folder of its files, and its size in beats."""
+    return [f"+folder={folder}", f"+beats={beats}"]
 
 
 def broken_rules(errors: int) -> tuple[str, ...]:

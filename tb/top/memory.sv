@@ -5,7 +5,8 @@
 // request or later; a write changes memory when it is answered, so that a master that does not wait for the answer before it
 // reads shows. Reads and writes take turns in the order of their arrival. Ready and answers pause at random in `pauses` of
 // 256 cycles. Contents come from FOLDER/NUMBER.bin at the rise of `load` and go to FOLDER/NUMBER.dump at that of `dump`.
-module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
+// Plusargs: +folder=FOLDER, and +beats=N, the size of memory in beats, so that one build serves scenes of every size.
+module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
   input clk, input rst,
   input [31:0] latency, input [31:0] gain, input [31:0] cost, input [7:0] pauses,
   input [31:0] first_writable, input [31:0] error_first, input [31:0] error_end, input [31:0] watch_first, input [31:0] watch_end,
@@ -22,8 +23,12 @@ module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEU
   output reg [ID_BITS-1:0] bid, output reg [1:0] bresp, output reg bvalid = 0, input bready
 );
   localparam QUEUE = 1 << QUEUE_LOG2, TOP = QUEUE_LOG2;
-  localparam BEATS = 1 << BEATS_LOG2;
-  reg [255:0] cells [0:BEATS-1];
+  integer beats;
+  bit [255:0] cells [];
+  initial begin
+    if (!$value$plusargs("beats=%d", beats)) $fatal(1, "give the size of memory as +beats=N");
+    cells = new [beats];
+  end
   assign rlast = 1;
 
   // Rings: a request enters at `in`, has its turn at `turn`, is answered at `out`.
@@ -43,7 +48,7 @@ module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEU
     integer i;
     for (i = 0; i < 32; i = i + 1) mask[8 * i +: 8] = {8{strobe[i]}};
   endfunction
-  function outside(input [31:0] address); outside = (address >> 5) >= BEATS; endfunction
+  function outside(input [31:0] address); outside = (address >> 5) >= beats; endfunction
   function failing(input [31:0] address);
     failing = outside(address) | (address >= error_first & address < error_end);
   endfunction
@@ -112,7 +117,7 @@ module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEU
         wants_write = 0;
       end
       if (wants_read & credit >= cost) begin
-        read_data[read_turn[TOP-1:0]] = cells[read_address[read_turn[TOP-1:0]][5 +: BEATS_LOG2]];
+        read_data[read_turn[TOP-1:0]] = cells[read_address[read_turn[TOP-1:0]][31:5]];
         read_turn = read_turn + 1;
         credit = credit - cost;
         reads <= reads + 1;
@@ -141,8 +146,8 @@ module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEU
           bresp <= failing(write_address[write_out[TOP-1:0]]) ? 2 : 0;
           writes <= writes + 1;
           if (!failing(write_address[write_out[TOP-1:0]]))
-            cells[write_address[write_out[TOP-1:0]][5 +: BEATS_LOG2]] =
-              (cells[write_address[write_out[TOP-1:0]][5 +: BEATS_LOG2]] & ~mask(write_strobe[write_out[TOP-1:0]]))
+            cells[write_address[write_out[TOP-1:0]][31:5]] =
+              (cells[write_address[write_out[TOP-1:0]][31:5]] & ~mask(write_strobe[write_out[TOP-1:0]]))
               | (write_data[write_out[TOP-1:0]] & mask(write_strobe[write_out[TOP-1:0]]));
           if (write_address[write_out[TOP-1:0]] >= watch_first & write_address[write_out[TOP-1:0]] < watch_end)
             watched <= watched + $countones(write_strobe[write_out[TOP-1:0]]);
@@ -161,17 +166,21 @@ module memory #(parameter BEATS_LOG2 = 16, parameter ID_BITS = 1, parameter QUEU
   string folder, path;
   reg load_before = 0, dump_before = 0;
   integer file, i, count;
+  reg [255:0] beat;
   initial if (!$value$plusargs("folder=%s", folder)) folder = ".";
   always @(posedge clk) begin
     load_before <= load;
     dump_before <= dump;
     if (load & ~load_before) begin
-      if (poison) for (i = 0; i < BEATS; i = i + 1) cells[i] = {8{32'hdeadbeef ^ i}};
+      if (poison) for (i = 0; i < beats; i = i + 1) cells[i] = {8{32'hdeadbeef ^ i}};
       $sformat(path, "%0s/%0d.bin", folder, file_number);
       file = $fopen(path, "rb");
       if (file == 0) $fatal(1, "cannot read %0s", path);
-      count = $fread(cells, file, file_first, file_beats);
-      if (count != 32 * file_beats) $fatal(1, "%0s holds %0d bytes instead of %0d", path, count, 32 * file_beats);
+      for (i = file_first; i < file_first + file_beats; i = i + 1) begin
+        count = $fread(beat, file);
+        if (count != 32) $fatal(1, "%0s ends in beat %0d of %0d", path, i - file_first, file_beats);
+        cells[i] = beat;
+      end
       $fclose(file);
     end
     if (dump & ~dump_before) begin

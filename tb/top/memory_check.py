@@ -19,7 +19,7 @@ from tb.common.runner import CLOCK_NS, Design
 from tb.top.device import OBSERVED, SETTINGS
 from tb.top.memory import SOURCE, MemorySpeed
 
-BEATS_LOG2, ID_BITS = 8, 3
+BEATS, ID_BITS = 256, 3
 
 _MASTER = {
     "awid": ID_BITS, "awaddr": 32, "awlen": 8, "awsize": 3, "awburst": 2, "awvalid": 1, "wdata": 256, "wstrb": 32, "wlast": 1,
@@ -38,7 +38,7 @@ def memory_design() -> Design:
     wires = [f".{name}(axi_{name})" for _, group in bus for name in group]
     wires += [f".{name}({name})" for _, group in plain for name in group]
     text = (f"module tb (input clk, input rst, {', '.join(ports)});\n"
-            f"  memory #(.BEATS_LOG2({BEATS_LOG2}), .ID_BITS({ID_BITS})) memory (.clk(clk), .rst(rst), {', '.join(wires)});\n"
+            f"  memory #(.ID_BITS({ID_BITS})) memory (.clk(clk), .rst(rst), {', '.join(wires)});\n"
             "endmodule\n")
     public = ("clk", "rst", *(f"axi_{name}" for _, group in bus for name in group), *SETTINGS, *OBSERVED)
     return Design("memory", "tb", (SOURCE, ("tb.sv", text)), public)
@@ -65,7 +65,7 @@ async def _reset(dut: object, speed: MemorySpeed, first_writable: int = 0) -> No
 
 
 async def _fill(master: AxiMaster, rng: random.Random) -> bytearray:
-    model = bytearray(rng.randbytes(BEAT_BYTES << BEATS_LOG2))
+    model = bytearray(rng.randbytes(BEAT_BYTES * BEATS))
     for place in range(0, len(model), BEAT_BYTES):
         await master.write(place, bytes(model[place : place + BEAT_BYTES]), awid=rng.randrange(1 << ID_BITS))
     return model
@@ -83,7 +83,7 @@ async def random_traffic(dut: object) -> None:
         channel.set_pause_generator(_sometimes(rng, 0.3))
     model = await _fill(master, rng)
     for _ in range(25):
-        beats = rng.sample(range(1 << BEATS_LOG2), 40)  # what is written meanwhile is not read
+        beats = rng.sample(range(BEATS), 40)  # what is written meanwhile is not read
         jobs = []
         for beat in beats[:20]:
             data, place = rng.randbytes(rng.randint(1, BEAT_BYTES)), BEAT_BYTES * beat
@@ -93,10 +93,10 @@ async def random_traffic(dut: object) -> None:
             place = BEAT_BYTES * beat
             jobs.append(cocotb.start_soon(_expect(master, place, bytes(model[place : place + BEAT_BYTES]), rng)))
         await Combine(*jobs)
-    for beat in range(1 << BEATS_LOG2):
+    for beat in range(BEATS):
         await _expect(master, BEAT_BYTES * beat, bytes(model[BEAT_BYTES * beat : BEAT_BYTES * (beat + 1)]), rng)
     assert int(dut.errors.value) == 0
-    assert int(dut.reads.value) == 25 * 20 + (1 << BEATS_LOG2) and int(dut.writes.value) == 25 * 20 + (1 << BEATS_LOG2)
+    assert int(dut.reads.value) == 25 * 20 + BEATS and int(dut.writes.value) == 25 * 20 + BEATS
 
 
 async def _expect(master: AxiMaster, place: int, wanted: bytes, rng: random.Random) -> None:
@@ -134,7 +134,7 @@ async def latency_and_failing_addresses(dut: object) -> None:
 async def broken_rules(dut: object) -> None:
     """Bursts, odd addresses, places outside memory and writes below `first_writable` are noted."""
     master = _master(dut)
-    for place, size, bit in ((4, 4, 2), (32 << BEATS_LOG2, 32, 4), (96, 32, 8)):
+    for place, size, bit in ((4, 4, 2), (32 * BEATS, 32, 4), (96, 32, 8)):
         await _reset(dut, MemorySpeed(latency=1), 128 if bit == 8 else 0)
         await master.write(128, bytes(32))
         assert int(dut.errors.value) == 0

@@ -14,7 +14,7 @@ from spec.memory import BEAT_BYTES
 from spec.registers import ErrorCode, register_map
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
-from tb.top.memory import MemorySpeed, beats_log2, broken_rules
+from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
 
 
 @dataclass(frozen=True)
@@ -140,10 +140,10 @@ def play_frames(
             the results.
     """
     registers, folder = prepare(runs, folder, progress, watchdog)
-    size = beats_log2(max(run.image.beats for run in runs))
+    beats = memory_beats(max(run.image.beats for run in runs))
     simulate(
-        machine.design(size), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
-        plusargs=[f"+folder={folder}"])
+        machine.design(), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
+        plusargs=plusargs(folder, beats))
     return collect(registers, runs, folder)
 
 

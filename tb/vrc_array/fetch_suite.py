@@ -8,8 +8,9 @@ from golden.msv2_ref.fetch import find_misses
 from rtl.vrc_array.splat_fetch import LATENCY
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
+from spec.packing import pack
 from spec.queues import CACHE_WAYS
-from tb.common import codec, exact
+from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
 from tb.vrc_array.fetch_device import MOST_DELAY, playback
@@ -82,7 +83,7 @@ class Plan:
 
 def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N,) ReadData with the views in their lowest bits and anything above."""
-    patterns = codec.encode(splat_view(config), views)
+    patterns = pack(splat_view(config), views)
     spare = np.zeros((len(views), BEAT_BYTES - patterns.shape[1]), np.uint8)
     words = np.concatenate([patterns, spare], 1).view("<u4").astype(np.int64).reshape(len(views), WORDS)
     words[:, -1] |= rng.integers(0, 1 << BEAT_BYTES * 8 - splat_view(config).width, len(views)) << (

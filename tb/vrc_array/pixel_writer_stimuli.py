@@ -8,8 +8,8 @@ from golden.msv2_ref.frame_memory import displayed
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, display_pixel, frame_pixel, write_request
+from spec.packing import pack
 from spec.records import pixel_row
-from tb.common import codec
 
 
 def random_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
@@ -54,7 +54,7 @@ def rows_of(config: AcceleratorConfig, frame: np.ndarray, rng: np.random.Generat
 def words_of(config: AcceleratorConfig, pixels: np.ndarray, display: bool) -> np.ndarray:
     """(N, words of a pixel) int64 of (N,) FramePixel records, in the format of displays or whole."""
     record, rows = (display_pixel(config), displayed(config, pixels)) if display else (frame_pixel(config), pixels)
-    return codec.encode(record, rows).view("<u4").astype(np.int64)
+    return pack(record, rows).view("<u4").astype(np.int64)
 
 
 def writes_of(config: AcceleratorConfig, frame: np.ndarray, rows: np.ndarray, base: int, display: bool = False) -> np.ndarray:

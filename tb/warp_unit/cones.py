@@ -12,9 +12,9 @@ from PIL import Image
 from golden.metrics.image import psnr_vs
 from spec.config import AcceleratorConfig
 from spec.memory import display_pixel, frame_pixel
+from spec.packing import unpack
 from spec.paths import ROOT
 from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
-from tb.common import codec
 from tb.vrc_array.pixel_writer_stimuli import memory_of
 from tb.warp_unit.stimuli import Source
 
@@ -62,7 +62,7 @@ def psnr_of_cones(config: AcceleratorConfig, folder: Path, writes: np.ndarray, b
     """
     left, right = photographs(folder)
     words, _ = memory_of(writes, base, left.shape[0] * left.shape[1])
-    shown = codec.decode(display_pixel(config), words.astype("<u4").view(np.uint8).reshape(len(words), -1))
+    shown = unpack(display_pixel(config), words.astype("<u4").view(np.uint8).reshape(len(words), -1))
     shown = shown.reshape(left.shape[:2])
     seen = shown["coverage"] > 0
     return {"warped_db": psnr_vs(shown["colour"][seen] / 255.0, right[seen] / 255.0),

@@ -10,6 +10,7 @@ from golden.msv2_ref.warp import WarpedFrame, warp
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, display_pixel, write_request
+from spec.packing import pack
 from spec.stereo import (
     DISPARITY_FRAC,
     DISPARITY_SCALE_BITS,
@@ -17,7 +18,6 @@ from spec.stereo import (
     solid_transmittance,
     warped_tile,
 )
-from tb.common import codec
 from tb.vrc_array.pixel_writer_stimuli import random_pixels
 
 MOST_SCALE = (1 << DISPARITY_SCALE_BITS) - 1
@@ -137,7 +137,7 @@ def writes_of(config: AcceleratorConfig, pixels: np.ndarray, base: int) -> np.nd
     """(N,) WriteRequest items of (H, W) DisplayPixel records, in the order in which the unit completes beats: strip by strip,
     those of a column from the top."""
     height, width = pixels.shape
-    words = codec.encode(display_pixel(config), pixels.reshape(-1)).view("<u4")[:, 0].astype(np.int64)
+    words = pack(display_pixel(config), pixels.reshape(-1)).view("<u4")[:, 0].astype(np.int64)
     y, x = np.divmod(np.arange(height * width), width)
     starts = np.flatnonzero((x == 0) | ((y * width + x) % WORDS == 0))
     ends = np.append(starts[1:], height * width) - 1

@@ -246,8 +246,8 @@ def test_help_and_make_dispatch():
     assert "python golden/train.py fern/ --resume" in text and "--no-opacity-enhancement" in text
     made = output("make", "-n", "train", "SCENE=a b", "VARIANT=M", "FROM=d.ply", "BASELINE=smfr", "SIZE=64x48", "ITERATIONS=50",
                   "DEVICE=cpu", "RESUME=1", "OUT=o")
-    line = next(line for line in made.replace("\\\n", " ").splitlines() if "golden/train.py" in line)
-    args = parse_arguments(shlex.split(line.partition("golden/train.py")[2]))
+    line = next(line for line in made.replace("\\\n", " ").splitlines() if "msv2 train" in line)
+    args = parse_arguments(shlex.split(line.partition("msv2 train")[2]))
     assert (args.scene, args.variant, args.source, args.baseline) == ("a b", "M", "d.ply", "smfr")
     assert (args.size, args.iterations, args.device, args.resume, args.out) == ("64x48", 50, "cpu", True, "o")
 

@@ -7,7 +7,7 @@ import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, Combine
 
-from tb.common.codec import decode, encode
+from spec.packing import pack, unpack
 from tb.common.patterns import Pattern
 from tb.common.streams import Sink, Source
 from tests.helpers.faulty_unit import RECORD
@@ -26,7 +26,7 @@ async def every_pattern(dut):
     cocotb.start_soon(Clock(dut.clk, 1, "ns").start())
     dut.key.value, dut.fault.value = 5, int(os.environ["UNIT_FAULT"])
     left, right = items(1), items(2)
-    expected = encode(RECORD, left) ^ encode(RECORD, right)
+    expected = pack(RECORD, left) ^ pack(RECORD, right)
     expected[:, 0] ^= 5
     for seed, pattern in enumerate(Pattern):
         dut.rst.value = 1
@@ -40,5 +40,5 @@ async def every_pattern(dut):
         taking.cancel()
         await ClockCycles(dut.clk, 1)
         assert [source.sent for source in sources] == [40, 40]
-        rows = decode(RECORD, expected)
+        rows = unpack(RECORD, expected)
         assert [RECORD.pack(row) for row in sink.rows] == [RECORD.pack(row) for row in rows], pattern

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spec.packing import pack, unpack
 from synth.power.simulate import Counts, Simulation
-from tb.common import codec
 from tb.common.playback import Playback, Stream
 from tb.common.player import Run
 
@@ -61,7 +61,7 @@ class _Source:
 
     def __init__(self, simulation: Simulation, stream: Stream, rows: np.ndarray):
         self._simulation, self._name = simulation, stream.name
-        patterns = codec.encode(stream.record, rows)
+        patterns = pack(stream.record, rows)
         self._bits = np.unpackbits(patterns, axis=1, bitorder="little", count=stream.record.width)
         self.moved, self._due, self._asked = 0, None, deque()
 
@@ -112,7 +112,7 @@ class _Sink:
     def rows(self) -> np.ndarray:
         record = self._stream.record
         bits = np.array(self._taken, np.uint8).reshape(-1, record.width)
-        return codec.decode(record, np.packbits(bits, axis=1, bitorder="little"))
+        return unpack(record, np.packbits(bits, axis=1, bitorder="little"))
 
 
 def start(simulation: Simulation, playback: Playback, run: Run, constants: Mapping[str, int], strobe: str | None) -> None:

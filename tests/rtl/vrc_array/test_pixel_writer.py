@@ -16,8 +16,8 @@ from rtl.units import emit
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import TINY
 from spec.memory import BEAT_BITS, WORDS, display_pixel, frame_pixel, write_request
+from spec.packing import unpack
 from spec.records import pixel_row
-from tb.common import codec
 from tb.common.exact import problems
 from tb.vrc_array import pixel_writer_suite
 from tb.vrc_array.pixel_writer_stimuli import memory_of, random_pixels, rows_of, writes_of
@@ -69,7 +69,7 @@ def test_memory_has_every_pixel_once_and_nothing_else(tiny, width, height, displ
     record = (display_pixel if display else frame_pixel)(TINY)
     words, times = memory_of(outcome.recordings[name].outputs["writes"], base, width * height * record.width // 32)
     assert (times == 1).all()
-    got, n = codec.decode(record, words.astype("<u4").view(np.uint8).reshape(width * height, -1)), TINY.formats
+    got, n = unpack(record, words.astype("<u4").view(np.uint8).reshape(width * height, -1)), TINY.formats
     for row in rows:
         y, x = row["tile_y"] * 16 + row["row"], row["tile_x"] * 16 + row["column"]
         for lane in range(TINY.cores_x):

@@ -26,8 +26,8 @@ from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import PAPER, TINY
 from spec.constants import TILE
 from spec.memory import display_pixel, write_request
+from spec.packing import unpack
 from spec.stereo import warped_tile
-from tb.common import codec
 from tb.common.exact import problems
 from tb.vrc_array.pixel_writer_stimuli import memory_of
 from tb.warp_unit import suite
@@ -112,7 +112,7 @@ def test_beats_hold_the_golden_pixels():
     rng = np.random.default_rng(0)
     pixels = anything(STEREO, rng, 21, 19).warped(STEREO).pixels
     words, times = memory_of(writes_of(STEREO, pixels, 77), 77, pixels.size)
-    got = codec.decode(display_pixel(STEREO), words.astype("<u4").view(np.uint8).reshape(pixels.size, -1))
+    got = unpack(display_pixel(STEREO), words.astype("<u4").view(np.uint8).reshape(pixels.size, -1))
     assert (times == 1).all() and np.array_equal(got, pixels.reshape(-1))
 
 

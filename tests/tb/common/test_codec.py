@@ -6,8 +6,9 @@ import pytest
 from spec.config import TINY
 from spec.errors import InputError
 from spec.formats import SQ, UQ
+from spec.packing import pack, unpack
 from spec.records import RECORDS, Field, Record
-from tb.common.codec import decode, encode, read_hex, write_hex
+from tb.common.codec import read_hex, write_hex
 from tb.common.patterns import PERIOD, Pattern, pattern_by_name
 
 
@@ -24,9 +25,9 @@ def random_rows(record: Record, count: int, seed: int = 0) -> np.ndarray:
 def test_whole_arrays_pack_as_single_rows_do(make, tmp_path):
     record = make(TINY)
     rows = random_rows(record, 20)
-    patterns = encode(record, rows)
+    patterns = pack(record, rows)
     assert [int.from_bytes(p.tobytes(), "little") for p in patterns] == [record.pack(row) for row in rows]
-    assert (decode(record, patterns) == rows).all()
+    assert (unpack(record, patterns) == rows).all()
     write_hex(tmp_path / "rows.hex", patterns)
     lines = (tmp_path / "rows.hex").read_text().split()
     assert [int(line, 16) for line in lines] == [record.pack(row) for row in rows]
@@ -57,7 +58,7 @@ def test_an_empty_file_has_no_rows(tmp_path):
 def test_values_that_do_not_fit_are_refused(value):
     record = Record("R", "", (Field("a", SQ(3, 0), ""), Field("b", UQ(2, 0), "")))
     with pytest.raises(ValueError, match=rf"R\.a must be in -8\.\.7, not {value}"):
-        encode(record, np.array([(value, 0)], [("a", np.int64), ("b", np.int64)]))
+        pack(record, np.array([(value, 0)], [("a", np.int64), ("b", np.int64)]))
 
 
 @pytest.mark.parametrize("pattern", Pattern)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from spec.packing import pack, unpack
 from tb.common import runner
-from tb.common.codec import decode, encode
 from tb.common.patterns import Pattern
 from tb.common.playback import ERRORS
 from tb.common.player import Run, play
@@ -25,9 +25,9 @@ def run_with(fault: int = 0, pattern: Pattern = Pattern.NEVER, **options) -> Run
 
 
 def expected_rows(run: Run) -> np.ndarray:
-    patterns = encode(RECORD, run.inputs["left"]) ^ encode(RECORD, run.inputs["right"])
+    patterns = pack(RECORD, run.inputs["left"]) ^ pack(RECORD, run.inputs["right"])
     patterns[:, 0] ^= KEY
-    return decode(RECORD, patterns)
+    return unpack(RECORD, patterns)
 
 
 RUNS = {

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from golden.host.memory_image import REGIONS, gaussian_bytes, memory_image, page_beats, read_frame
-from golden.host.packing import pack, unpack
 from golden.msv2_ref import pipeline
 from spec.config import CONFIGS, PAPER, TINY
 from spec.formats import Fixed
@@ -17,7 +16,6 @@ from spec.memory import (
     DIRECTORY_SLOTS,
     DISPLAY_PIXEL_BYTES,
     FIRST_PAGE_ENTRIES,
-    MEMORY_RECORDS,
     PIXEL_BYTES,
     colour_beats,
     display_pixel,
@@ -25,7 +23,8 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
-from spec.records import RECORDS, gaussian_colour, gaussian_geometry
+from spec.packing import pack
+from spec.records import gaussian_colour, gaussian_geometry
 from tb.top.check_stereo import stereo_run
 from tb.top.player import setting_writes
 from tb.top.stimuli_stereo import stereo_case, wall
@@ -38,26 +37,6 @@ def random_rows(record, count, seed=0):
         rows[f.name] = rng.integers(*f.raw_range, rows[f.name].shape, endpoint=True)
         rows[f.name][:2] = np.array(f.raw_range).reshape(2, *(1,) * (rows[f.name].ndim - 1))
     return rows
-
-
-@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS], ids=lambda make: make.__name__)
-def test_packing_is_that_of_the_record(make):
-    record = make(TINY)
-    rows, size = random_rows(record, 40), 8 * (-(-record.width // 64) + 1)
-    patterns = pack(record, rows, size)
-    assert [int.from_bytes(row.tobytes(), "little") for row in patterns] == [record.pack(row) for row in rows]
-    assert (unpack(record, patterns) == rows).all()
-
-
-def test_packing_refuses_what_does_not_fit():
-    record = tile_setting(TINY)
-    rows = np.zeros(3, record.dtype)
-    rows["level"][1] = 4
-    with pytest.raises(ValueError, match=r"TileSetting\.level must be in 0\.\.3, not 4"):
-        pack(record, rows, 8)
-    for size in (4, 12, 0):
-        with pytest.raises(ValueError, match=f"not {size}"):
-            pack(record, rows[:1], size)
 
 
 def frame_of(gaze=None, levels=1, sh=0, size=(50, 37), config=TINY, points=300):

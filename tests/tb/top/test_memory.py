@@ -5,12 +5,12 @@ import pytest
 pytest.importorskip("cocotbext.axi")
 
 from tb.common.runner import simulate
-from tb.top.memory import ERRORS, MemorySpeed, beats_log2, broken_rules
-from tb.top.memory_check import memory_design
+from tb.top.memory import ERRORS, MemorySpeed, broken_rules, memory_beats, plusargs
+from tb.top.memory_check import BEATS, memory_design
 
 
 def test_memory_keeps_its_word(tmp_path):
-    simulate(memory_design(), "tb.top.memory_check", tmp_path)
+    simulate(memory_design(), "tb.top.memory_check", tmp_path, plusargs=plusargs(tmp_path, BEATS))
 
 
 def test_bandwidth_becomes_credits():
@@ -19,5 +19,5 @@ def test_bandwidth_becomes_credits():
 
 
 def test_sizes_and_errors():
-    assert [beats_log2(beats) for beats in (1, 1 << 18, (1 << 18) + 1, 1 << 20)] == [18, 18, 19, 20]
+    assert [memory_beats(beats) for beats in (1, 1 << 18, (1 << 18) + 1, 1 << 20)] == [1 << 18, 1 << 18, 1 << 19, 1 << 20]
     assert broken_rules(5) == (ERRORS[1], ERRORS[4]) and broken_rules(0) == ()

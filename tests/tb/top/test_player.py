@@ -9,7 +9,8 @@ from golden.host.memory_image import memory_image, page_beats, read_frame
 from golden.msv2_ref import pipeline
 from spec.config import TINY
 from spec.registers import ErrorCode
-from tb.top.memory import MemorySpeed
+from tb.common import runner
+from tb.top.memory import LEAST_BEATS, MemorySpeed, memory_beats
 from tb.top.player import FrameRun, play_frames
 from tests.helpers.golden_samples import random_model, view
 from tests.helpers.stand_in_machine import MISALIGNS, OVERWRITES, STOPS, STRAYS, WITHDRAWS, WRONG_PIXEL, stand_in
@@ -18,9 +19,9 @@ WIDTH, HEIGHT = 36, 27
 FAST = MemorySpeed(latency=1, bytes_per_cycle=None)
 
 
-def image_of(seed: int, **options):
+def image_of(seed: int, more_beats: int = 0, **options):
     frame = pipeline.render(random_model(np.random.default_rng(seed), 600), view(WIDTH, HEIGHT), config=TINY)
-    entries = page_beats(np.diff(frame.entries.start))
+    entries = page_beats(np.diff(frame.entries.start)) + more_beats
     return memory_image(TINY, frame.words, frame.registers, entries_beats=entries, spill_beats=10, **options)
 
 
@@ -55,6 +56,17 @@ def results(tmp_path_factory):
 def expected(run):
     display = bool(run.image.settings["display"])
     return read_frame(TINY, run.image.contents["geometry"][:BEATS].reshape(-1), WIDTH, HEIGHT, display=display)
+
+
+def test_frames_of_every_size_share_a_build(results, tmp_path, monkeypatch):
+    """A memory twice as large needs no other simulator, and gives the same frame."""
+    large = image_of(1, more_beats=LEAST_BEATS, beta=0)
+    assert memory_beats(large.beats) > memory_beats(FIRST.beats)
+    monkeypatch.setattr(runner, "_build", lambda *_: pytest.fail("a simulator is built anew"))
+    played, = play_frames(stand_in(TINY), [FrameRun("large", large)], tmp_path, watchdog=2000)
+    assert played.done and not played.errors
+    for found, wanted in zip(played.pixels, results["first"].pixels, strict=True):
+        assert np.array_equal(found, wanted)
 
 
 @pytest.mark.parametrize("name", ["first", "second", "for displays", "slow", "far", "pauses", "after the cut"])

@@ -1,4 +1,7 @@
-"""Whole arrays of records to the words of memory and back: millions of rows, a number at a time instead of a bit."""
+"""Converts whole arrays of records to bit patterns and back, one field of all rows at a time: fast for millions of rows.
+
+`Record.pack` and `Record.unpack` do the same for one row as Python's integers.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,14 @@ from spec.records import Record
 _WORD = 64
 
 
+def pattern_bytes(record: Record) -> int:
+    """Bytes that hold a record."""
+    return -(-record.width // 8)
+
+
 def _places(record: Record) -> Iterator[tuple[str, int, Format, int, int]]:
-    """Field, number within it, format, word and bit within the word of every number."""
+    """For every number of a record: its field, its place in the field, its format, its word, and its lowest bit in that
+    word."""
     offset = 0
     for f in record.fields:
         for number in range(f.count):
@@ -21,19 +30,20 @@ def _places(record: Record) -> Iterator[tuple[str, int, Format, int, int]]:
             offset += f.format.width
 
 
-def pack(record: Record, rows: np.ndarray | Mapping[str, np.ndarray], size: int) -> np.ndarray:
-    """(N, size) uint8, little-endian bit patterns of rows of `record`'s dtype; the bits above the record are 0.
+def pack(record: Record, rows: np.ndarray | Mapping[str, np.ndarray], size: int | None = None) -> np.ndarray:
+    """(N, size) uint8, little-endian bit patterns of rows; the bits above the record are 0.
 
     Args:
         record: the layout.
-        rows: (N,) records, or an array of N by field.
-        size: bytes of a row, a multiple of 8 that holds the record.
+        rows: (N,) records that have its fields, or an array of N, or of N times the field's count, by field.
+        size: bytes of a row; None: as few as hold the record.
 
     Raises:
-        ValueError: a raw value does not fit its field, or the size is no such number.
+        ValueError: a raw value does not fit its field, or the record does not fit the size.
     """
-    if size % (_WORD // 8) or 8 * size < record.width:
-        raise ValueError(f"size must be a multiple of 8 bytes and hold {record.width} bits, not {size!r}")
+    size = pattern_bytes(record) if size is None else size
+    if 8 * size < record.width:
+        raise ValueError(f"size must hold {record.width} bits, not {size!r} bytes")
     words: np.ndarray | None = None
     for name, number, form, word, shift in _places(record):
         column = np.asarray(rows[name])
@@ -43,18 +53,30 @@ def pack(record: Record, rows: np.ndarray | Mapping[str, np.ndarray], size: int)
             wrong = column[(column < low) | (column > high)][0]
             raise ValueError(f"{record.name}.{name} must be in {low}..{high}, not {int(wrong)!r}")
         if words is None:
-            words = np.zeros((size * 8 // _WORD, len(column)), "<u8")
+            words = np.zeros((-(-8 * size // _WORD), len(column)), "<u8")
         bits = column.astype(np.int64).astype(np.uint64) & np.uint64((1 << form.width) - 1)
         words[word] |= bits << np.uint64(shift)
         if shift + form.width > _WORD:
             words[word + 1] |= bits >> np.uint64(_WORD - shift)
-    return np.ascontiguousarray(words.T).view(np.uint8)
+    if words is None:
+        raise ValueError(f"{record.name} must have a field to be packed")
+    patterns = np.ascontiguousarray(words.T).view(np.uint8)
+    return patterns if patterns.shape[1] == size else np.ascontiguousarray(patterns[:, :size])
 
 
 def unpack(record: Record, patterns: np.ndarray) -> np.ndarray:
-    """(N,) rows of `record`'s dtype from (N, size) uint8 little-endian bit patterns; `size` a multiple of 8."""
+    """(N,) rows of `record`'s dtype from (N, bytes) uint8 little-endian bit patterns; bits above the record are ignored.
+
+    Raises:
+        ValueError: the patterns are shorter than the record.
+    """
+    count, size = patterns.shape
+    if 8 * size < record.width:
+        raise ValueError(f"patterns must hold {record.width} bits, not {size!r} bytes")
+    if size % (_WORD // 8):
+        patterns = np.pad(patterns, ((0, 0), (0, -size % (_WORD // 8))))
     words = np.ascontiguousarray(patterns).view("<u8")
-    rows = np.empty(len(patterns), record.dtype)
+    rows = np.empty(count, record.dtype)
     for name, number, form, word, shift in _places(record):
         bits = words[:, word] >> np.uint64(shift)
         if shift + form.width > _WORD:

@@ -1,0 +1,57 @@
+"""The table of `msv2`'s commands: what each does and which function does it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of `msv2`.
+
+    Attributes:
+        name: what the user types behind `msv2`.
+        summary: one line for the list of commands.
+        module: where its `main(argv)` is; None where this version does not have the command yet.
+        instead: what to use as long as there is no module.
+    """
+
+    name: str
+    summary: str
+    module: str | None = None
+    instead: str = ""
+
+
+_COMMANDS = (
+    Command("render", "draw a scene with the integer renderer, whose pixels equal the hardware's", "golden.render"),
+    Command("look", "a contact sheet of a scene from eight directions",
+            instead="msv2 render SCENE --camera 0 (and 1 to 7) draws one of eight directions"),
+    Command("frame", "run one frame through the RTL and compare it with the renderer bit for bit", "tb.frame.__main__"),
+    Command("video", "a film along a camera path",
+            instead="msv2 render SCENE --camera FILE draws one camera of a path"),
+    Command("view", "an interactive viewer in the browser",
+            instead="msv2 render SCENE --camera FILE --gaze X,Y draws one frame"),
+    Command("sim", "simulate one unit's RTL against the renderer", "tb.sim"),
+    Command("synth", "synthesise a unit or a whole machine: area and timing", "synth.__main__"),
+    Command("perf", "count the cycles of a frame with the cycle model, in seconds instead of minutes", "perf.__main__"),
+    Command("sweep", "the cycle model over many configurations",
+            instead="msv2 perf SCENE --set NAME=VALUE models one configuration; msv2 study tradeoff compares settings"),
+    Command("train", "train a foveated model from photographs or from a trained model", "golden.train"),
+    Command("cases", "run the hard cases on every engine", "msv2.cases.command"),
+    Command("study", "list or run the experiments and reports", "msv2.studies.__main__"),
+    Command("verilog", "write the machine or one unit as Verilog", "msv2.verilog.command"),
+    Command("demo", "the embedded scene from model to RTL frame, with pictures", "msv2.cli.demo"),
+    Command("docs", "write the generated pages of docs/, and the site", "msv2.document.__main__"),
+    Command("setup", "make or extend the virtual environment of a checkout", "msv2.cli.setup_environment"),
+    Command("doctor", "say what is missing on this machine and how to get it", "msv2.cli.doctor"),
+)
+
+COMMANDS: dict[str, Command] = {command.name: command for command in _COMMANDS}
+"""Commands by name, in the order of the help."""
+
+EXTRAS = {
+    "gsply": "models", "pycolmap": "models", "torch": "train", "matplotlib": "train", "warp": "cuda", "pyosys": "synth",
+    "distributed": "cluster", "dask": "cluster", "viser": "viewer", "odak": "metrics", "lpips": "metrics", "pytest": "dev",
+    "hypothesis": "dev", "apytypes": "dev", "ruff": "dev", "cocotbext": "dev",
+}
+"""The smallest extra of pyproject.toml that brings a package, by the name under which Python imports it."""
