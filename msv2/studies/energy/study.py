@@ -28,9 +28,12 @@ from msv2.studies.scenes import ENERGY, available, places
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
-from spec.paths import REPORTS, ROOT
+from spec.paths import REPORTS, ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
+FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
+"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+
 MACHINE = REPORTS / "machine.json"
 """The report of frames through the RTL with its counters (`make results`)."""
 

@@ -24,9 +24,9 @@ from perf.trace import FrameTrace, load_trace, save_trace, trace_of
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "compared"
+CACHE = cache_folder("compared")
 TWO_EYES = PAPER.with_(stereo=True)
 LEVELS = 4
 

@@ -15,10 +15,11 @@ from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, colour_beats
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
 SIZE = "1920x1080"
-CACHE = ROOT / "build" / "perf" / "traces"
+SCENES = (EMBEDDED, "garden_large", "bonsai")
+CACHE = cache_folder("traces")
 
 
 def full_hd(scenes: tuple[str, ...] = FULL_HD) -> Iterator[dict[str, object]]:
