@@ -43,3 +43,8 @@ def cache_folder(*parts: str) -> Path:
         except RuntimeError:  # a user without a home
             base = Path(tempfile.gettempdir()) / f"msv2-{os.getuid()}"
     return base.joinpath(*parts)
+
+
+def data_folder() -> Path:
+    """The folder of captured scenes that MSV2_DATA names; without it, shared/data beside the checkout."""
+    return Path(os.environ.get("MSV2_DATA") or ROOT.parent / "shared" / "data")

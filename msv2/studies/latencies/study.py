@@ -4,7 +4,7 @@
 
 Each is of the paper's machine, from the transfer of an item to the offer of what comes of it, where nothing else is inside and
 memory answers a request in the next cycle. Where a unit waits for memory, `_request` is the way to the request, `_answer` the
-way from the answer. The README's table of units is made of them by msv2/studies/results/tables.py.
+way from the answer. The table of docs/units.md is made of them by msv2/studies/results/tables.py.
 """
 
 from __future__ import annotations
