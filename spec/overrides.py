@@ -21,7 +21,6 @@ never meet those of another machine.
 from __future__ import annotations
 
 import argparse
-import difflib
 import hashlib
 import tomllib
 import typing
@@ -29,6 +28,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
+from spec import command_line
+from spec.command_line import choice
 from spec.config import CONFIGS, WARP_FILLS, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import NOTATION, Fixed, SmallFloat, parse_format
@@ -48,22 +49,9 @@ NAMES = tuple(_KINDS)
 
 
 def nearest(name: str, accepted: Collection[str]) -> str:
-    """`; did you mean ...?` for a wrong name that resembles an accepted one, otherwise nothing."""
-    inside = [other for other in accepted if len(name) > 2 and (name in other or other in name)]
+    """As `spec.command_line.nearest`; of a format's bare name, the format."""
     format_name = f"{FORMATS}.{name}"
-    found = [format_name] if format_name in accepted else inside or difflib.get_close_matches(name, accepted, n=1)
-    return f"; did you mean {found[0]!r}?" if found else ""
-
-
-def choice(kind: str, name: str, accepted: Collection[str]) -> str:
-    """`name` where it is accepted.
-
-    Raises:
-        InputError: it is not; the message lists what is accepted and the nearest of it.
-    """
-    if name not in accepted:
-        raise InputError(f"{kind} {name!r} is not accepted: choose one of {', '.join(accepted)}{nearest(name, accepted)}")
-    return name
+    return f"; did you mean {format_name!r}?" if format_name in accepted else command_line.nearest(name, accepted)
 
 
 def _refused(name: str, value: object, accepted: str) -> InputError:

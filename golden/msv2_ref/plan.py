@@ -110,17 +110,16 @@ class Work:
                              background=self.request.background, beta=beta, source=frame)
 
 
-def work_for(
-    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False, full: bool = False,
-) -> Work:
-    """Probes the request, prints the plan of its effects and prepares the data.
+def plan_for(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False,
+) -> EffectPlan:
+    """Finds out what the request calls for, and prints it.
 
     Args:
         args: the command line's arguments; `effects`, `depth` and `stereo` are read.
         request: the request resolved from the other arguments.
         config: the machine.
         contention: whether a memory of limited bandwidth is simulated.
-        full: the machine has everything in `config` and inactive effects idle; otherwise they are left out of the machine.
 
     Raises:
         InputError: see `spec.effects.choose_plan`.
@@ -130,9 +129,28 @@ def work_for(
     print("\n".join(plan.lines()))
     if plan.sh_degree > config.sh_degree:
         print(f"config {config.name!r} has harmonics up to degree {config.sh_degree}: those beyond are left out")
+    return plan
+
+
+def planned_machine(plan: EffectPlan, config: AcceleratorConfig, *, full: bool = False) -> AcceleratorConfig:
+    """`config` with what is active and no more; `full`: all of it, where what is not active idles."""
+    machine = plan.machine(config)
+    return config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth) if full else machine
+
+
+def planned_work(request: Request, plan: EffectPlan, config: AcceleratorConfig, *, full: bool = False) -> Work:
+    """The request's data as the plan wants it, for `planned_machine`."""
     begin = work_clock()
     words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
-    machine = plan.machine(config)
-    if full:
-        machine = config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth)
-    return Work(request, plan, machine, words, foveation, work_clock() - begin)
+    return Work(request, plan, planned_machine(plan, config, full=full), words, foveation, work_clock() - begin)
+
+
+def work_for(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False, full: bool = False,
+) -> Work:
+    """The work of a request: `plan_for` and `planned_work`, whose arguments these are.
+
+    Raises:
+        InputError: see `spec.effects.choose_plan`.
+    """
+    return planned_work(request, plan_for(args, request, config, contention=contention), config, full=full)

@@ -10,7 +10,7 @@ from spec.paths import data_folder
 CAPTURED = {
     "truck": "trained/truck.splat", "rock_sh3": "trained/rock_sh3", "garden_large": "trained/garden_large",
     "fern": "posed/fern", "cones": "stereo/cones"}
-"""Place below `spec.paths.data_folder` by name: models that others trained, posed photographs, a pair of photographs with disparities."""
+"""Place below `spec.paths.data_folder` by name: models that others trained, posed photographs, a stereo pair."""
 
 
 def captured_path(name: str) -> Path | None:

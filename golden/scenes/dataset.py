@@ -53,11 +53,6 @@ class Dataset:
         """Indices of the held-out photographs and their cameras."""
         return tuple(range(0, len(self), TEST_EVERY))
 
-    @property
-    def train_views(self) -> tuple[int, ...]:
-        """Indices of the other photographs and their cameras."""
-        return tuple(i for i in range(len(self)) if i % TEST_EVERY)
-
     def photograph(self, index: int) -> np.ndarray:
         """Reads a photograph from disk (again at each call): (height, width, 3) float32 in 0..1, sRGB as stored.
 

@@ -1,4 +1,5 @@
-"""`python -m msv2.cases`: the hard cases on the oracle, the integer renderer, the differentiable one and the machine."""
+"""`python -m msv2.cases`: runs the hard cases on the oracle, the integer renderer, the differentiable renderer and the
+machine."""
 
 from __future__ import annotations
 
@@ -24,10 +25,10 @@ from spec.errors import InputError
 from spec.paths import ROOT
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
-"""Those that renderers run, too, and those of the machine alone."""
+"""The cases that renderers run, and those of the machine alone."""
 
 GRADIENTS = "msv2.cases.gradients"
-"""The differentiable renderer's part, in a process of its own: this one needs no torch."""
+"""The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
 
 EPILOG = """\
 Writes stability.json; the study `stability` makes a page and a picture of it. Exit status 1 where a case fails or a seeded
@@ -42,7 +43,7 @@ examples:
 
 
 class Gradients:
-    """The differentiable renderer's cells and faults, made beside everything else; without torch all cells say so."""
+    """Runs the differentiable renderer's cases and faults in parallel to the others; without torch all its cells say so."""
 
     def __init__(self, cases: Sequence[Case], with_faults: bool, folder: Path):
         self._cases, self._path, self._process = cases, folder / "gradients.json", None
@@ -52,7 +53,7 @@ class Gradients:
             self._process = subprocess.Popen([*command, *["--faults"] * with_faults], cwd=ROOT)
 
     def result(self) -> tuple[dict[str, Cell], list[FaultRow]]:
-        """What came of it, once it is done; RuntimeError where the process failed."""
+        """Waits for the process; returns the cells and faults. Raises RuntimeError where the process failed."""
         if self._process is None:
             return {case.id: Cell("-", words="torch is not installed") for case in self._cases}, []
         if self._process.wait():
@@ -73,7 +74,7 @@ def machine(cases: Sequence[Case], folder: Path) -> dict[str, Cell]:
 
 
 def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder: Path) -> Result:
-    """All that is asked for."""
+    """Runs the chosen cases and faults in the chosen columns."""
     begin = time.perf_counter()
     by_column: dict[str, dict[str, Cell]] = {}
     faults: list[FaultRow] = []
@@ -110,7 +111,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a case fails or a fault is not caught."""
+    """Runs the command line; returns 1 where a case fails or a fault is not caught."""
     args = _arguments(argv)
     columns = args.columns.split(",")
     unknown = [name for name in columns if name not in COLUMNS]

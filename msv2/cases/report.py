@@ -16,14 +16,14 @@ HEADINGS = {"oracle": "oracle", "golden": "golden", "gradient": "gradient", "rtl
 
 @dataclass(frozen=True)
 class Row:
-    """A case and its cells by column; columns that were not run are missing."""
+    """A case and its cells by column; columns that were not run are absent."""
 
     case: Case
     cells: Mapping[str, Cell]
 
     @property
     def failed(self) -> bool:
-        """Some column failed."""
+        """Whether the case failed in some column."""
         return any(cell.outcome == "FAIL" for cell in self.cells.values())
 
     @property
@@ -35,7 +35,7 @@ class Row:
 
 @dataclass(frozen=True)
 class FaultRow:
-    """A seeded fault: whose guard, which case must fail, whether it did, and how."""
+    """A seeded fault: the column whose guard is removed, the case that must fail, whether it did, and its message."""
 
     name: str
     column: str
@@ -46,7 +46,7 @@ class FaultRow:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything."""
+    """All results of a run."""
 
     rows: Sequence[Row]
     faults: Sequence[FaultRow]
@@ -54,17 +54,17 @@ class Result:
 
     @property
     def failed(self) -> int:
-        """Cases that failed in some column."""
+        """Number of cases that failed in some column."""
         return sum(row.failed for row in self.rows)
 
     @property
     def missed(self) -> int:
-        """Faults that no case noticed."""
+        """Number of faults that no case noticed."""
         return sum(not fault.caught for fault in self.faults)
 
     @property
     def record(self) -> dict[str, object]:
-        """stability.json."""
+        """The content of stability.json."""
         return {
             "cases": len(self.rows), "failed": self.failed, "seeded_faults": len(self.faults),
             "seeded_faults_caught": len(self.faults) - self.missed, "columns": list(self.columns),
@@ -76,18 +76,19 @@ class Result:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Those that were run."""
+        """The columns that were run."""
         return tuple(name for name in COLUMNS if any(name in row.cells for row in self.rows))
 
 
 def read_record(folder: Path) -> dict[str, object]:
-    """What stability.json of a folder says; empty where there is none."""
+    """The content of a folder's stability.json; empty where there is none."""
     path = folder / "stability.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def added(cases: Sequence[Case], before: Mapping[str, object], now: Result) -> Result:
-    """A result beside one of before: cells and faults of columns that were not run now stay as they were."""
+    """A new result combined with an earlier one: cells and faults of columns that were not run now are taken from the
+    earlier."""
     new = {row.case.id: row.cells for row in now.rows}
     rows = []
     for case in cases:
@@ -105,7 +106,7 @@ def _error(row: Row) -> str:
 
 
 def table(result: Result) -> list[str]:
-    """The table of the screen."""
+    """The lines of the table for the screen."""
     width = max(len(row.case.id) for row in result.rows)
     lines = [f"{'case':<{width}}  " + "".join(f"{HEADINGS[name]:<10}" for name in result.columns) + "worst error, 1/255"]
     for row in result.rows:
@@ -121,7 +122,7 @@ def table(result: Result) -> list[str]:
 
 
 def summary(result: Result) -> str:
-    """One line."""
+    """A summary in one line."""
     caught = f"; {len(result.faults) - result.missed} of {len(result.faults)} seeded faults caught" if result.faults else ""
     return f"{len(result.rows)} cases, {result.failed} failed{caught}; {result.seconds / 60:.1f} minutes"
 

@@ -13,7 +13,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Lists the studies, or runs the one that the first argument names with the others; returns the exit status.
 
     Raises:
-        InputError: no study is named, or there is none of that name.
+        InputError: no study is named, or there is none of this name.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["list"]:

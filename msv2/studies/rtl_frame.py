@@ -1,4 +1,5 @@
-"""Frames through the RTL by `python -m tb.frame`, a process for each frame, kept by everything that they are made of."""
+"""Runs frames through the RTL with `python -m tb.frame`, one process per frame. Results are kept under keys that cover all
+their inputs."""
 
 from __future__ import annotations
 
@@ -23,15 +24,15 @@ COMMAND = "tb.frame.__main__"
 
 
 def frame_sources() -> tuple[Path, ...]:
-    """The files that a frame through the RTL is made of."""
+    """The files on which a frame through the RTL depends."""
     return (*sources_of(COMMAND), ROOT / "tb" / "top" / "memory.sv")
 
 
 def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]:
-    """The numbers of a frame, which is simulated now. `out` also gets the pictures.
+    """Simulates a frame and returns its numbers. The pictures are written to `out`.
 
     Args:
-        scene: as `python -m tb.frame` takes it.
+        scene: the scene argument of `python -m tb.frame`.
         options: the other arguments of that command.
         out: the output folder.
 
@@ -47,7 +48,7 @@ def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]
 
 
 def numbers(folder: Path) -> dict[str, object]:
-    """The numbers of a frame that was simulated before.
+    """The numbers of a frame that was simulated earlier.
 
     Raises:
         InputError: a bit or a counter differs from the golden renderer's.
@@ -59,7 +60,8 @@ def numbers(folder: Path) -> dict[str, object]:
 
 
 def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool = False) -> dict[str, object]:
-    """The numbers of a frame, simulated where `folder` has none of the same scene, options and sources, or where `again`."""
+    """The numbers of a frame. It is simulated if `folder` has none with the same scene, options and sources, or with
+    `again`."""
     path = Path(scene)
     file = (path.stat().st_size, path.stat().st_mtime_ns) if path.exists() else None
     out = folder / f"frame-{fingerprint((), _machine(), scene, file, *options)}"
@@ -67,7 +69,7 @@ def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool 
 
 
 def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Sequence[str]) -> dict[str, object]:
-    """The same of a model and a camera, which are written to files for the command; they count by their contents."""
+    """The same for a model and a camera, which are written to files for the command; the key covers their contents."""
     out = folder / f"frame-{fingerprint((), _machine(), model, camera, *options)}"
     if (out / "frame.json").exists():
         return numbers(out)
@@ -75,7 +77,7 @@ def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Seq
     save_model(model, scene)
     save_camera(camera, seen)
     found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
-    scene.unlink()  # it is large, and made anew wherever it is needed again
+    scene.unlink()  # the file is large and easily made again
     return found
 
 

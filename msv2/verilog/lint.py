@@ -36,6 +36,8 @@ WAIVERS = (
     Waiver("VARHIDDEN", "The functions of such selections name their arguments a, b and s, as ports may be named."),
     Waiver("UNOPTFLAT", "Bits of a vector are assigned from other bits of the same vector; no bit depends on itself, as "
            "Amaranth checks bit by bit when it makes the netlist."),
+    Waiver("UNSIGNED", "A row of comparisons with 0, 1, 2 and so on has one that is constant at its begin."),
+    Waiver("CMPCONST", "A row of comparisons with 0, 1, 2 and so on has one that is constant at its end."),
     Waiver("SYMRSVDWORD", "Ports may have names that are words of C++; Verilator renames them in its own code."),
 )
 """All that is waived. Memories, which are not written by Yosys, need no waiver."""

@@ -44,14 +44,15 @@ def exported(unit: str, config: AcceleratorConfig, prefix: str) -> Exported:
     component = units.named(unit).make(config)
     modules = parse(to_rtlil(component, unit))
     found = [place for module in modules for place in memories.take_out(module, prefix)]
-    outer, = (module for module in modules if module.name == f"\\{unit}")
-    ports = [(name[1:], way, width) for name, way, width in outer.ports()]
-    of_modules, instances = rename(modules, f"\\{unit}", prefix)
-    placed = tuple(Placed(of_modules[one.parent][1:], instances[one.parent][one.instance][1:], one.shape) for one in found)
+    before, = (module.ports() for module in modules if module.name == f"\\{unit}")
+    of_modules, inside = rename(modules, prefix)
+    names = {name[1:]: inside[f"\\{unit}"][name][1:] for name, *_ in before}
+    ports = [(names[name[1:]], way, width) for name, way, width in before]
+    placed = tuple(Placed(of_modules[one.parent][1:], inside[one.parent][one.instance][1:], one.shape) for one in found)
     text = verilog_of("\n".join(module.text() for module in modules), _CLEAN)
     logic = {part[1]: part[0] for part in re.finditer(r"module (\w+)\(.*?^endmodule\n", text, re.DOTALL | re.MULTILINE)}
     shapes: list[Shape] = sorted({one.shape for one in placed})
     return Exported(
-        of_modules[f"\\{unit}"][1:], tuple(ports), tuple(port_notes(component, config, ports)),
+        of_modules[f"\\{unit}"][1:], tuple(ports), tuple(port_notes(component, config, ports, names)),
         {module.name[1:]: logic[module.name[1:]] for module in modules},
         {prefix + shape.module: memories.model(shape, prefix) for shape in shapes}, placed)

@@ -71,19 +71,14 @@ def public_names(module: Module) -> list[str]:
     return [name for name in found if name.startswith("\\")]
 
 
-def rename(modules: list[Module], top: str, prefix: str) -> tuple[dict[str, str], dict[str, dict[str, str]]]:
+def rename(modules: list[Module], prefix: str) -> tuple[dict[str, str], dict[str, dict[str, str]]]:
     """Gives every module, in place, a prefixed name and all that is in it identifiers.
 
     Returns the new names of modules by their old ones, and by module the new names of what is in it.
 
-    Ports of `top` keep their names; ValueError where one of them is no identifier.
     """
     of_modules = {old: f"\\{prefix}{new[1:]}" for old, new in unique(module.name for module in modules).items()}
     inside = {module.name: unique([name for name, *_ in module.ports()] + public_names(module)) for module in modules}
-    outer, = (module for module in modules if module.name == top)
-    escaped = [name for name, *_ in outer.ports() if inside[top][name] != name]
-    if escaped:
-        raise ValueError(f"ports of {top} must be identifiers, not {escaped!r}")
     for module in modules:
         names = inside[module.name]
         for place, item in enumerate(module.items):

@@ -18,18 +18,29 @@ from spec.records import RECORDS, Record
 from spec.stereo import STEREO_RECORDS
 
 HANDSHAKE = (
-    "A stream NAME has NAME__payload and NAME__valid, which its sender drives, and NAME__ready, which its receiver drives.",
-    "An item moves at each rising edge of clk at which valid and ready are high. Once valid is high, valid and payload stay",
-    "as they are until the item has moved; valid does not wait for ready.")
+    "The sender of a stream NAME drives NAME__payload and NAME__valid, its receiver drives NAME__ready.",
+    "An item moves at each rising edge of clk at which valid and ready are high. Once valid is high, valid and",
+    "payload stay as they are until the item has moved; valid does not wait for ready.")
 
 _CLOCKS = {"clk": "clock; everything happens at its rising edge", "rst": "synchronous reset, active high"}
 
 
-def port_notes(component: wiring.Component, config: AcceleratorConfig, ports: list[tuple[str, str, int]]) -> list[str]:
-    """Lines about all ports of a component, whose Verilog ports are `ports`: name, direction and bits each."""
+def port_notes(
+    component: wiring.Component, config: AcceleratorConfig, ports: list[tuple[str, str, int]], names: dict[str, str],
+) -> list[str]:
+    """Lines about all ports of a component.
+
+    Args:
+        component: the unit.
+        config: its configuration.
+        ports: name, direction and bits of its Verilog ports.
+        names: Verilog's name of each port by Amaranth's; they differ where that is a keyword of Verilog.
+    """
     docs, records = _documented(component), _records(config)
     lines = [f"{name}: {way}, {_bits(width)}: {_CLOCKS[name]}" for name, way, width in ports if name in _CLOCKS]
     notes = list(_notes(component.signature, "", docs, records))
+    changed = {old: new for old, new in names.items() if old != new}
+    notes = [(is_stream, [_renamed(line, changed) for line in group]) for is_stream, group in notes]
     if any(is_stream for is_stream, _ in notes):
         lines += ["", *HANDSHAKE]
     together = {pattern[:-1]: text for pattern, text in docs.items() if pattern.endswith("*")}
@@ -79,6 +90,11 @@ def _notes(
             yield True, [f"{path}{several}: {way} stream {of}{doc}", *_fields(payload, records)]
         else:
             yield from _notes(member.signature, f"{path}__", docs, records, flipped=inward)
+
+
+def _renamed(line: str, names: dict[str, str]) -> str:
+    name, colon, rest = line.partition(":")
+    return f"{names.get(name, name)}{colon}{rest}"
 
 
 def _record(shape: object, records: list[tuple[data.StructLayout, Record]]) -> Record | None:

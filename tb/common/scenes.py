@@ -1,4 +1,4 @@
-"""Frames of scenes through the golden renderer: what units meet in earnest."""
+"""Frames of real scenes, rendered by the golden renderer, from which units get realistic stimuli."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ def traced_frame(
 
 @cache
 def traced_frames(config: AcceleratorConfig, size: str, trained: tuple[str, ...] = TRAINED) -> dict[str, Frame]:
-    """Frames by name: of the embedded scene, and of those of the trained ones that are there, without a gaze and with one."""
+    """Frames by name: of the embedded scene and of those trained scenes that are present, each without foveation and, where the
+    configuration has more than one level, with it."""
     gazes = (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]
     paths = filter(None, map(scene_argument, ("embedded", *trained)))
     return dict(traced_frame(config, path, size, *gaze) for path in paths for gaze in gazes)
 
 
 def traced_size(config: AcceleratorConfig, size: str, small: str = "160x96") -> str:
-    """The size of a suite's traced frames: `small` where the machine's rows are."""
+    """The size of a suite's traced frames: `small` where the machine's rows are short, `size` otherwise."""
     return small if config.row_width < 640 else size

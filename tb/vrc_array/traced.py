@@ -1,4 +1,4 @@
-"""Tiles traced from scenes: what the array meets in earnest."""
+"""Tiles of real scenes, as realistic stimuli for the array."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def case_of(frame: Frame, name: str) -> Case:
 
 
 def pick_tiles(case: Case, seed: int, tiles: int = _TILES, entries: int = _ENTRIES) -> Case:
-    """Some tiles of a case, in order: at most so many tiles and entries, chosen by `seed`."""
+    """Some tiles of a case, in order: at most `tiles` tiles with at most `entries` intersections, chosen by `seed`."""
     start = np.concatenate(([0], np.cumsum(case.headers["count"])))
     chosen: list[int] = []
     total = 0
@@ -39,7 +39,7 @@ def pick_tiles(case: Case, seed: int, tiles: int = _TILES, entries: int = _ENTRI
 
 
 def traced_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
-    """Tiles of the embedded scene, and of the trained scenes where they are, with a gaze and without."""
+    """Tiles of the embedded scene and of those trained scenes that are present, with foveation and without."""
     return [pick_tiles(case, seed) for case in _whole_frames(config)]
 
 

@@ -1,4 +1,4 @@
-"""Measure depth and disparities, scene by scene: reports/accuracy_stereo.json and .md."""
+"""Measures the errors of depth and disparities scene by scene, for reports/accuracy_stereo.json and .md."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from spec.errors import run_command_line
 from spec.stereo import DISPARITY_FRAC, reach
 
 BUDGET_PX, BUDGET_SHARE = 1 / 8, 0.999
-"""Disparities must be this close to the oracle's, in this share of the pixels with a depth."""
+"""Disparities must be within BUDGET_PX pixels of the oracle's in at least this share of the pixels that have a depth."""
 
 DEPTH_ERROR = 0.002
-"""Relative error of depth that is counted."""
+"""The report gives the share of pixels whose relative error of depth is at most this."""
 
 
 def disparity_errors(frame: StereoFrame, request: Request) -> tuple[np.ndarray, np.ndarray]:
-    """Of pixels with a depth in both renderers: errors of disparities in pixels, relative errors of depths."""
+    """For the pixels with a depth in both renderers: the errors of disparities in pixels, and the relative errors of depths."""
     exact = render_oracle(request.model, request.camera, foveation=request.foveation, weights="plane")
     records = frame_pixels(frame.source)
     raw = warp.raw_disparity(
@@ -41,7 +41,7 @@ def disparity_errors(frame: StereoFrame, request: Request) -> tuple[np.ndarray, 
 
 
 def measure(request: Request, name: str) -> dict[str, object]:
-    """One row: a request with a gaze."""
+    """One row of the report, for a request with a gaze."""
     camera = request.camera
     pair = stereo_pair(camera, units_per_metre=scene_scale(name, None)[0])
     frame = render_stereo(request.model, pair, config=PAPER.with_(stereo=True), foveation=request.foveation)
@@ -72,7 +72,7 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a view misses the budget."""
+    """Runs the command line; returns 1 when a view misses the budget."""
     rows, args = over_scenes("accuracy_stereo", __doc__, argv, lambda request, scene: [
         measure(with_gaze(request, levels), scene) for levels in (1, MAX_LEVELS)])
     record = {"budget_px": BUDGET_PX, "budget_share": BUDGET_SHARE, "rows": rows}
@@ -81,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def with_gaze(request: Request, levels: int) -> Request:
-    """The request with a gaze in the frame's centre and levels: the model's, or nested random subsets."""
+    """The request with a gaze in the centre of the frame. Its levels are the model's, or nested random subsets."""
     camera, model = request.camera, request.model
     model = smfr_levels(model, levels) if levels > model.levels == 1 else model
     foveation = foveation_map(Display(camera.width, camera.height), (camera.width / 2, camera.height / 2), levels)

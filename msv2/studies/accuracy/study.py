@@ -1,4 +1,4 @@
-"""Measure the integer golden renderer against the float64 oracle, scene by scene: reports/accuracy.json and .md."""
+"""Measures the integer golden renderer against the float64 oracle scene by scene, for reports/accuracy.json and .md."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from msv2.studies.scenes import MODELS
 from spec.config import PAPER
 
 BUDGET_DB = 60.0
-"""The golden renderer must reach this against the oracle, before 8-bit rounding."""
+"""The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding."""
 
 
 def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
-    """One row: golden against oracle on the request's view, with or without a gaze in the centre."""
+    """One row of the report: golden renderer against oracle for the request's camera, with or without a gaze in the centre."""
     camera, model = request.camera, request.model
     display = Display(camera.width, camera.height)
     if gazing:
@@ -38,7 +38,7 @@ def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
     oracle = render_oracle(model, camera, foveation=foveation, weights="plane")
     golden = pipeline.render(model, camera, config=PAPER, foveation=foveation)
     exact = render_oracle(model, camera, foveation=foveation, weights="exact") if gazing else oracle
-    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # beyond, splats may saturate
+    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # farther splats may saturate
     depth_error = np.abs(golden.depth[both] / oracle.depth[both] - 1)
     return {
         "scene": name, "camera": camera.name, "size": [camera.width, camera.height], "gaze": gazing, "splats": len(model),
@@ -110,7 +110,7 @@ def keep(args: argparse.Namespace, name: str, module: str, report: dict[str, obj
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a view misses the budget."""
+    """Runs the command line; returns 1 when a view misses the budget."""
     rows, args = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
         measure(request, scene, gazing) for gazing in (False, True)])
     keep(args, "accuracy", __name__, {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))

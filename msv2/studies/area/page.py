@@ -20,7 +20,7 @@ def _numbers(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) 
 
 
 def page(report: dict) -> str:
-    """The whole page."""
+    """The whole page as Markdown."""
     build = report["builds"]["1ghz"]
     intro = (
         f"Commit {report['commit']}; {build['config']}, two eyes, row width {build['row_width']:,}; {build['node']}, cells "

@@ -1,7 +1,7 @@
 """Area of the paper's machine beside the paper's own numbers: writes reports/area.json, .md and .png.
 
-    python -m msv2.studies area                all builds: an hour; modules with a result in build/synth are not synthesised
-    again python -m msv2.studies area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
+    python -m msv2.studies area                all builds; an hour if build/synth holds no results of modules
+    python -m msv2.studies area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
 
 A build is the machine for two eyes with rows of 1920 pixels; the memories of the warp unit are also reported separately. The
 build `mono` and those of the presets are machines without the warp unit.
@@ -34,7 +34,7 @@ TWO_EYES = PAPER.with_(stereo=True)
 
 @dataclass(frozen=True)
 class Build:
-    """A machine in a technology at a clock, and what its numbers are used for."""
+    """A machine in a technology at a clock, and a description of the use of its numbers."""
 
     config: AcceleratorConfig
     technology: str

@@ -44,43 +44,43 @@ EXAMPLES = """examples:
 
 BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
 SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
-"""Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+"""The effects that have arithmetic of their own in both renderers, each with the effects that are forced to measure it."""
 
 CENTRE = "centre"
 
 RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio", "area_ratio")
-"""Of the RTL, and of its area: all effects but a second eye over those that are called for."""
+"""Ratios of the RTL and of its area: all effects but a second eye, divided by the effects that the frame calls for."""
 
 RUNS = 9
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A scene and where it is looked at: pixels of --size, the centre, or None for no gaze."""
+    """A scene with its gaze: a place in pixels of --size, the centre, or None for no gaze."""
 
     scene: str
     gaze: str | None
 
     @classmethod
     def parse(cls, text: str) -> Frame:
-        """Of "SCENE" or "SCENE@X,Y"."""
+        """The frame that "SCENE" or "SCENE@X,Y" stands for."""
         scene, _, gaze = text.partition("@")
         return cls(scene, gaze or None)
 
     def gaze_at(self, size: str, to: str) -> str:
-        """The gaze in a frame `to` of what is given in one of `size`, both as WxH."""
+        """The gaze in a frame of size `to`, scaled from a frame of size `size`; both sizes are written as WxH."""
         old, new = parse_size(size), parse_size(to)
         at = [edge / 2 for edge in old] if self.gaze == CENTRE else parse_numbers("gaze", self.gaze, 2)
         return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
 
     @property
     def label(self) -> str:
-        """For people."""
+        """A name of the frame for tables."""
         return f"{Path(self.scene).stem}, {'gaze' if self.gaze else 'no gaze'}"
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed and checked command line."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies effects", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
@@ -94,7 +94,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
     parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
     args = parser.parse_args(argv)
-    config_from(args, "default")  # before anything is rendered
+    config_from(args, "default")  # raises for a wrong configuration before anything is rendered
     choice("config", args.area_config, CONFIGS)
     for size in (args.size, args.rtl):
         if size is not None:
@@ -105,7 +105,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
-    """The frame with what it calls for ("auto"), with each effect more by its name, and with all but a second eye ("most")."""
+    """The frame with the effects that it calls for ("auto"), with each further effect, and with all but a second eye
+    ("most")."""
     gaze, levels = (frame.gaze_at(args.size, args.size), 4) if frame.gaze else ("none", None)
     given = SimpleNamespace(
         scene=frame.scene, camera="orbit", size=args.size, gaze=gaze, levels=levels,
@@ -121,14 +122,14 @@ def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
 
 
 def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, float]:
-    """Median CPU seconds of each, taken in turns on one thread.
+    """The median CPU seconds of each variant. The variants run in turn on one thread.
 
     Raises:
-        ValueError: two of them gave different images.
+        ValueError: two variants gave different images.
     """
     threads, parallel.threads = parallel.threads, 1
     try:
-        images = {name: work.render() for name, work in found.items()}  # compiles
+        images = {name: work.render() for name, work in found.items()}  # also compiles the kernels
         for name, image in images.items():
             if not np.array_equal(image.pixels.colour, images["auto"].pixels.colour):
                 raise ValueError(f"images must be equal, not those of auto and {name!r} of {label}")
@@ -144,7 +145,7 @@ def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, f
 
 
 def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -> dict[str, object]:
-    """What is kept of frame.json.
+    """The numbers of frame.json that the report keeps, and the frame's energies.
 
     Raises:
         InputError: the simulation fails.
@@ -158,7 +159,7 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
 
 
 def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None = None) -> dict[str, object]:
-    """One frame's row; its machine's area where `area` measures it."""
+    """The row of one frame, with its machine's area if `area` is given."""
     frame = Frame.parse(text)
     found = works(args, frame)
     seconds = golden_seconds(found, args.runs, frame.label)
@@ -182,7 +183,7 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
 
 
 def table(rows: list[dict[str, object]]) -> str:
-    """The rows as Markdown."""
+    """The rows as a Markdown table."""
     head = ["frame", "called for", "auto, ms", *(f"+ {name}" for name in SINGLE), "all but a second eye", "golden", "cycles",
             "energy", "simulation", "area", "area, mm^2"]
     cells = []
@@ -197,14 +198,14 @@ def table(rows: list[dict[str, object]]) -> str:
 
 
 def area_table(areas: Mapping[str, EffectArea]) -> str:
-    """Areas of effects as Markdown."""
+    """The areas of effects as a Markdown table."""
     return page.table(["effect", "with it, mm^2", "without it", "its own", "share"], [
         [effect, f"{a.with_mm2:.3f}", f"{a.without_mm2:.3f}", f"{a.mm2:z.3f}", f"{a.share:z.1%}"]
         for effect, a in areas.items()])
 
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
-    """Bars of what each frame saves, in times; nothing where matplotlib is not installed."""
+    """Draws bars of the ratios by which each frame saves. Does nothing without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -230,11 +231,11 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     out = make_folder(args.out)
     area = measure_in(ROOT / "build" / "synth") if args.area else None
-    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first: they need what may be absent
+    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first, because its tools may be missing
     rows = [measure(args, text, out, area) for text in args.scenes]
     kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
     report = {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})}

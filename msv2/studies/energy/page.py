@@ -13,7 +13,7 @@ OTHERS = (
      "source": "0.219 W at 129 frames/s; chip only",
      "differs": "node; a model compressed 51.6 times (-0.74 dB); a chip, with wires and a clock tree"},
 )
-"""Published energies of a frame, and why they are not like for like."""
+"""Published energies of a frame, with the reasons why they are not like for like."""
 
 _COLUMNS = (*CHIP, "dram", "assumed")
 _SHOWN = 9
@@ -69,7 +69,7 @@ def _name(frame: dict[str, object]) -> str:
 
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
-    """Bars of the frames: their energy by part, and the chip's by unit; False where matplotlib is not installed."""
+    """Draws bars of the frames' energies by part, and of the chip's by unit. Returns False without matplotlib."""
     try:
         import matplotlib
     except ImportError:

@@ -1,8 +1,8 @@
-"""`python -m msv2.studies energy`: energy of frames, by unit, with what it rests on, into reports/energy.{json,md,png}.
+"""`python -m msv2.studies energy`: the energy of frames by unit, with its sources, for reports/energy.{json,md,png}.
 
-Operations and cycles of a frame are the cycle model's, or the RTL's own counters: of frame.json as `python -m tb.frame` writes
-it, and of the frames in reports/machine.json. What an operation costs is in reports/energy_per_operation.json, which
-`python -m msv2.studies energy_per_operation` measures.
+The operations and cycles of a frame come from the cycle model or from the RTL's own counters. The counters are read from a
+frame.json that `python -m tb.frame` wrote, and from the frames in reports/machine.json. The energies of operations are in
+reports/energy_per_operation.json, which `python -m msv2.studies energy_per_operation` measures.
 
 examples:
   python -m msv2.studies energy                                     the embedded scene, garden_large where MSV2_DATA has it,
@@ -28,11 +28,14 @@ from msv2.studies.scenes import ENERGY, available, places
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
-from spec.paths import REPORTS, ROOT
+from spec.paths import REPORTS, ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
+FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
+"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+
 MACHINE = REPORTS / "machine.json"
-"""Frames through the RTL, with its counters (`make results`)."""
+"""The report of frames through the RTL with its counters (`make results`)."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -51,8 +54,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
-    """A frame by the cycle model: what it is, and its energy."""
-    from perf.model import MemoryModel, simulate  # compiled at first use, which counters need not wait for
+    """The energy of a frame by the cycle model, with a description of the frame."""
+    from perf.model import MemoryModel, simulate  # imported here because the kernels are compiled at first use
     from perf.trace import trace_request
 
     config = config_from(args)
@@ -64,19 +67,19 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
 
 
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
-    """A frame through the RTL, by its counters."""
+    """The energy of a frame through the RTL, by its counters."""
     counts, config = counter_counts(frame), recorded_config(frame)
     report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
 
 
 def counted_cycles(frame: Mapping[str, object]) -> int:
-    """Length of a frame through the RTL, without what a reset before it clears."""
+    """The length of a frame through the RTL, without the clearing that follows a reset."""
     return sum(frame[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))
 
 
 def read_frames(path: Path) -> list[dict[str, object]]:
-    """The frame of a frame.json; of a report of many, those with all the machine does, at the paper's bandwidth.
+    """The frame of a frame.json, or those frames of a larger report that have merging, pipelining and the paper's bandwidth.
 
     Raises:
         InputError: the file is neither.
@@ -100,7 +103,7 @@ def _frame(
 
 
 def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
-    """The frames that are asked for."""
+    """The requested frames."""
     if args.scene is not None:
         yield args
         return
@@ -109,9 +112,9 @@ def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
-    config_from(args)  # before anything is rendered
+    config_from(args)  # raises for a wrong configuration before anything is rendered
     if not 1 <= args.clock_mhz <= 1e5:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
     take_stereo_arguments(args)
@@ -133,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
-    """Node, source and scaling of the rows' coefficients, each once; rows get `coefficient`, the place there, instead."""
+    """Node, source and scaling of the rows' coefficients, each once. Each row gets an index into this list as `coefficient`."""
     places: dict[tuple[str, str, str], int] = {}
     for frame in frames:
         for row in frame["rows"]:
@@ -143,7 +146,7 @@ def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
 
 
 def summary(frame: dict[str, object]) -> str:
-    """A line of the printed report."""
+    """The line of a frame in the printed report."""
     width, height = frame["size"]
     energies = ", ".join(f"{name} {frame[key]:.3f} mJ" for name, key in (
         ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))

@@ -1,9 +1,9 @@
-"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, into
+"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, for
 reports/energy_per_operation.json.
 
-Units that a bench plays are simulated gate by gate, with delays, at work of scenes' frames, every output compared. Of the
-others clock and leakage are those of their netlists, and an operation costs the mean of the simulated units by area: the
-default activity. Needs the extra `synth` and the liberty files of MSV2_PDK.
+Units for which there is a test bench are simulated gate by gate, with delays, on the work of real scenes' frames, and every
+output is compared. For the other units, clock energy and leakage come from their netlists, and an operation costs as much per
+area as in the mean of the simulated units. The study needs the extra `synth` and the liberty files of MSV2_PDK.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _key(unit: str, scene: str, args: argparse.Namespace) -> str:
-    """The name of a measurement, by all that it depends on."""
+    """The name of a measurement, which covers everything on which it depends."""
     key = fingerprint([measure.__module__], unit, scene, SIZE, args.clock_ps, flow.version())
     return f"{unit}-{Path(scene).stem or 'still'}-{key}"
 
 
 def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespace) -> list[dict[str, object]]:
-    """Rows of simulated units, scene by scene; of others, one row without a scene."""
+    """The rows of simulated units, one per scene, and of the other units, one row each."""
     rows = []
     for unit in units:
         mapped = None
@@ -86,7 +86,7 @@ def _line(row: dict[str, object]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
     if args.unit and args.unit not in (*WORK, *DEFAULTS):
         raise InputError(f"unit {args.unit!r} is not accepted: choose one of {', '.join((*WORK, *DEFAULTS))}")
@@ -107,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def write_table(path: Path, rows: Sequence[dict[str, object]], scenes: Sequence[str], clock_ps: float) -> None:
-    """The table of a set of measurements."""
+    """Writes the table of a set of measurements."""
     report = {
         "config": PAPER.name,
         "reference": {"cores": PAPER.cores_x * PAPER.cores_y, "culling_units": PAPER.culling_units,
@@ -121,5 +121,5 @@ def write_table(path: Path, rows: Sequence[dict[str, object]], scenes: Sequence[
 
 
 def flop_leakage() -> float:
-    """pW of the library's flip-flop."""
+    """The leakage of the library's flip-flop in pW."""
     return read_cells(find_files(ASAP7), [ASAP7.flop])[ASAP7.flop].leakage

@@ -1,4 +1,5 @@
-"""Is the hardware of two commits the same? Every unit's RTLIL, compared as text, and where that differs, proven in Yosys."""
+"""Compares the hardware of two commits. Every unit's RTLIL is compared as text; where that differs, equivalence is proven in
+Yosys."""
 
 from __future__ import annotations
 
@@ -27,11 +28,11 @@ SAME, PROVEN, DIFFERENT, MISSING = "same text", "proven equivalent", "NOT EQUIVA
 
 
 def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> dict[str, str]:
-    """What became of each unit, by `CONFIG.UNIT`.
+    """The verdict on each unit, by `CONFIG.UNIT`.
 
     Args:
         before, after: RTLIL files by `CONFIG.UNIT`.
-        folder: for what Yosys writes.
+        folder: the folder for Yosys' files.
     """
     found = {}
     for name in tqdm(sorted({*before, *after}), desc="units", unit="unit"):
@@ -46,7 +47,7 @@ def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> d
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a unit is not the same."""
+    """Runs the command line; returns 1 where a unit is not the same."""
     parser = argparse.ArgumentParser(prog="msv2 study run equivalence", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--against", required=True, metavar="COMMIT", help="the commit to compare the present sources with")

@@ -1,7 +1,7 @@
-"""How many units of a scene are a metre: our depth against a metric depth map of the same view.
+"""Finds how many units of a scene are a metre, by comparing the rendered depth with a metric depth map of the same view.
 
-The map is the z depth in metres of a picture of that view, as monocular estimators such as MoGe-2 give it. The scale is the
-median of the ratio metric / ours over the pixels in which both have a depth: units per metre are its reciprocal.
+The map holds the z depth in metres for a picture of that view, as monocular estimators such as MoGe-2 give it. The metres per
+unit are the median of the ratio between the map's and the rendered depth, over the pixels in which both have a depth.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from spec.config import CONFIGS
 from spec.errors import InputError
 
 LEAST_SHARE = 0.01
-"""Of the frame's pixels that must have a depth in both: fewer say nothing of a scene."""
+"""The least share of the frame's pixels that must have a depth in both; fewer would not represent the scene."""
 
 ASPECT_TOLERANCE = 0.02
-"""Largest relative difference of the map's and the frame's aspect ratios: a pixel or two of rounding, no other view."""
+"""Largest relative difference between the aspect ratios of map and frame. It allows a pixel or two of rounding, but not another
+view."""
 
 EXAMPLES = """examples:
   msv2 study run metric_scale scene.ply --camera 0 --depth-map depth.npy
@@ -33,10 +34,11 @@ EXAMPLES = """examples:
 
 
 def load_depth_map(path: Path) -> np.ndarray:
-    """(H, W) float64 metres of a .npy of floats, or of a 16-bit PNG of millimetres; not finite or 0 where there is none.
+    """(H, W) float64 metres, from a .npy file of floats or a 16-bit PNG of millimetres. Pixels without a depth are 0 or not
+    finite.
 
     Raises:
-        InputError: another kind of file, or none.
+        InputError: the file is missing or of another kind.
     """
     try:
         if path.suffix == ".npy":
@@ -57,14 +59,14 @@ def load_depth_map(path: Path) -> np.ndarray:
 
 
 def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
-    """The scale and what it rests on.
+    """The scale, with the number and the share of the pixels that it is based on.
 
     Args:
-        metric: (h, w) z depth in metres; read at the pixels nearest to ours.
+        metric: (h, w) z depth in metres; it is read at the pixels nearest to ours.
         ours: (H, W) z depth in world units, NaN where there is none.
 
     Raises:
-        InputError: another aspect ratio, or hardly a pixel with both depths.
+        InputError: the aspect ratios differ, or too few pixels have both depths.
     """
     (height, width), (rows, columns) = ours.shape, metric.shape
     if abs(columns * height / (rows * width) - 1) > ASPECT_TOLERANCE:
@@ -82,7 +84,7 @@ def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed command line."""
     parser = argparse.ArgumentParser(prog="msv2 study run metric_scale", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
@@ -92,7 +94,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     metric = load_depth_map(Path(args.depth_map))
     request = resolve(args)

@@ -1,10 +1,11 @@
-"""The model beside the RTL: reports/model.json and reports/model.md.
+"""Compares the cycle model with the RTL: reports/model.json and reports/model.md.
 
-    python -m msv2.studies model             frames that the RTL has rendered: reports/frames.json, machine.json, model_rtl.json
-   python -m msv2.studies model --rtl   renders the frames of model_rtl.json through the RTL first (tb.frame; half an hour, but
-                                        finished runs are kept), and one more to time both side by side
+    python -m msv2.studies model         compares the frames that the RTL has rendered: reports/frames.json, machine.json and
+                                         model_rtl.json
+    python -m msv2.studies model --rtl   first renders the frames of model_rtl.json through the RTL (half an hour, but finished
+                                         runs are kept), and one frame more to time RTL and model in turn
 
-Real scenes are looked for in MSV2_DATA; frames whose scene is not there are left out, and named.
+Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from spec.paths import REPORTS, ROOT
 
 BUILD = ROOT / "build" / "perf"
 RTL_REPORTS = ("frames", "machine", "model_rtl")
-"""Reports with frames of the RTL."""
+"""The reports that hold frames of the RTL."""
 
 RTL_FRAMES = (
     "embedded --size 160x96 --config default",
@@ -37,14 +38,14 @@ RTL_FRAMES = (
     "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4",
     "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4",
 )
-"""What the other reports do not have: two eyes, a smaller machine, one without harmonics and levels."""
+"""Frames that the other reports do not have: two eyes, a smaller machine, and one without harmonics and levels."""
 
 TIMED = "embedded --size 128x128 --config paper"
-"""The frame that both are timed with, one behind the other."""
+"""The frame with which RTL and model are timed, one after the other."""
 
 LARGE = "garden_large --size 1920x1080 --gaze 960,540 --levels 4 --config paper --pixels display"
 _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
-"""A frame whose seconds are stated, for the model alone."""
+"""A large frame for which the report states the model's time."""
 
 TIMED_SECONDS = 10.0
 
@@ -73,7 +74,7 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
 
 
 def machine(row: Mapping[str, object]) -> AcceleratorConfig:
-    """The machine of a report's frame: all of its configuration's, or what the frame calls for (tb.frame --machine)."""
+    """The machine of a report's frame: that of its whole configuration, or only what the frame needs (tb.frame --machine)."""
     config = CONFIGS[row["config"]]
     config = config.with_(stereo=True) if "target_cycles" in row else config
     if row.get("machine") != "scene":
@@ -84,7 +85,7 @@ def machine(row: Mapping[str, object]) -> AcceleratorConfig:
 
 
 def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameCycles]:
-    """The model's numbers of a report's frame."""
+    """The trace of a report's frame, and its numbers from the model."""
     config = machine(row)
     trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
     memory = MemoryModel(latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
@@ -93,10 +94,10 @@ def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameC
 
 
 def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]:
-    """A frame's row of the report: both numbers and the relative error, by phase, by stage and in total.
+    """The report's row of a frame: the cycles of RTL and model and the relative error, by phase, by stage and in total.
 
-    A stage's number is the cycles in which something was offered at its input, moved or not. What is cleared once after a reset
-    is left out of both totals.
+    A stage's number is that of the cycles in which something was offered at its input, whether it moved or not. Both totals are
+    without the clearing that follows a reset.
     """
     rtl = {name: int(row[f"{name}_cycles"]) for name in PHASES}
     model = {name: frame.phases[name] for name in PHASES}
@@ -125,7 +126,7 @@ def _error(model: int, rtl: int) -> float:
 
 
 def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
-    """A frame through the RTL, a finished run unless `again`; None where its scene is not there.
+    """A frame through the RTL. A finished run is used unless `again`; None where the scene is missing.
 
     Raises:
         InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
@@ -139,7 +140,7 @@ def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
 
 
 def render_rtl() -> None:
-    """The frames of reports/model_rtl.json, and how fast both are, one behind the other."""
+    """Renders the frames of reports/model_rtl.json and measures the speed of RTL and model."""
     rows, speed = [], side_by_side()
     for line in RTL_FRAMES:
         row = rtl_row(line)
@@ -151,11 +152,11 @@ def render_rtl() -> None:
 
 
 def side_by_side() -> dict[str, object]:
-    """A frame's cycles over seconds of a processor in the RTL's simulator and in the model, on the same machine one behind the
-    other; both run on one processor. The model is repeated for some seconds.
+    """The speeds of the RTL's simulator and of the model, in cycles of a frame per second of processor time. They run one after
+    the other on the same machine, on one processor each. The model is repeated for some seconds.
     """
     row = rtl_row(TIMED, again=True)
-    trace, frame = model_row(row, EMBEDDED)  # compiles or loads the kernels
+    trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
         frame = simulate(trace, CONFIGS[row["config"]], display=False)
@@ -167,7 +168,7 @@ def side_by_side() -> dict[str, object]:
 
 
 def large_frame() -> dict[str, object] | None:
-    """Seconds of a processor for the model of a large foveated frame, its trace at hand; None where its scene is not there."""
+    """Processor seconds of the model for a large foveated frame, without tracing; None where its scene is missing."""
     name, *_ = LARGE.split()
     scene = scene_argument(name)
     if scene is None:
@@ -179,7 +180,7 @@ def large_frame() -> dict[str, object] | None:
 
 
 def frames() -> tuple[list[dict], list[str]]:
-    """Rows of RTL frames that can be modelled here; scenes that are missing."""
+    """The rows of RTL frames that can be modelled here, and the missing scenes."""
     rows, missing = [], []
     for name in RTL_REPORTS:
         path = REPORTS / f"{name}.json"
@@ -190,7 +191,7 @@ def frames() -> tuple[list[dict], list[str]]:
 
 
 def summary(rows: Sequence[Mapping[str, object]]) -> dict[str, object]:
-    """The worst and the mean errors."""
+    """The worst and the mean errors over all frames."""
     totals = [abs(row["total"]["error"]) for row in rows]
     worst = {name: max(abs(row["phases"][name]["error"]) for row in rows) for name in PHASES}
     stages = {}
@@ -216,7 +217,7 @@ def _name(row: Mapping[str, object]) -> str:
 
 
 def markdown(report: Mapping[str, object]) -> str:
-    """The report as tables."""
+    """The report as Markdown tables."""
     s, speed = report["summary"], report["speed"]
     lines = ["# Model against RTL", "", "Made by `python -m msv2.studies model`; docs/performance_model.md explains it.", "",
              f"{s['frames']} frames. Total cycles: worst error {s['model_error_total']:.2%}, mean {s['mean_error_total']:.2%} "
@@ -245,7 +246,7 @@ def markdown(report: Mapping[str, object]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a frame's total misses the goal."""
+    """Runs the command line; returns 1 where a frame's total misses the goal."""
     parser = argparse.ArgumentParser(
         prog="python -m msv2.studies model", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rtl", action="store_true", help="render the frames of reports/model_rtl.json through the RTL first")

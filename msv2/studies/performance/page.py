@@ -1,4 +1,4 @@
-"""The performance report in Markdown; every number is of its JSON."""
+"""The performance report in Markdown. Every number in it comes from the report's JSON."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
 
 def page(content: Mapping, pictures: Sequence[str]) -> str:
-    """All of it."""
+    """The whole page."""
     sections = {
         "The paper and ours": _paper(content), "What was to be reached": _goals(content),
         "Speed over base": _speeds(content, "speedup"),

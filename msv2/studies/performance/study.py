@@ -1,12 +1,12 @@
-"""`python -m msv2.studies performance`: machines on the same frames, beside the paper: performance.{json,md} and
+"""`python -m msv2.studies performance`: compares machines on the same frames, and with the paper: performance.{json,md} and
 performance_*.png.
 
-Areas are those of reports/area.json (`make report-area`), energies of reports/energy_per_operation.json (`python -m
-msv2.studies energy_per_operation`).
+Areas come from reports/area.json (`make report-area`), and energies of operations from reports/energy_per_operation.json
+(`python -m msv2.studies energy_per_operation`).
 
 examples:
-  python -m msv2.studies performance   the embedded scene; those of MSV2_DATA and build/train that are there
-  python -m msv2.studies performance embedded --size 320x180          one scene
+  python -m msv2.studies performance                            the embedded scene, and those of MSV2_DATA and build/train
+  python -m msv2.studies performance embedded --size 320x180    one scene
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from spec.config import PAPER
 from spec.paths import REPORTS, ROOT
 
 SWEPT = ("embedded", "truck", "garden_large")
-"""Scenes whose first view goes through the sweeps and over area."""
+"""Scenes whose first frame is used in the sweeps and in the comparison over area."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -52,7 +52,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None:
-    """Worst error of the cycle model's total against the RTL, as validation found it; None where there is no report."""
+    """The error of the cycle model's total against the RTL, from the validation report; None where it is missing."""
     if not path.is_file():
         return None
     found = json.loads(path.read_text())["summary"]
@@ -60,7 +60,7 @@ def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None
 
 
 def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
-    """A frame's numbers."""
+    """The numbers of a frame."""
     counts = frame.frame.eyes[0].counts
     quartiles = np.percentile(counts, (0, 25, 50, 75, 100))
     base = next(r for r in runs if (r.machine, r.bytes_per_cycle) == (BASE.name, BANDWIDTHS[0]))
@@ -74,13 +74,13 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
 
 
 def timelines(frame: Compared) -> dict[str, FrameCycles]:
-    """A frame on base, with merging, and with all, at the paper's memory."""
+    """A frame's cycles on the base machine, with merging, and on the full machine, at the paper's bandwidth."""
     shown = [m for m in MACHINES if m.merge or m is BASE]
     return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), merge=m.merge, display=True) for m in shown}
 
 
 def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[dict[str, object], dict[str, FrameCycles]]:
-    """The report's numbers, and what the picture of the hand-over is of."""
+    """The report's numbers, and the timelines for the picture of the handover."""
     here, missing = scenes_here()
     found, areas, swept, equal = [], area.load_area(), [], []
     for scene, camera in default_frames(list(scenes) or here):
@@ -118,7 +118,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
     parse_size(args.size)
     hd = args.full_hd == "1" or (args.full_hd is None and not args.scene)

@@ -34,7 +34,7 @@ def default_scenes() -> list[str]:
 
 
 def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tuple[Profiles, dict[str, dict[str, int]]]:
-    """Profiles over all scenes, and each scene's clipped and dropped values."""
+    """Profiles over all scenes, and for each scene the numbers of clipped values and dropped intersections."""
     profiles: Profiles = {}
     clipped = {}
     for scene in scenes:
@@ -51,7 +51,7 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(
         prog="msv2 study run ranges", description=__doc__, epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -10,7 +10,7 @@ SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
 
 
 def model_table(reports: dict[str, dict]) -> str | None:
-    """Model against RTL: in total, by phase, by stage."""
+    """The errors of the model against the RTL: in total, by phase and by stage."""
     if "model" not in reports:
         return None
     s = reports["model"]["summary"]
@@ -22,7 +22,7 @@ def model_table(reports: dict[str, dict]) -> str | None:
 
 
 def presets_table(reports: dict[str, dict]) -> str | None:
-    """The default machine and the presets: what they cost and lose on the scene of the tradeoff."""
+    """The default machine and the presets: their cost and their loss of quality on the scene of the tradeoff study."""
     if "tradeoff" not in reports:
         return None
     rows = []
@@ -38,7 +38,7 @@ def presets_table(reports: dict[str, dict]) -> str | None:
 
 
 def depths_table(reports: dict[str, dict]) -> str | None:
-    """Disparities and depths against the oracle, the worst view of each scene."""
+    """Errors of disparities and depths against the oracle, for the worst camera of each scene."""
     if "accuracy_stereo" not in reports:
         return None
     rows = {}
@@ -53,7 +53,7 @@ def depths_table(reports: dict[str, dict]) -> str | None:
 
 
 def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> str | None:
-    """Two eyes at one threshold: mean over the poses of each scene."""
+    """Frames of two eyes at one threshold: means over the poses of each scene."""
     if "table_ecc" not in reports:
         return None
     rows = []
@@ -81,7 +81,7 @@ def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> st
 
 
 def effects_table(reports: dict[str, dict]) -> str | None:
-    """What frames do not pay for."""
+    """The savings of frames that do not call for all effects."""
     if "effects" not in reports:
         return None
     rows, found = [], reports["effects"]["rows"]
@@ -97,7 +97,7 @@ def effects_table(reports: dict[str, dict]) -> str | None:
 
 
 def effect_areas_table(reports: dict[str, dict]) -> str | None:
-    """Area of each effect that has hardware."""
+    """The area of each effect that has hardware."""
     areas = reports.get("effects", {}).get("areas")
     if not areas:
         return None
@@ -107,7 +107,7 @@ def effect_areas_table(reports: dict[str, dict]) -> str | None:
 
 
 def area_table(reports: dict[str, dict]) -> str | None:
-    """The paper's machine and ours at 16 nm, by part."""
+    """The areas of the paper's machine and of ours at 16 nm, by part."""
     if "area" not in reports:
         return None
     area = reports["area"]
@@ -120,7 +120,7 @@ def area_table(reports: dict[str, dict]) -> str | None:
 
 
 def energy_table(reports: dict[str, dict]) -> str | None:
-    """Energy of frames."""
+    """The energies of frames."""
     if "energy" not in reports:
         return None
     rows = []
@@ -142,7 +142,7 @@ def performance_table(reports: dict[str, dict]) -> str | None:
 
 
 def full_hd_table(reports: dict[str, dict]) -> str | None:
-    """Full HD frames beside a published chip."""
+    """Full HD frames, with a published chip for comparison."""
     if "performance" not in reports:
         return None
     p = reports["performance"]
@@ -164,4 +164,4 @@ REPORT_TABLES = {
     "depths": depths_table, "threshold": threshold_table, "effects_all": effects_table,
     "effect_areas": effect_areas_table,
 }
-"""By name; None where a report is not there."""
+"""The tables by name. A function returns None where its report is missing."""

@@ -39,35 +39,36 @@ from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
 BANDWIDTHS = ("25.6", "unlimited")
-"""Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
+"""Bandwidths in bytes per cycle: that of the paper's memory, and unlimited for a beat read and a beat written in every
+cycle."""
 
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
     "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
     "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
     "latency", "bytes_per_cycle", "cycles_per_s")
-"""What the reports keep of frame.json."""
+"""The fields of frame.json that the reports keep."""
 
 SYNTHESISED = (
     "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
     "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "warp_unit", "axi_master",
     "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed")
-"""Units of the area table."""
+"""The units of the area table."""
 
 SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps",
                   "memory_bits")
 
 
 def run(*command: str) -> None:
-    """Runs one of the project's commands, showing its output; InputError where it fails."""
+    """Runs one of the project's commands and shows its output. Raises InputError where it fails."""
     print(f"$ {' '.join(command)}", flush=True)
     if subprocess.run([sys.executable, *command], cwd=ROOT).returncode:
         raise InputError(f"{' '.join(command)} failed")
 
 
 def measure_frames() -> None:
-    """reports/frames.json: frames of every kind through the machine, every bit compared."""
+    """Writes reports/frames.json: frames of every kind on the machine, with every bit compared."""
     wanted = [(of, merge, pipeline) for view in EXACT for of in (replace(view, gaze=None), view)
               for merge in "10" for pipeline in "10"]
     wanted += [(of, "1", "1") for view in EXACT_LARGE for of in (replace(view, gaze=None), view)]
@@ -78,13 +79,14 @@ def measure_frames() -> None:
 
 
 def measure_machine() -> None:
-    """reports/machine.json: cycles of the paper's machine, and of one that sees nothing, whose points are all culled."""
+    """Writes reports/machine.json: cycles of the paper's machine, also for a camera that sees nothing, so that all points are
+    culled."""
     wanted = [(view, "--config", "paper", "--pixels", "display", "--merge", switch, "--pipeline", switch,
                "--bandwidth", bandwidth)
               for view in SPEED for bandwidth in BANDWIDTHS for switch in "10"]
     away = ROOT / "build" / "results" / "away.json"
     camera = orbit_camera(load_scene("embedded").model, 0, 1, 128, 128)
-    behind = camera.translation - [0, 0, 1e3]  # far in front of the scene, looking away from it
+    behind = camera.translation - [0, 0, 1e3]  # far in front of the scene, and looking away from it
     save_camera(replace(camera, translation=behind, name="away"), away)
     wanted += [(View("rock_sh3", "640x360"), "--config", "paper", "--pixels", "display", "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
@@ -102,13 +104,13 @@ def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
 
 
 def frame_row(view: View, *options: str) -> dict[str, object]:
-    """What is kept of one frame through the machine; one that the same sources have given is not simulated again."""
+    """The kept numbers of one frame on the machine. A frame is not simulated again if its sources have not changed."""
     row = kept_frame(ROOT / "build" / "results", scene_argument(view.scene), ["--machine", "full", *view.arguments, *options])
     return {"scene": view.scene, **{key: row[key] for key in FRAME_KEYS}}
 
 
 def measure_order() -> None:
-    """reports/order.json: inversions of the machine's order in every scene."""
+    """Writes reports/order.json: the inversions in the machine's order, for every scene."""
     rows, out = [], ROOT / "build" / "results" / "order"
     for view, path in available(ORDER):
         run("-m", "msv2.cases.inversions", path, *view.arguments, "--out", str(out))
@@ -117,10 +119,11 @@ def measure_order() -> None:
 
 
 def measure_synthesis(units: Sequence[str] = SYNTHESISED) -> None:
-    """reports/synthesis.json: area and slack of SYNTHESISED in ASAP7, those of `units` made anew; skipped without MSV2_PDK.
+    """Writes reports/synthesis.json: area and slack of SYNTHESISED in ASAP7. Only `units` are measured; skipped without
+    MSV2_PDK.
 
     Raises:
-        InputError: no row is kept of a unit, nor is it made.
+        InputError: a unit is neither measured nor in the report already.
     """
     if "MSV2_PDK" not in os.environ:
         print("skipped: synthesis (MSV2_PDK names no liberty folder)")
@@ -138,7 +141,7 @@ def measure_synthesis(units: Sequence[str] = SYNTHESISED) -> None:
 
 
 def synthesised(unit: str, out: Path) -> dict[str, object]:
-    """What is kept of a unit's synthesis; `out` keeps the rest."""
+    """The kept numbers of a unit's synthesis; other results stay in `out`."""
     run("-m", "synth", "--unit", unit, "--tech", "asap7", "--clock-ps", "1000", "--out", str(out))
     report = json.loads((out / f"{unit}-asap7.json").read_text())
     variants = {name: _numbers(variant) for name, variant in report["variants"].items()}
@@ -151,13 +154,14 @@ def _numbers(report: dict) -> dict:
 
 
 def measure_bench() -> None:
-    """reports/bench.json: the embedded scene, and the truck where it is there."""
+    """Writes reports/bench.json for the embedded scene, and for the truck if it is present."""
     scenes = [path for _, path in available(BENCH)]
     run("-m", "msv2.studies", "speed", *scenes, "--size", BENCH[0].size, "--repeat", "9", "--out", str(REPORTS))
 
 
 def measure_training() -> None:
-    """reports/training.json, .md and .png: the tables of training, of the embedded scene and of captured photographs."""
+    """Writes reports/training.json, .md and .png: the tables of training for the embedded scene and for captured
+    photographs."""
     scenes = filter(None, map(scene_argument, TRAINING))
     run("-m", "msv2.studies", "training", *scenes, "--out", str(REPORTS), "--name", "training")
 
@@ -170,14 +174,14 @@ PARTS = {
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area"),
     "colour": lambda: run("-m", "msv2.studies", "colour"), "bench": measure_bench, "tables": lambda: None,
 }
-"""Of everything, in this order."""
+"""The parts of everything, in this order."""
 
 ON_REQUEST = {"training": measure_training}
-"""What takes hours."""
+"""The parts that take hours, which run on request only."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")

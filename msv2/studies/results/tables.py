@@ -18,24 +18,24 @@ from spec.constants import TILE
 from spec.paths import DOCS, ROOT
 
 AREA_7_TO_16_NM = 1 / 0.31
-"""Area of the same logic at 16 nm over 7 nm (Stillmaker & Baas 2017)."""
+"""Factor of area from 7 nm to 16 nm for the same logic (Stillmaker & Baas 2017)."""
 
 PAPER_CORE_UM2 = 2.74e6 * 0.63 / TILE**2
-"""The paper's array, 63 % of 2.74 mm^2 at 16 nm, per core."""
+"""Area of the paper's array per core: 63 % of 2.74 mm^2 at 16 nm."""
 
 PAPER_SIZE = (1237, 822)
-"""Frame of the paper's datasets at which it states the regions' shares."""
+"""Frame size of the paper's datasets, for which it states the regions' shares."""
 
 Reports = dict[str, dict]
 
 
 def load_reports(folder: Path) -> Reports:
-    """Every report by name."""
+    """All reports, by name."""
     return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
 
 
 def results_table(reports: Reports) -> str:
-    """Paper, ours, and why they differ."""
+    """The paper's numbers, ours, and the reasons for the differences."""
     rows = []
     synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
     if "vrc_row" in synthesis:
@@ -72,7 +72,7 @@ def results_table(reports: Reports) -> str:
 
 
 def _gains(machine: list[dict]) -> list[list[str]]:
-    """Merging and pipelining against the baseline, and how busy what limits a frame is."""
+    """The gain of merging and pipelining over the baseline, and the utilisation of what limits a frame."""
     rows, frames = [], [r for r in machine if r["gaze"]]
     for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
         ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
@@ -93,7 +93,7 @@ def accuracy_table(reports: Reports) -> str:
 
 
 def frames_table(reports: Reports) -> str:
-    """Frames through the machine, a row for the four ways of merging and pipelining."""
+    """Frames on the machine, with a row for the four combinations of merging and pipelining."""
     kinds: dict[tuple, dict[tuple[bool, bool], dict]] = {}
     for r in reports.get("frames", {"rows": []})["rows"]:
         kinds.setdefault((r["scene"], *r["size"], r["levels"] > 1), {})[r["merge"], r["pipeline"]] = r
@@ -111,7 +111,7 @@ def frames_table(reports: Reports) -> str:
 
 
 def machine_table(reports: Reports) -> str:
-    """Merging and pipelining against the baseline, by frame and memory."""
+    """The gain of merging and pipelining over the baseline, by frame and memory."""
     pairs: dict[tuple, dict[bool, dict]] = {}
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["camera"] != "away" and r["gaze"]:
@@ -127,12 +127,13 @@ def machine_table(reports: Reports) -> str:
             f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
             f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
     header = ["foveated frame", "memory, a cycle", "intersections", "spilled in sorting", "geometry cycles",
-              "rendering: baseline", "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
+              "rendering: baseline", "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame",
+              "phases overlapped, at best"]
     return page.table(header, rows)
 
 
 def sorting_table(reports: Reports) -> str:
-    """The sorter alone on scenes' frames: what of them is in groups larger than its buffer, and how fast entries are taken."""
+    """The sorter alone on real scenes' frames: the share of groups beyond its buffer, and how fast intersections are taken."""
     report = reports.get("sorting", {"rows": []})
     rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
              f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
@@ -142,7 +143,7 @@ def sorting_table(reports: Reports) -> str:
 
 
 def culling_table(reports: Reports) -> str:
-    """Points and splats a cycle in the paper's machine, by memory."""
+    """Points and splats per cycle in the paper's machine, by memory."""
     rows = []
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["pipeline"] and (r["camera"] == "away" or r["size"] == [640, 360]):
@@ -160,7 +161,7 @@ def culling_table(reports: Reports) -> str:
 
 
 def order_table(reports: Reports) -> str:
-    """How far the machine's order is from the exact one."""
+    """The differences between the machine's order and the exact one."""
     rows = [[f"{r['scene']}, {'x'.join(map(str, r['size']))}", f"{r['neighbours']:,}", f"{r['machine_inversions']:,}",
              f"{r['equal_keys']:,}", f"{r['float64_inversions']:,}", f"{r['largest_gap']:.1e}", f"{r['changed_pixels']:,}",
              f"{r['max_abs_error']:.4f}"] for r in reports.get("order", {"rows": []})["rows"]]
@@ -170,7 +171,7 @@ def order_table(reports: Reports) -> str:
 
 
 def shared_table(reports: Reports) -> str:
-    """One pipeline at full rate against several units that take turns; all of it is in docs/synthesis.md."""
+    """One pipeline at full rate, compared with several units that take turns. docs/synthesis.md has all details."""
     rows = [[r["part"].replace("_", " "), r["throughput"], f"{r['units']}", f"{r['interval']}", f"{r['operators']:,}",
              f"{r['register_bits']:,}", f"{r['mux_bits']:,}", f"{r['area_um2']:,.0f}"]
             for r in reports.get("culling_area", {"rows": []})["rows"] if r["units"] in (1, 8)]
@@ -179,7 +180,7 @@ def shared_table(reports: Reports) -> str:
 
 
 def time_table(reports: Reports) -> str:
-    """Every renderer's time against its error, from the benchmark; the RTL's from the frames it simulated."""
+    """Time and error of every renderer from the benchmark, and the time of the RTL from the simulated frames."""
     rows = []
     for scene in reports.get("bench", {"scenes": []})["scenes"]:
         size = "x".join(map(str, scene["size"]))

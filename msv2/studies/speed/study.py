@@ -1,9 +1,10 @@
-"""Speed of the renderers side by side: the integer golden, a float32 kernel of the same structure, plain torch.
+"""Compares the speed of three renderers: the integer golden renderer, a float32 kernel of the same structure, and plain torch.
 
-Then training iterations: the differentiable renderer against a plain one in torch.
+It then compares training iterations of the differentiable renderer with those of a plain one in torch.
 
-Everything is warm: kernels compiled, models in each renderer's own form (made once a model, timed apart). The renderers take
-turns, so that a busy machine slows all alike; medians and ratios are what to quote. Nothing is asserted.
+Everything is warm: kernels are compiled, and models are in each renderer's own form, which is made once per model and timed
+apart. The renderers take turns, so that a busy machine slows all of them alike. Medians and ratios are the numbers to quote.
+The study asserts nothing.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ INTEGER, FLOAT, TORCH = "integer golden", "float32 kernel", "per-tile torch"
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed command line."""
     parser = argparse.ArgumentParser(
         prog="python -m msv2.studies speed", description=__doc__, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -58,20 +59,21 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default: 5)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
-    # The opponents render one level on black, so that is what is compared.
+    # The other renderers draw one level on black, so all renderers are compared with that.
     parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)
     return parser.parse_args(argv)
 
 
 def timed(work: Callable[[], object]) -> tuple[float, object]:
-    """(seconds, result) of one call."""
+    """The seconds of a call, and its result."""
     begin = time.perf_counter()
     result = work()
     return time.perf_counter() - begin, result
 
 
 def compare(request: Request, rounds: int) -> dict[str, object]:
-    """One scene's numbers: per renderer seconds by round, PSNR against the oracle, preparation; stages where they exist."""
+    """The numbers of a scene: for each renderer the seconds of every round, the PSNR against the oracle, the preparation time,
+    and the stages where it has them."""
     import torch
 
     from golden.diff import reference
@@ -125,12 +127,12 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
 
 
 def requested(args: argparse.Namespace, scene: str, size: str) -> Request:
-    """A scene's model and view at a frame size."""
+    """The model and the camera of a scene, at a frame size."""
     return resolve(argparse.Namespace(**{**vars(args), "scene": scene, "size": size}))
 
 
 def table(result: dict[str, object]) -> str:
-    """One scene's numbers as Markdown."""
+    """The numbers of a scene as Markdown."""
     width, height = result["size"]
     integer, single = result["stages_s"][INTEGER], result["stages_s"][FLOAT]
     stages = [stage for stage in integer if stage in single]
@@ -145,11 +147,11 @@ def table(result: dict[str, object]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     if args.repeat < 1:
         raise InputError(f"repeat {args.repeat} is not accepted: 1 or more is")
-    import_torch()  # a missing package is told before the work, not after
+    import_torch()  # so that a missing package is reported before the work
     from msv2.studies.speed import training
 
     out = make_folder(args.out)

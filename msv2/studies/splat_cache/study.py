@@ -1,6 +1,7 @@
-"""`python -m msv2.studies splat_cache`: what a cache of splats would miss in scenes' frames, by lines, ways, policy and set.
+"""`python -m msv2.studies splat_cache`: the miss rates of splat caches in frames of real scenes, by lines, ways, policy and
+set.
 
-An entry costs the 8 bytes of its place in the tile's list, and a beat where its splat is not in the cache.
+An intersection costs 8 bytes for its place in the tile's list, and a beat where its splat record is not in the cache.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ from tb.common.scenes import traced_frame
 
 ORGANISATIONS = (
     (1, "-", "low"), (1, "-", "fold"), (2, "fifo", "low"), (2, "lru", "low"), (4, "fifo", "low"), (4, "lru", "low"))
-"""Ways, what is replaced, and what of the index chooses the set: its low bits, or all of it folded together."""
+"""The number of ways, the replacement policy, and which bits of the index choose the set: the low bits, or all bits folded."""
 
 LINES = (64, 256, 512, 1024, 2048, 4096, 8192)
 
 
 def accesses(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Index and level of the views that a frame's entries want, in rendering order, int64 each."""
+    """Index and level of the splat records that a frame's intersections need, in rendering order, each as int64."""
     e = frame.entries
     return e.splat.astype(np.int64), np.repeat(frame.registers.header[:, 0], np.diff(e.start))
 
 
 def table(frame: Frame) -> dict[tuple[int, str, str], list[float]]:
-    """Misses as a share of the accesses, by organisation, for each of LINES."""
+    """The misses as a share of the accesses, for each organisation and each of LINES."""
     index, level = accesses(frame)
     return {
         (ways, policy, place): [
@@ -46,7 +47,7 @@ def table(frame: Frame) -> dict[tuple[int, str, str], list[float]]:
 
 
 def cycles_per_entry(share: float) -> float:
-    """Cycles of the paper's memory for an entry's place in its list and its share of a miss."""
+    """Cycles of the paper's memory for an intersection's place in its list and for its share of misses."""
     return (ENTRY_BYTES + BEAT_BYTES * share) / DRAM_BYTES_PER_CYCLE
 
 

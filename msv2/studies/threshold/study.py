@@ -1,4 +1,5 @@
-"""The threshold of selective warping: quality, tiles, entries and cycles of frames of two eyes, and which one is picked."""
+"""Measures the threshold of selective warping: quality, tiles, intersections and cycles of frames of two eyes, and the
+threshold that follows from them."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
 THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
-"""Where the paper looks: the starts of the regions, 0, 18, 27 and 33 degrees."""
+"""The thresholds of the paper: the starts of the regions, 0, 18, 27 and 33 degrees."""
 
 EXAMPLES = """examples:
   python -m msv2.studies threshold                                        the embedded scene
@@ -36,7 +37,7 @@ OUT/NAME.json, NAME.md and NAME.png.
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed command line."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies threshold", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
@@ -59,10 +60,10 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def chosen_thresholds(text: str) -> tuple[float, ...]:
-    """Ascending degrees.
+    """The thresholds in degrees, in ascending order.
 
     Raises:
-        InputError: a number that is none, or not in 0..180.
+        InputError: a part is not a number in 0..180.
     """
     try:
         values = [float(part) for part in text.split(",")]
@@ -75,7 +76,7 @@ def chosen_thresholds(text: str) -> tuple[float, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; its exit status."""
+    """Runs the command line; returns its exit status."""
     args = parse_arguments(argv)
     thresholds = chosen_thresholds(args.thresholds)
     for name, value in (("IPD", args.ipd), ("units per metre", args.units_per_metre)):
@@ -101,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -> dict[str, Any]:
-    """A scene's record; poses that were measured before are not measured again."""
+    """The record of a scene. Poses that were measured earlier are not measured again."""
     from msv2.studies.kept import fingerprint, kept
     from msv2.studies.threshold.measure import TableWords, measure_pose
     from msv2.studies.threshold.rtl import rtl_pose
@@ -140,7 +141,7 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
 
 
 def write(out: Path, args: argparse.Namespace, records: list[dict[str, Any]]) -> None:
-    """The files, of the scenes so far; the plot where matplotlib is installed."""
+    """Writes the files for the scenes so far; the plot only where matplotlib is installed."""
     from msv2.studies.threshold.plot import save_plot
     from msv2.studies.threshold.summary import over_poses, picked, rendered
     from msv2.studies.threshold.text import markdown

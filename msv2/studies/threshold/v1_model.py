@@ -1,7 +1,7 @@
-"""The predecessor's model (v1-H) beside a finished run of `golden/train.py`: its L1, levels without opacity enhancement.
+"""The predecessor's model (v1-H) for a finished run of `golden/train.py`: the run's L1, and levels without opacity enhancement.
 
-What the threshold of warping is chosen by (paper section 6.4, `MetaSapiens-H`). The chain is the run's own up to L1; only
-levels 2 to 4 are trained, as `msv2/studies/training/study.py` trains them for its ablation.
+The threshold of warping is chosen by comparison with it (paper section 6.4, `MetaSapiens-H`). Training is the run's own up to
+L1; only levels 2 to 4 are trained anew, as `msv2/studies/training/study.py` trains them for its ablation.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from msv2.studies.training.tables import Wanted, prepare
 from spec.errors import InputError
 
 SUFFIX = "-v1"
-"""Of the folder that `golden/train.py --no-opacity-enhancement` writes, after the name of the scene."""
+"""The suffix that `golden/train.py --no-opacity-enhancement` adds to a scene's name for its folder."""
 
 
 def beside(model: Path) -> Path:
-    """Where the v1 model of a run's model.ply is looked for: RUN-v1/model.ply."""
+    """The path at which the v1 model of a run's model.ply is expected: RUN-v1/model.ply."""
     return model.parent.with_name(model.parent.name + SUFFIX) / model.name
 
 
 def train_v1(model: Path, work: Path, device: str = "cpu") -> Path:
-    """The v1 model of a run, trained where it is not there yet; an interrupted chain goes on.
+    """The path of a run's v1 model, which is trained if it does not exist. An interrupted training continues.
 
     Args:
         model: model.ply in the folder of a finished run.
-        work: for checkpoints, in a folder a run.
-        device: where to train.
+        work: the folder for checkpoints, with one folder per run.
+        device: the device on which to train.
 
     Raises:
-        InputError: no finished run is there, or its checkpoints are gone.
-        Interrupted: after SIGINT; the same call goes on.
+        InputError: there is no finished run, or its checkpoints are gone.
+        Interrupted: SIGINT was received; the same call continues the training.
     """
     out = beside(model)
     if out.exists():

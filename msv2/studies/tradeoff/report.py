@@ -1,4 +1,4 @@
-"""The points as JSON, CSV beside every picture, Markdown and one HTML page."""
+"""Writes the results as JSON, as CSV for every picture, as Markdown and as one HTML page."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ COSTS = ("cycles", "times the default's speed", "frames/s at 1 GHz", "chip, mJ",
 
 
 BUILDS = {"1ghz": PAPER.with_(stereo=True), "mono": PAPER, **PRESETS}
-"""Machines whose areas are in reports/area.json, by their builds there."""
+"""Machines whose areas are in reports/area.json, by the names of their builds there."""
 
 
 def known_areas(path: Path) -> dict[AcceleratorConfig, float]:
-    """mm^2 at 16 nm of the machines of BUILDS that reports/area.json has, all named as PAPER is; none where it is not there."""
+    """Area in mm^2 at 16 nm of the machines of BUILDS in reports/area.json, all named as PAPER is. Empty if the report is
+    missing."""
     builds = json.loads(path.read_text())["builds"] if path.is_file() else {}
     return {config.with_(name=PAPER.name): builds[name]["mm2_16nm"] for name, config in BUILDS.items() if name in builds}
 
@@ -84,7 +85,7 @@ def trainingtable(runs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The rows; columns in the order in which they first appear."""
+    """The rows as CSV, with columns in the order in which they first appear."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
@@ -108,7 +109,7 @@ def _what(row: Mapping[str, Any]) -> str:
 
 
 def recommendation(content: Content) -> str:
-    """The fastest setting for each budget, as a table."""
+    """A table of the fastest setting for each budget."""
     rows = []
     for budget in BUDGETS:
         row = content["recommended"][budget.name]
@@ -120,7 +121,7 @@ def recommendation(content: Content) -> str:
 
 
 def presets(content: Content) -> str:
-    """The default machine and the presets, as a table."""
+    """A table of the default machine and the presets."""
     rows = []
     for row in content["machine"]:
         if row["knob"] in (DEFAULT, PRESET) and not row.get("error"):
@@ -131,7 +132,7 @@ def presets(content: Content) -> str:
 
 
 def _costs(row: Mapping[str, Any]) -> list[str]:
-    """The cells of COSTS."""
+    """The cells for the columns COSTS."""
     return [f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}",
             f"{row['dram_mj']:.4f}", _area(row), str(row["word_bits"]), _cell(row["loss_db"], "+.4f"),
             _cell(row["hvsq_change"], "+.2%")]
@@ -185,7 +186,7 @@ def _training_lines(content: Content) -> str:
 
 
 def as_markdown(content: Content, pictures: Mapping[str, str]) -> str:
-    """The page; every number is of `content`."""
+    """The page as Markdown; every number in it comes from `content`."""
     judged = ("the photographs" if content["photographs"] else
               f"assumed photographs from which the float64 renderer is {ASSUMED_PSNR_DB:g} dB away (there are none here; "
               "errors of arithmetic are taken as uncorrelated with the model's)")

@@ -1,4 +1,4 @@
-"""`python -m msv2.studies tradeoff`: what accuracy costs in time; pictures, tables and recommendations."""
+"""`python -m msv2.studies tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ examples:
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed command line."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies tradeoff", description=__doc__, epilog=EPILOG,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
@@ -63,10 +63,10 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def scene_request(args: argparse.Namespace) -> SceneRequest:
-    """What the command line asks to measure on.
+    """The scene on which the command line asks to measure.
 
     Raises:
-        InputError: a size, variant or scale that is none.
+        InputError: a size, a variant or a scale is not valid.
     """
     if args.rtl_config not in CONFIGS:
         raise InputError(f"config {args.rtl_config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
@@ -84,7 +84,7 @@ def sweep(
     work: Callable[..., dict[str, Any]], calls: Sequence[tuple[object, ...]], keys: Sequence[str], args: argparse.Namespace,
     what: str,
 ) -> list[dict[str, Any]]:
-    """`work` of every call, from what is kept or made and kept: results in order."""
+    """The results of `work` for every call, in order. Kept results are read; others are computed and kept."""
     folder = make_folder(Path(args.work) / what)
     found: dict[str, dict[str, Any]] = {}
     for key in dict.fromkeys(keys):
@@ -92,7 +92,7 @@ def sweep(
         try:
             found[key] = read_json(path)
         except InputError:
-            pass  # not measured, or torn
+            pass  # not measured yet, or damaged
     todo = [key for key in dict.fromkeys(keys) if key not in found]
     missing = [calls[keys.index(key)] for key in todo]
     results = run_all(work, missing, jobs=args.jobs, scheduler=args.scheduler)
@@ -104,7 +104,7 @@ def sweep(
 
 
 def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Settings with what they are worth, what they cost, and what they break."""
+    """The rows of settings, with their quality, their costs and the hard cases that they break."""
     scene = load(request)
     made = fingerprint([measure.__name__]), fingerprint([hard.__name__])
     measured = sweep(measure.tried, [(request, s) for s in settings],
@@ -125,7 +125,7 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
 
 
 def marked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows, with losses, and what the default breaks itself taken out of what settings break."""
+    """The rows with losses. Hard cases that the default breaks itself do not count for other settings."""
     default = next(row for row in rows if row["knob"] == DEFAULT)
     for row in rows:
         row["broken"] = {name: why for name, why in row["broken"].items() if row is default or name not in default["broken"]}
@@ -135,7 +135,8 @@ def marked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, Any]]:
-    """All single settings, and for every budget the combination of the best, less its worst part while it is beyond."""
+    """All single settings and, for every budget, a combination of the best ones. While a combination exceeds its budget, its
+    part with the largest loss is removed."""
     scene = load(request)
     model = scene.leveled[""]
     settings = single(model.sh_degree, scene.levels_named, [name for name, _ in request.variants])
@@ -150,7 +151,7 @@ def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, A
         more = [combined(f"for {b.name}, {len(parts[b.name])}", parts[b.name], model.sh_degree, scene.levels_named)
                 for b in open_budgets]
         known_parts = {s.parts for s in settings}
-        settings += {s.parts: s for s in reversed(more) if s.parts not in known_parts}.values()  # named for the strictest
+        settings += {s.parts: s for s in reversed(more) if s.parts not in known_parts}.values()  # the strictest name
         rows = marked(machine_rows(request, settings, args))
         by_parts = {tuple(map(tuple, row["parts"])): row for row in rows if row["parts"]}
         open_budgets = [b for b in open_budgets if not b.holds(by_parts[tuple(parts[b.name])])]
@@ -161,7 +162,7 @@ def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, A
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     request, out = scene_request(args), make_folder(args.out)
     rows = machine(request, args)

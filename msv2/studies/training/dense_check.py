@@ -1,4 +1,4 @@
-"""Dense training's defaults against what they were chosen over, on validation views: python -m
+"""Compares the defaults of dense training with their alternatives, on validation views: python -m
 msv2.studies.training.dense_check."""
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from spec.errors import run_command_line
 VARIANTS: dict[str, dict[str, float]] = {
     "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0},
     "no fading": {"opacity_decay": 1.0}}
-"""What differs from the defaults of `DenseOptions`."""
+"""The differences of each variant from the defaults of `DenseOptions`."""
 
 
 def measure(scene: str, size: tuple[int, int] | None, options: DenseOptions, seeds: int) -> list[dict[str, Any]]:
@@ -42,7 +42,7 @@ def measure(scene: str, size: tuple[int, int] | None, options: DenseOptions, see
 
 
 def page(report: dict[str, Any]) -> str:
-    """The table."""
+    """The report as Markdown."""
     lines = [
         "# Dense training's defaults", "",
         f"{report['scene']} at {report['size']}, {report['iterations']:,} iterations, at most {report['max_points']:,} points; "
@@ -57,7 +57,7 @@ def page(report: dict[str, Any]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Trains, and writes dense_check.json and dense_check.md; the exit status."""
+    """Trains, and writes dense_check.json and dense_check.md; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies.training.dense_check", description=__doc__)
     add = parser.add_argument
     add("scene", nargs="?", default="embedded", metavar="SCENE", help="as of golden/train.py (default: embedded)")

@@ -1,4 +1,4 @@
-"""What the display's pixels do to the levels: runs of golden/train.py of one scene with and without --pooling-width.
+"""The effect of the display's pixels on the levels: compares runs of golden/train.py with and without --pooling-width.
 
     msv2 study run pooling build/train/fern build/train/fern-pooled     writes reports/pooling.json
 """
@@ -16,10 +16,10 @@ from spec.paths import REPORTS
 
 
 def row(folder: Path) -> dict[str, object]:
-    """What is kept of a run's report.
+    """The kept numbers of a run's report.
 
     Raises:
-        InputError: it has none.
+        InputError: the run has no report.
     """
     report = read_json(folder / "report.json")
     return {
@@ -29,7 +29,7 @@ def row(folder: Path) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     folders = [Path(text) for text in (sys.argv[1:] if argv is None else argv)]
     if not folders:
         raise InputError("no run is not accepted: name folders of finished runs of golden/train.py")

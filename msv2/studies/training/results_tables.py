@@ -1,4 +1,8 @@
+<<<<<<< HEAD:msv2/studies/training/results_tables.py
 """The tables of training in docs/results.md, made of reports/training*.json; needs no torch."""
+=======
+"""The README's tables of training, made from reports/training*.json. The module needs no torch."""
+>>>>>>> main:msv2/studies/training/readme_tables.py
 
 from __future__ import annotations
 
@@ -14,13 +18,13 @@ PICTURE = "![latency of pruned versions against points and intersections; HVSQ a
 
 
 def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
-    """Of all reports of training, in the order of their names; None where there are none."""
+    """The scenes of all reports of training, in the order of the reports' names; None if there is no report."""
     names = [name for name in sorted(reports) if name.startswith("training")]
     return [scene for name in names for scene in reports[name]["scenes"]] if names else None
 
 
 def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[[Reports], str | None]:
-    """A table of each scene that has `key`, under its name; None where training was not measured at all."""
+    """A function that makes a table for each scene with `key`, under the scene's name. It returns None without any report."""
     def text(reports: Reports) -> str | None:
         every = _scenes(reports)
         if every is None:
@@ -44,7 +48,7 @@ def _latency(reports: Reports) -> str | None:
 
 
 def _pooling(reports: Reports) -> str | None:
-    """Levels and storage by the display that their pooling is of."""
+    """A table of levels and storage by the display for which their pooling is made."""
     if "pooling" not in reports:
         return None
     cells = []

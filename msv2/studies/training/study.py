@@ -1,4 +1,4 @@
-"""The paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
+"""Makes the paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ same command goes on.
 
 
 PLOTTED = {"representations", "latency"}
-"""Tables with a plot."""
+"""The tables that have a plot."""
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
+    """The parsed command line."""
     parser = argparse.ArgumentParser(
         prog="python -m msv2.studies training", description=__doc__, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -51,10 +51,10 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def chosen_tables(text: str) -> tuple[str, ...]:
-    """The tables that a list with commas names, each once, in the order of TABLES.
+    """The tables that a comma-separated list names, each once, in the order of TABLES.
 
     Raises:
-        InputError: a name that none has, or no name.
+        InputError: a name is not that of a table, or there is none.
     """
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names or [""]:
@@ -64,7 +64,7 @@ def chosen_tables(text: str) -> tuple[str, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; its exit status."""
+    """Runs the command line; returns its exit status."""
     args = parse_arguments(argv)
     if args.edge is not None and args.edge < 16:
         raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")

@@ -1,4 +1,4 @@
-"""The paper's tables for scenes: representations compared, techniques ablated, pruning by gate and criterion, latency."""
+"""Makes the paper's tables for scenes: compared representations, ablated techniques, pruning by gate and criterion, latency."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ class Wanted:
 
     Attributes:
         path: 'embedded' or a folder of photographs.
-        options: of `golden/train.py` by the attributes of its parsed arguments; None: a finished run's, else the default.
+        options: options of `golden/train.py` by the attributes of its parsed arguments; None stands for the value of a finished
+            run, or else for the default.
     """
 
     path: str
@@ -48,17 +49,17 @@ class Wanted:
 
     @property
     def keys(self) -> dict[str, Any]:
-        """The same by the names that runs record, what was not asked for None."""
+        """The options under the names that runs record; None for those that were not given."""
         place = self.path if self.path == EMBEDDED else str(Path(self.path).resolve())
         names = {"variant": "variant", "size": "size", "iterations": "iterations", "max_points": "max-points", "seed": "seed"}
         return {"scene": place, **{key: self.options[name] for name, key in names.items()}}
 
 
 def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
-    """The scenes of the command line; `PATH@WxH` has a size of its own.
+    """The scenes of the command line. An argument `PATH@WxH` has a size of its own.
 
     Raises:
-        InputError: a size that is none.
+        InputError: a size is not valid.
     """
     result = []
     for text in args.scenes or [EMBEDDED]:
@@ -73,16 +74,16 @@ def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scene ready to train.
+    """A scene that is ready for training.
 
     Attributes:
         scene: photographs and cameras.
-        references: what the photographs are.
-        recipe: of the tables' chain.
-        ready: what the finished run left, by stage.
-        spent: what its stages took.
+        references: a description of the photographs.
+        recipe: the recipe of the tables' chain.
+        ready: the results of the finished run, by stage.
+        spent: the time of its stages.
         records: its log.
-        options: of the chain.
+        options: the options of the chain.
     """
 
     scene: TrainingScene
@@ -95,10 +96,10 @@ class Prepared:
 
 
 def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
-    """The scene, and what a finished run in `runs` has of it.
+    """The scene, with the results of a finished run in `runs` if there is one.
 
     Raises:
-        InputError: an option or a scene that nothing can be trained from.
+        InputError: an option is not accepted, or nothing can be trained from the scene.
     """
     run = find_run(runs, wanted.keys)
     if run is not None:
@@ -114,12 +115,12 @@ def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
 
 
 def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
-    """Of a finished run; None where nothing is left of it, or it went by other stages than today's."""
+    """The scene with a finished run's results; None if nothing is left of the run, or if its stages differ from today's."""
     options, last = run.options, run.last()
     if last is None:
         return None
     dense = last.results["dense"] if options["from"] else None
-    points = options["max-points"] or DEFAULTS["max_points"]  # none where the dense model was given: nothing to cap
+    points = options["max-points"] or DEFAULTS["max_points"]  # a run from a given dense model has no cap
     recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"])
     scene, references = chosen_scene(wanted.path, parse_size(options["size"]), dense)
     if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
@@ -131,11 +132,14 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
 def train_scene(
     prepared: Prepared, device: str, work: Path, tables: Sequence[str], note: Callable[[str], None],
 ) -> Trained:
-    """The models of some of a scene's tables; a chain that was interrupted goes on, a finished one is not made again.
+    """Trains the models of some of a scene's tables. An interrupted chain continues, and a finished one is not made again.
 
     Args:
-        work: folder of the chains, a folder for each scene and set of options with one chain for each part.
-        tables: of labels.TABLES.
+        prepared: the scene.
+        device: the device on which to train.
+        work: the folder of the chains: a folder per scene and set of options, with one chain per part.
+        tables: names of labels.TABLES.
+        note: is called with messages.
     """
     key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
     folder = work / f"{prepared.scene.name}-{key}"
@@ -161,7 +165,7 @@ def measure_scene(
     prepared: Prepared, trained: Trained, tables: Sequence[str], *, edge: int,
     rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
 ) -> tuple[dict[str, Any], Shown]:
-    """Everything that the tables asked for say of a scene, ready for JSON, and what the plots show of it."""
+    """The scene's results for the requested tables as JSON-ready values, and the data for its plots."""
     scene = prepared.scene
     record = {
         "scene": scene.name, "size": list(scene.size), "references": prepared.references,
@@ -214,21 +218,24 @@ def _latency(
 
 
 def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
-    """What gives the cycles of a model's frame by the RTL; frames are kept in `folder`."""
+    """A function that gives the RTL's cycles of a model's frame. Simulated frames are kept in `folder`."""
     return lambda gaussians, camera: rtl_cycles(to_model(gaussians, up=scene.up, name=scene.name), camera, folder)
 
 
 def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) -> dict[str, Any]:
-    """Trains what is missing, measures, writes NAME.json, NAME.md and, where there is anything to plot, NAME.png.
+    """Trains what is missing, measures, and writes NAME.json, NAME.md and, if there is anything to plot, NAME.png.
 
     Args:
-        tables: of labels.TABLES.
+        args: the parsed command line.
+        tables: names of labels.TABLES.
+        device: the device on which to train.
 
-    Returns what the JSON holds.
+    Returns:
+        The content of the JSON file.
 
     Raises:
-        InputError: an option or a scene that nothing can be trained from, or an RTL frame that is not bit-exact.
-        Interrupted: after SIGINT; the same command goes on.
+        InputError: an option is not accepted, nothing can be trained from a scene, or an RTL frame is not bit-exact.
+        Interrupted: SIGINT was received; the same command continues.
     """
     out, work = make_folder(args.out), make_folder(args.work)
     scenes, shown = [], []

@@ -1,8 +1,9 @@
-"""`python -m msv2.studies write_combining`: how many writes beats would save that wait for more entries of their tile, in
-scenes' frames.
+"""`python -m msv2.studies write_combining`: how many memory writes would be saved if beats waited for further intersections of
+their tile, in frames of real scenes.
 
-Each of so many lines, chosen by the tile's low bits, would hold a beat of one tile until it is full or another tile's entry
-wants the line; what it holds is then one write instead of one an entry, as `rtl.tile_lists.entry_writer` makes them.
+Each of several lines would hold a beat of one tile. The tile's low bits select the line. A beat would stay until it is full or
+until an intersection of another tile needs the line, and would then take one write instead of one per intersection, which is
+what `rtl.tile_lists.entry_writer` makes.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ LINES = (64, 256, 1024, 4096)
 
 
 def saved_writes(tile: np.ndarray, lines: int) -> int:
-    """Entries that would join a beat that waits for them.
+    """Number of intersections that would join a waiting beat.
 
     Args:
-        tile: (entries,) tile of each entry, in the order of arrival.
-        lines: beats that may wait, a power of two.
+        tile: (intersections,) the tile of each intersection, in the order of arrival.
+        lines: the number of beats that may wait, a power of two.
     """
     tile = np.asarray(tile, np.int64)
-    order = np.argsort(tile & lines - 1, kind="stable")  # a line's entries behind each other
+    order = np.argsort(tile & lines - 1, kind="stable")  # brings the intersections of each line together
     waits = np.diff(tile[order], prepend=-1) == 0
     return int((waits & (rank_in_tile(tile)[order] % BEAT_ENTRIES != 0)).sum())
 
 
 def arriving_tiles(frame: Frame) -> np.ndarray:
-    """(entries,) tile of each entry of a frame, in the order in which culling finds them."""
+    """(intersections,) the tile of each intersection of a frame, in the order in which the tile test finds them."""
     entries = frame.entries
     tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     return tile[np.lexsort((tile, entries.splat))]
