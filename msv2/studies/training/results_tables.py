@@ -1,8 +1,4 @@
-<<<<<<< HEAD:msv2/studies/training/results_tables.py
 """The tables of training in docs/results.md, made of reports/training*.json; needs no torch."""
-=======
-"""The README's tables of training, made from reports/training*.json. The module needs no torch."""
->>>>>>> main:msv2/studies/training/readme_tables.py
 
 from __future__ import annotations
 
