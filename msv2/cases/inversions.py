@@ -13,6 +13,7 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -90,9 +91,7 @@ def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases.inversions", description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("python -m msv2.cases.inversions", __doc__, EPILOG)
     add_request_arguments(parser)
     add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/order/NAME)")

@@ -1,4 +1,4 @@
-"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, for
+"""`msv2 study run energy_per_operation`: energies of operations, measured on mapped netlists, for
 reports/energy_per_operation.json.
 
 Units for which there is a test bench are simulated gate by gate, with delays, on the work of real scenes' frames, and every
@@ -22,6 +22,7 @@ from msv2.studies.energy_per_operation.work import WORK
 from msv2.studies.kept import fingerprint, kept
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -37,9 +38,7 @@ FOLDER = ROOT / "build" / "power"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies energy_per_operation", description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run energy_per_operation", __doc__)
     parser.add_argument("--unit", default="",
                         help=f"only measure this one, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
     parser.add_argument("--scenes", default="embedded,truck", help="comma-separated (default: embedded,truck)")

@@ -17,6 +17,7 @@ from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
@@ -24,10 +25,10 @@ THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
 """The thresholds of the paper: the starts of the regions, 0, 18, 27 and 33 degrees."""
 
 EXAMPLES = """examples:
-  python -m msv2.studies threshold                                        the embedded scene
-  python -m msv2.studies threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
+  msv2 study run threshold                                        the embedded scene
+  msv2 study run threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
   beside it
-  python -m msv2.studies threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
+  msv2 study run threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
 
 A run's folder or model.ply is judged by the run's dense model and seen from its test views; the v1 model that picks the
 threshold is RUN-v1/model.ply, as golden/train.py --no-opacity-enhancement writes it; --train-v1 makes it of the run's own L1.
@@ -38,8 +39,7 @@ OUT/NAME.json, NAME.md and NAME.png.
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies threshold", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run threshold", __doc__, EXAMPLES)
     add = parser.add_argument
     add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, runs' folders, or embedded (default: embedded)")
     add("--size", default="640x360", metavar="WxH", help="of scenes without a size of their own (default: 640x360)")

@@ -1,4 +1,4 @@
-"""`python -m msv2.studies tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
+"""`msv2 study run tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, rec
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
+from spec.command_line import command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
 from spec.paths import REPORTS
@@ -29,20 +30,19 @@ Writes OUT/NAME.md, NAME.json, NAME.html, and a PNG with a CSV beside it of mach
 is kept in WORK by settings and sources: after Ctrl-C the same command goes on. docs/tradeoff.md explains the columns.
 
 examples:
-  python -m msv2.studies tradeoff                                                 the embedded scene
-  python -m msv2.studies tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
-  python -m msv2.studies tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
-  python -m msv2.studies tradeoff truck.splat --size 320x180 --jobs 4
-  python -m msv2.studies tradeoff --knob "support radius" --knob "SH degree"      only some knobs
-  python -m msv2.studies tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
-  python -m msv2.studies tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
+  msv2 study run tradeoff                                                 the embedded scene
+  msv2 study run tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
+  msv2 study run tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
+  msv2 study run tradeoff truck.splat --size 320x180 --jobs 4
+  msv2 study run tradeoff --knob "support radius" --knob "SH degree"      only some knobs
+  msv2 study run tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
+  msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
 """
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies tradeoff", description=__doc__, epilog=EPILOG,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run tradeoff", __doc__, EPILOG)
     add = parser.add_argument
     add("scene", nargs="?", default=EMBEDDED, metavar="SCENE", help="a model, a finished run's folder, or embedded (default)")
     add("--size", default="192x108", metavar="WxH", help="of the frames (default: 192x108)")

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 from golden.diff import import_torch
 from msv2.studies.training.labels import TABLES
+from spec.command_line import command_parser
 from spec.errors import InputError
 
 EXAMPLES = """examples:
-  python -m msv2.studies training                                     the embedded scene
-  python -m msv2.studies training embedded fern@504x378 --no-rtl      several scenes, own sizes, no simulation of the RTL
-  python -m msv2.studies training fern --tables pruning               one table alone; later ones find what it has trained
-  python -m msv2.studies training --out reports --name training      training.json, training.md and training.png in reports/
+  msv2 study run training                                     the embedded scene
+  msv2 study run training embedded fern@504x378 --no-rtl      several scenes, own sizes, no simulation of the RTL
+  msv2 study run training fern --tables pruning               one table alone; later ones find what it has trained
+  msv2 study run training --out reports --name training      training.json, training.md and training.png in reports/
 
 A finished run of golden/train.py in build/train that fits what is asked for is not trained again; what the tables need beside
 it (scale decay alone, levels without opacity enhancement, MMFR, pruning by other gates and criteria) is, once. After Ctrl-C the
@@ -28,9 +29,7 @@ PLOTTED = {"representations", "latency"}
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies training", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run training", __doc__, EXAMPLES)
     add = parser.add_argument
     add("scenes", nargs="*", metavar="SCENE[@WxH]",
         help="as golden/train.py takes them, each with a size of its own or --size's (default: embedded)")
