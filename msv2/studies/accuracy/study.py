@@ -80,8 +80,8 @@ def over_scenes(
         rows_of: makes the rows of a request without a gaze and of the scene's name.
         more: further models to measure if they exist.
     """
-    parser = argparse.ArgumentParser(prog=f"golden/{name}.py", description=description,
-                                     epilog=f"example: MSV2_DATA=data python golden/{name}.py --size 640x360")
+    parser = argparse.ArgumentParser(prog=f"python -m msv2.studies {name}", description=description,
+                                     epilog=f"example: MSV2_DATA=data python -m msv2.studies {name} --size 640x360")
     add_request_arguments(parser, size="640x360")
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")

@@ -203,7 +203,7 @@ def measure(folder: Path) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies colour", description="Errors and gates of colours.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
+    parser.add_argument("--check", action="store_true", help="change nothing; the exit status is 1 if the page is stale")
     args = parser.parse_args(argv)
     if not args.check:
         write_json(REPORT, measure(ROOT / "build" / "results" / "synth"))

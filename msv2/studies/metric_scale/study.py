@@ -87,8 +87,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m msv2.studies metric_scale", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
-    parser.add_argument("--depth-map", required=True, metavar="FILE", help="of the camera's view: .npy (m) or 16-bit .png (mm)")
-    parser.add_argument("--out", metavar="FILE", help="write the JSON here too")
+    parser.add_argument("--depth-map", required=True, metavar="FILE",
+                        help="depth map of the camera's view: .npy (m) or 16-bit .png (mm)")
+    parser.add_argument("--out", metavar="FILE", help="also write the JSON to this file")
     return parser.parse_args(argv)
 
 

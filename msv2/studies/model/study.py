@@ -260,7 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a frame's total misses the goal."""
     parser = argparse.ArgumentParser(
         prog="python -m msv2.studies model", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rtl", action="store_true", help="render the frames of reports/model_rtl.json through the RTL first")
+    parser.add_argument("--rtl", action="store_true", help="first simulate the frames of reports/model_rtl.json in RTL")
     args = parser.parse_args(argv)
     if args.rtl:
         render_rtl()

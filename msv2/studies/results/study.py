@@ -207,9 +207,9 @@ ON_REQUEST = {"training": measure_training}
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
-    parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README is stale")
+    parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="update only this part")
+    parser.add_argument("--unit", choices=SYNTHESISED, help="with --only synthesis, update only this row")
+    parser.add_argument("--check", action="store_true", help="change nothing; the exit status is 1 if the README is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
         raise InputError(f"--unit {args.unit} is of --only synthesis, not of {args.only or 'everything'}")
