@@ -32,6 +32,8 @@ STATES_KEPT = 8
 KEPT_SECONDS = 24 * 3600
 """Seconds for which other states are kept after their last use, because another checkout may be working with them."""
 
+_TOOLS = frozenset({"golden.kernels"})  # what this module imports finds folders and hashes: no compiled code depends on it
+
 
 def compiled(function: Callable | None = None, **options: object) -> Callable:
     """`numba.njit` with the project's cache: `@compiled` or `@compiled(nogil=True)`, with the options of `numba.njit`."""
@@ -47,7 +49,8 @@ def compiled(function: Callable | None = None, **options: object) -> Callable:
 @cache
 def kernel_folder(module: str, root: Path = ROOT) -> Path:
     """The folder in which the compiled kernels of a module are kept for the present state of its sources."""
-    state = fingerprint(sources_of(module, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
+    sources = sources_of(module, closed=_TOOLS, root=root)
+    state = fingerprint(sources, numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
     folder = cache_folder("kernels", module, state)
     with suppress(OSError):
         os.utime(folder)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from golden.scenes.request import (
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.paths import BUILD, short_path
 
 EXAMPLES = """\
 examples:
@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.compare:
         stats.update(compare_with_oracle(frame, request))
 
-    out = make_folder(args.out or Path("build/render") / request.model.name)
+    out = make_folder(args.out or BUILD / "render" / request.model.name)
     if eyes:
         save_pictures(out, eyes)
     else:
@@ -130,8 +130,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             np.savez_compressed(file, **frame.stage(args.dump))
     write_json(out / "stats.json", stats)
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
-    print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
-                                 for key in shown if key in stats) + compile_note())
+    numbers = (f"{key} {stats[key]:{'.4g' if isinstance(stats[key], float) else ','}}" for key in shown if key in stats)
+    print(f"{short_path(out)}: {', '.join(numbers)}{compile_note()}")
     if eyes:
         print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 

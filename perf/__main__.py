@@ -26,11 +26,11 @@ from perf.trace import trace_request
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import BUILD
+from spec.paths import BUILD, cache_folder, short_path
 
 MEMORIES = ("ideal", "lpddr3")
 
-CACHE = BUILD / "perf" / "traces"
+CACHE = cache_folder("traces")
 
 EPILOG = """\
 Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: the times at which each group was in each stage.
@@ -55,7 +55,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="ideal (default): the memory of the RTL's test bench, with a bandwidth and a latency; "
                              "lpddr3: four channels")
     add_out_argument(parser, "build/perf/frame")
-    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in build/perf")
+    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser.parse_args(argv)
 
 
@@ -106,8 +106,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                                    "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
-    print(f"{out}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, traced in "
-          f"{trace.golden_seconds:.2f} s{compile_note()}")
+    print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "
+          f"traced in {trace.golden_seconds:.2f} s{compile_note()}")
     return 0
 
 

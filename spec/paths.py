@@ -43,3 +43,9 @@ def cache_folder(*parts: str) -> Path:
         except RuntimeError:  # a user without a home
             base = Path(tempfile.gettempdir()) / f"msv2-{os.getuid()}"
     return base.joinpath(*parts)
+
+
+def short_path(path: Path) -> str:
+    """A path as messages print it: relative to the current folder where it lies in it."""
+    path, here = path.absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

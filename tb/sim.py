@@ -9,7 +9,7 @@ from types import ModuleType
 from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_set_argument, changed, choice, parse_sets
-from spec.paths import ROOT
+from spec.paths import BUILD
 from tb.axi import suite as axi
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
@@ -99,7 +99,7 @@ def _run_variant(
     base = suite.VARIANTS[variant]
     config = changed(base, values)
     label = variant if config is base else f"{variant}-{config.name}"
-    name, folder = f"{unit} {label}", ROOT / "build" / unit / label
+    name, folder = f"{unit} {label}", BUILD / unit / label
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None

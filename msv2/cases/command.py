@@ -31,7 +31,8 @@ GRADIENTS = "msv2.cases.gradients"
 """The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
 
 EPILOG = """\
-Writes stability.json, stability.md and stability.png. The exit status is 1 if a case fails or a seeded fault is not caught.
+Writes stability.json; the study `stability` makes a page and a picture of it. The exit status is 1 if a case fails or a seeded
+fault is not caught.
 
 examples:
   %(prog)s                                     everything
@@ -108,7 +109,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
     parser.add_argument("--add", action="store_true",
                         help="add to the results in the output folder; those not run now are kept")
-    parser.add_argument("--keep", action="store_true", help="write the results into reports/ as well")
     return parser.parse_args(argv)
 
 
@@ -129,6 +129,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = added(CASES, read_record(Path(args.out)), result)
     print("\n".join(table(result)))
     write(result, Path(args.out))
-    if args.keep:
-        write(result, ROOT / "reports")
     return int(result.failed + result.missed > 0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from golden.scenes.request import Request, add_request_arguments, make_folder, r
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
+from spec.paths import BUILD
 
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
@@ -114,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     config = config_from(args)
     request = resolve(args)
     numbers = report(request, config)
-    out = make_folder(args.out or Path("build/order") / request.model.name)
+    out = make_folder(args.out or BUILD / "order" / request.model.name)
     write_json(out / "order.json", numbers)
     print(f"{out}: {numbers['entries']:,} intersections, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")

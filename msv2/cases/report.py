@@ -1,4 +1,4 @@
-"""Reports the results of the cases and of the seeded faults: on the screen, as JSON, as Markdown, and as a picture."""
+"""What became of the cases and of the seeded faults: on the screen and as JSON."""
 
 from __future__ import annotations
 
@@ -127,59 +127,7 @@ def summary(result: Result) -> str:
     return f"{len(result.rows)} cases, {result.failed} failed{caught}; {result.seconds / 60:.1f} minutes"
 
 
-def markdown(result: Result) -> str:
-    """The content of stability.md."""
-    heads = [HEADINGS[name] for name in result.columns]
-    lines = ["# Stability", "", "Written by `make stability`, explained in [docs/stability.md](../docs/stability.md).", "",
-             f"{summary(result)}.", "", f"| case | what | {' | '.join(heads)} | worst error, 1/255 |",
-             "|---|---|" + "---|" * len(heads) + "---|"]
-    for row in result.rows:
-        outcomes = " | ".join(row.cells[name].outcome if name in row.cells else "" for name in result.columns)
-        lines.append(f"| {row.case.id} | {row.case.what} | {outcomes} | {_error(row)} |")
-    lines += ["", "## Seeded faults", "", "| guard dropped | in | case that must fail | caught |", "|---|---|---|---|"]
-    for fault in result.faults:
-        lines.append(f"| {fault.name} | {HEADINGS[fault.column]} | {fault.case} | {'yes' if fault.caught else 'NO'} |")
-    return "\n".join(lines) + "\n"
-
-
-def picture(result: Result, path: Path) -> None:
-    """Draws the table as a picture: a square per cell, and the worst error as a bar. Does nothing without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
-        return
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    colours = {"pass": "#4c9f70", "FAIL": "#c8402f", "-": "#dddddd"}
-    rows, columns = result.rows, result.columns
-    figure, (grid, bars) = plt.subplots(1, 2, figsize=(9, 0.2 * len(rows) + 1.2), sharey=True, width_ratios=(len(columns), 4))
-    for y, row in enumerate(rows):
-        for x, name in enumerate(columns):
-            if name in row.cells:
-                grid.add_patch(plt.Rectangle((x, y - 0.45), 0.92, 0.9, color=colours[row.cells[name].outcome]))
-    grid.set_xlim(0, len(columns))
-    grid.set_ylim(len(rows) - 0.5, -0.5)
-    grid.set_xticks([x + 0.46 for x in range(len(columns))], [HEADINGS[name] for name in columns])
-    grid.set_yticks(range(len(rows)), [row.case.id for row in rows], fontsize=7)
-    grid.xaxis.tick_top()
-    grid.tick_params(length=0)
-    bars.barh(range(len(rows)), [row.worst or 0.0 for row in rows], color="#49708a", height=0.7)
-    bars.set_xscale("symlog", linthresh=0.01)
-    bars.set_xlabel("worst difference to the oracle's image, 1/255")
-    bars.axvline(0.5, color="#999999", linewidth=0.8)
-    for side in ("top", "right"):
-        bars.spines[side].set_visible(False)
-    for side in ("top", "right", "bottom", "left"):
-        grid.spines[side].set_visible(False)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
 def write(result: Result, folder: Path) -> None:
-    """Writes stability.json, stability.md and stability.png."""
+    """stability.json; the study `stability` makes a page and a picture of it."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "stability.json", result.record)
-    (folder / "stability.md").write_text(markdown(result), encoding="utf-8")
-    picture(result, folder / "stability.png")

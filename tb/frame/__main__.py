@@ -23,7 +23,7 @@ from golden.scenes.request import (
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import BUILD
+from spec.paths import BUILD, short_path
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
@@ -108,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "merge": options.merge, "pipeline": config.incremental, "beta": options.beta,
                 "configuration": config_record(config), "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
-    return _verdict(numbers, str(out))
+    return _verdict(numbers, short_path(out))
 
 
 def _one_eye(

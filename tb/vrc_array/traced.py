@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.captured import scene_argument
 from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
+from tb.common.scenes import TRAINED
 from tb.vrc_array.array_stimuli import Case
 
 _TILES, _ENTRIES = 12, 6000
@@ -45,8 +45,7 @@ def traced_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
 
 @cache
 def _whole_frames(config: AcceleratorConfig) -> list[Case]:
-    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
-    scenes = ["embedded", *(str(trained / name) for name in ("truck.splat", "rock_sh3") if (trained / name).exists())]
+    scenes = filter(None, map(scene_argument, ("embedded", *TRAINED)))
     cases = []
     for scene in scenes:
         for gaze, levels in (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]:

@@ -3,17 +3,16 @@ disparities; the right photograph, taken from the other eye, shows how accurate 
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from golden.metrics.image import psnr_vs
+from golden.scenes.captured import captured_path
 from spec.config import AcceleratorConfig
 from spec.memory import display_pixel, frame_pixel
 from spec.packing import unpack
-from spec.paths import ROOT
 from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
 from tb.vrc_array.pixel_writer_stimuli import memory_of
 from tb.warp_unit.stimuli import Source
@@ -27,8 +26,7 @@ _SCALE = 80_000
 
 def cones_folder() -> Path | None:
     """The folder of the image pair; None where it is missing."""
-    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "stereo" / "cones"
-    return folder if folder.is_dir() else None
+    return captured_path("cones")
 
 
 def photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:

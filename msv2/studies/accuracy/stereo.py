@@ -14,7 +14,8 @@ from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
 from golden.scenes.request import Request
 from golden.scenes.stereo import scene_scale, stereo_pair
-from msv2.studies.accuracy.study import over_scenes, write_report
+from msv2.studies.accuracy.study import keep, over_scenes
+from msv2.studies.page import table
 from spec.config import PAPER
 from spec.constants import MAX_LEVELS
 from spec.errors import run_command_line
@@ -56,26 +57,26 @@ def measure(request: Request, name: str) -> dict[str, object]:
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
     """The table of reports/accuracy_stereo.md."""
-    lines = ["| scene, view | levels | median disparity | within 1/8 px | worst | depth within 0.2 % | depth error, p50 "
-             "| p99 |", "|---|---|---|---|---|---|---|---|"]
+    cells = []
     for r in rows:
-        cells = [f"{r['scene']}, {r['camera']}", str(r["levels"]), f"{r['median_disparity_px']:.1f} px",
+        cells.append([f"{r['scene']}, {r['camera']}", str(r["levels"]), f"{r['median_disparity_px']:.1f} px",
                  f"{r['within_budget']:.3%}", f"{r['worst_px']:.2f} px", f"{r['depth_within']:.2%}",
-                 f"{r['depth_error_p50']:.4%}", f"{r['depth_error_p99']:.3%}"]
-        lines.append(f"| {' | '.join(cells)} |")
+                 f"{r['depth_error_p50']:.4%}", f"{r['depth_error_p99']:.3%}"])
     note = ("Pixels with a coverage of one half and more, against the float64 oracle. Scenes whose scale is "
             "unknown at 1 unit per metre. Four levels are nested random subsets, worse than trained ones: walls let through "
             "what is behind. The embedded scene's sky lies 50 times as far as its room; a part in a thousand of it that shines "
             "through moves the mean depth by percents.")
-    return "\n".join([*lines, "", note, ""])
+    head = ("scene, view", "levels", "median disparity", "within 1/8 px", "worst", "depth within 0.2 %", "depth error, p50",
+            "p99")
+    return f"{table(head, cells)}\n\n{note}\n"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 when a view misses the budget."""
-    rows, out = over_scenes("accuracy_stereo", __doc__, argv, lambda request, scene: [
+    rows, args = over_scenes("accuracy_stereo", __doc__, argv, lambda request, scene: [
         measure(with_gaze(request, levels), scene) for levels in (1, MAX_LEVELS)])
     record = {"budget_px": BUDGET_PX, "budget_share": BUDGET_SHARE, "rows": rows}
-    write_report(out, "accuracy_stereo", record, as_markdown(rows))
+    keep(args, "accuracy_stereo", __name__, record, as_markdown(rows))
     return int(min(r["within_budget"] for r in rows) < BUDGET_SHARE)
 
 

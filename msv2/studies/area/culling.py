@@ -1,7 +1,7 @@
 """Area of culling at a fixed throughput, by the number of units that share the work: reports/culling_area.json and the table in
 docs/synthesis.md.
 
-    python -m msv2.studies.area.culling            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
+    msv2 study run culling_area            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
 
 All variants take a point per cycle through near test and projection, and a visible splat every four cycles through the colour
 unit. They do so with one unit whose operators make one operation each, or with several units whose operators are shared by a
@@ -13,14 +13,17 @@ large queue is a macro, and this difference is not what is compared.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.lib import wiring
 
+from msv2.studies import page, record
+from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.compare import unit_cost
 from rtl.culling.harmonics import harmonics_graph
@@ -29,12 +32,11 @@ from rtl.culling.schedule import Cost, cost, schedule
 from spec.config import PAPER, AcceleratorConfig
 from spec.errors import run_command_line
 from spec.harmonics import terms
-from spec.paths import ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from synth.liberty import PDK_VARIABLE
-from synth.report import Settings, synthesise, write_json, write_text
+from synth.report import Settings, synthesise
 
-PAGE, REPORT = ROOT / "docs" / "synthesis.md", ROOT / "reports" / "culling_area.json"
-MARK = "<!-- table:culling_area -->"
+PAGE, REPORT = DOCS / "synthesis.md", REPORTS / "culling_area.json"
 
 CLOCK_PS = 1000.0
 SH_DEGREE = 3
@@ -109,30 +111,27 @@ def table(rows: list[dict[str, object]]) -> str:
             "of that outside operators", "um² ASAP7", "slack, ps"]
     keys = ["units", "interval", "operators", "register_bits", "mux_bits", "flip_flops", "memory_bits", "nand2_equivalents",
             "nand2_without_operators", "area_um2", "slack_ps"]
-    lines = []
+    parts = []
     for part in dict.fromkeys(row["part"] for row in rows):
         of_part = [row for row in rows if row["part"] == part]
-        lines += ["", f"`{part}`, {of_part[0]['throughput']}:", "", f"| {' | '.join(head)} |", f"|{' ---: |' * len(head)}"]
-        for row in of_part:
-            cells = ["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys]
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines[1:], ""]) if lines else "(not measured yet)"
+        cells = [["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys] for row in of_part]
+        parts.append(f"`{part}`, {of_part[0]['throughput']}:\n\n{page.table(head, cells, left=0)}")
+    return "\n\n".join(parts) or page.ABSENT
 
 
-def fill(page: Path, report: Path, *, check: bool = False) -> int:
+def fill(path: Path, report: Path, *, check: bool = False) -> int:
     """Writes the table into a page, between `<!-- table:culling_area -->` and `<!-- end -->`. With `check` it changes nothing
     and returns 1 where the page would change."""
-    old, rows = page.read_text(), json.loads(report.read_text())["rows"]
-    head, _, rest = old.partition(MARK)
-    new = f"{head}{MARK}\n{table(rows)}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
-    if new != old and not check:
-        write_text(page, new)
-    return int(check and new != old)
+    rows = json.loads(report.read_text())["rows"]
+    return page.fill(path, {"culling_area": lambda: table(rows)}, check=check, complete=True)
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Measures, writes the report and fills the page."""
-    write_json(REPORT, {"config": PAPER.name, "rows": measure(ROOT / "build" / "results" / "synth")})
+    argparse.ArgumentParser(prog="msv2 study run culling_area", description=__doc__,
+                            formatter_class=argparse.RawDescriptionHelpFormatter).parse_args(argv)
+    rows = measure(ROOT / "build" / "results" / "synth")
+    write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
     return fill(PAGE, REPORT)
 
 

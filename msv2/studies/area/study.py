@@ -11,23 +11,22 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from golden.scenes.files import read_json
 from msv2.studies.area.figure import draw
 from msv2.studies.area.page import page
+from msv2.studies.page import write_page
+from msv2.studies.record import commit, liberties, write_report
 from spec.config import PAPER, PRESETS, AcceleratorConfig
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 from synth.area import AreaReport, machine_area
-from synth.report import write_json, write_text
 from synth.scaling import DELAY_TO_16NM, SOURCE, same_clock
 from synth.settings import MOST_RUNS
 from synth.timing import WIRE_DERATE
-
-REPORTS = ROOT / "reports"
 
 CLOCK_PS = 1000.0
 TWO_EYES = PAPER.with_(stereo=True)
@@ -96,13 +95,6 @@ def split(report: AreaReport) -> dict[str, float]:
     array = sum(groups[name]["logic_um2_16nm"] for name in ("array", "blending")) / 1e6
     logic = report.total_mm2_16nm(memories=False)
     return {"array": array, "other logic": logic - array, "SRAM": report.total_mm2_16nm() - logic}
-
-
-def commit() -> str:
-    """The current commit, with a mark if rtl, spec or synth differ from it."""
-    done = [subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-            for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "rtl", "spec", "synth"))]
-    return (done[0] or "unknown") + (", changed" if done[1] else "")
 
 
 def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict) -> dict[str, object]:
@@ -175,9 +167,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         raise InputError(f"builds {', '.join(sorted(unknown))} are not known: {', '.join(BUILDS)} are")
     path = args.out / "area.json"
-    report = measure(args.builds, args.folder, args.jobs, args.runs, json.loads(path.read_text()) if path.exists() else {})
-    write_json(path, report)
-    write_text(args.out / "area.md", page(report))
+    old = read_json(path) if path.exists() else {}
+    report = measure(args.builds, args.folder, args.jobs, args.runs, old)
+    machines = {name: BUILDS[name].config for name in args.builds}
+    write_report(path, report, [__name__], {"arguments": args, "machines": machines}, [*liberties(), REPORTS / "machine.json"],
+                 old if set(report["builds"]) - set(args.builds) else None)
+    write_page(args.out / "area.md", page(report))
     draw(report, args.out / "area.png")
     print(f"wrote {path}, area.md and area.png")
     return 0

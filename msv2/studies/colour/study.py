@@ -13,17 +13,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from amaranth.lib import wiring
 
 from golden.msv2_ref.colour import survivor_views
+from msv2.studies import page
 from msv2.studies.area.culling import CLOCK_PS
-from msv2.studies.results.tables import markdown
+from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, carried_layout, splat_interval
 from rtl.culling.colour_sum import ColourSum
 from rtl.culling.datapath import Datapath
@@ -32,15 +33,14 @@ from rtl.culling.schedule import Cost, cost, schedule
 from rtl.culling.views import ViewWriter
 from spec import harmonics
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
-from spec.errors import InputError
 from spec.formats import SQ
 from spec.harmonics import basis_beyond_dc, terms
 from spec.memory import colour_beats
-from spec.paths import ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from spec.records import gaussian_colour, surviving_splat
-from synth.report import Settings, synthesise, write_json, write_text
+from synth.report import Settings, synthesise
 
-PAGE, REPORT = ROOT / "docs" / "colour.md", ROOT / "reports" / "colour.json"
+PAGE, REPORT = DOCS / "colour.md", REPORTS / "colour.json"
 
 FRACTIONS = (12, 13, 14, 15, 16)
 """The numbers of fraction bits of `sh_basis` that are compared."""
@@ -150,7 +150,7 @@ def functions_table(report: dict) -> str:
     """The table of products and beats by degree."""
     rows = [[f"{row[key]}" for key in ("degree", "functions", "products", "beats")] for row in report["functions"]]
     first, second = report["operand_bits"]
-    table = markdown(["degree", "functions beyond the first", "products", "beats of a colour record"], rows)
+    table = page.table(["degree", "functions beyond the first", "products", "beats of a colour record"], rows)
     return f"{table}\n\nEvery product is of one kind, {first} x {second} bits."
 
 
@@ -160,7 +160,7 @@ def errors_table(report: dict) -> str:
     names = ["exact functions" if row["fraction"] is None else f"{row['fraction']}" for row in rows]
     lines = [[key, *(f"{row[key]:.4f}" for row in rows)] for key in ("rms", "largest")]
     return (f"{splats['count']:,} random splats of degree {splats['sh_degree']}, coefficients of "
-            f"{splats['coefficient_rms']} rms:\n\n{markdown(['fraction of `sh_basis`', *names], lines)}")
+            f"{splats['coefficient_rms']} rms:\n\n{page.table(['fraction of `sh_basis`', *names], lines)}")
 
 
 def cost_table(report: dict) -> str:
@@ -168,7 +168,7 @@ def cost_table(report: dict) -> str:
     header = ["part", "machine", "cycles a splat", "multipliers", "waiting register bits", "flip-flops in all", "memory bits",
               "NAND2"]
     keys = ("interval", "multipliers", "register_bits", "flip_flops", "memory_bits", "nand2_equivalents")
-    return markdown(header, [
+    return page.table(header, [
         [TITLES[row["part"]], row["config"].upper(), *("-" if row[key] is None else f"{row[key]:,}" for key in keys)]
         for row in report["cost"]])
 
@@ -178,19 +178,11 @@ TABLES: dict[str, Callable[[dict], str]] = {
 """The tables by the names in the page's markers."""
 
 
-def fill(page: Path, report: Path, *, check: bool = False) -> int:
+def fill(path: Path, report: Path, *, check: bool = False) -> int:
     """Writes the tables into a page, each between `<!-- table:NAME -->` and `<!-- end -->`. With `check` it changes nothing and
     returns 1 where the page would change. Raises InputError where the page lacks a marker."""
-    numbers, old = json.loads(report.read_text()), page.read_text()
-    new = old
-    for name, table in TABLES.items():
-        new, found = re.subn(rf"(<!-- table:{name} -->\n).*?(\n<!-- end -->)",
-                             lambda m, table=table: f"{m[1]}{table(numbers)}{m[2]}", new, flags=re.S)
-        if found != 1:
-            raise InputError(f"{page.name} has {found} places for the table {name}: 1 is wanted")
-    if new != old and not check:
-        write_text(page, new)
-    return int(check and new != old)
+    numbers = json.loads(report.read_text())
+    return page.fill(path, {name: partial(table, numbers) for name, table in TABLES.items()}, check=check, complete=True)
 
 
 def measure(folder: Path) -> dict[str, object]:
@@ -206,5 +198,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="change nothing; the exit status is 1 if the page is stale")
     args = parser.parse_args(argv)
     if not args.check:
-        write_json(REPORT, measure(ROOT / "build" / "results" / "synth"))
+        write_report(REPORT, measure(ROOT / "build" / "results" / "synth"), [__name__], {"machines": MACHINES})
     return fill(PAGE, REPORT, check=args.check)

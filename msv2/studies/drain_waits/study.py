@@ -20,6 +20,7 @@ from amaranth.lib.wiring import In, Out
 
 from golden.msv2_ref.frame_memory import frame_pixels
 from golden.msv2_ref.pipeline import Frame
+from msv2.studies.page import table
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
@@ -123,8 +124,8 @@ def plan_of(frames: dict[str, Frame]) -> list[Planned]:
     return plan
 
 
-def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[str], bool]:
-    """The lines of the table, and whether every bit was right."""
+def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tuple[str, ...]], bool]:
+    """Rows of the table, and whether every bit was right."""
     plan, lines, right = plan_of(traced_frames(config, size)), [], True
     for kind, machine, rows in buffers(config):
         outcome = run_plan(playback(machine, rows), plan, folder / kind.replace(" ", "-").replace(",", ""))
@@ -132,9 +133,8 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[st
         for item in plan:
             recording, entries = outcome.recordings[item.name], len(item.run.inputs["entries"])
             seen = recording.observed
-            lines.append(
-                f"| {item.name} | {kind} | {entries:,} | {seen['ops']:,} | {seen['skipped']:,} | {recording.cycles:,} | "
-                f"{seen['waits']:,} | {'' if item.name in outcome.failures else 'equal'} |")
+            lines.append((item.name, kind, f"{entries:,}", f"{seen['ops']:,}", f"{seen['skipped']:,}",
+                          f"{recording.cycles:,}", f"{seen['waits']:,}", "" if item.name in outcome.failures else "equal"))
     return sorted(lines), right
 
 
@@ -146,6 +146,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     config = config_from(args, "default")
     lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)
-    print("| frame | buffer | entries | ops | skipped | cycles | of them waited | bits |\n|---|---|---|---|---|---|---|---|")
-    print(*lines, sep="\n")
+    print(table(("frame", "buffer", "entries", "ops", "skipped", "cycles", "of them waited", "bits"), lines))
     return 0 if right else 1

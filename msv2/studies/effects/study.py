@@ -23,9 +23,11 @@ from tqdm import tqdm
 from golden import threads as parallel
 from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
+from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve
+from msv2.studies import page
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
@@ -185,24 +187,24 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
 
 def table(rows: list[dict[str, object]]) -> str:
     """The rows as a Markdown table."""
-    lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
-             + " | all but a second eye | golden | cycles | energy | simulation | area | area, mm^2 |",
-             "|---" * (len(SINGLE) + 10) + "|"]
+    head = ["frame", "called for", "auto, ms", *(f"+ {name}" for name in SINGLE), "all but a second eye", "golden", "cycles",
+            "energy", "simulation", "area", "area, mm^2"]
+    cells = []
     for row in rows:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
         rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS]
-        lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
-                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
-                                        f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"]) + " |")
-    return "\n".join(lines)
+        cells.append([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
+                      f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
+                      f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"])
+    return page.table(head, cells)
 
 
 def area_table(areas: Mapping[str, EffectArea]) -> str:
     """The areas of effects as a Markdown table."""
-    lines = ["| effect | with it, mm^2 | without it | its own | share |", "|---|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:z.3f} | {a.share:z.1%} |"
-                                for effect, a in areas.items())])
+    return page.table(["effect", "with it, mm^2", "without it", "its own", "share"], [
+        [effect, f"{a.with_mm2:.3f}", f"{a.without_mm2:.3f}", f"{a.mm2:z.3f}", f"{a.share:z.1%}"]
+        for effect, a in areas.items()])
 
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
@@ -239,10 +241,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first, because its tools may be missing
     rows = [measure(args, text, out, area) for text in args.scenes]
     kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
-    write_json(out / "effects.json", {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})})
+    report = {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})}
+    write_report(out / "effects.json", report, [__name__, *["tb.frame.__main__"] * bool(args.rtl)],
+                 {"arguments": args, "machine": config_from(args, "default")},
+                 [*(Frame.parse(text).scene for text in args.scenes), *(liberties() if areas else [])])
     tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
-    text = "\n\n".join(["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables])
-    with atomic_output(out / "effects.md") as file:
-        file.write(f"{text}\n".encode())
+    page.write_page(out / "effects.md", "\n\n".join(
+        ["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables]))
     draw(rows, out / "effects.png")
     print("\n\n".join(tables))

@@ -15,25 +15,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
+from msv2.studies.page import write_page
+from msv2.studies.record import commit, write_report
+from msv2.studies.scenes import ENERGY, available, places
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
-"""Scene, size and gaze of the frames that are modelled when no scene is named; a trained scene only if MSV2_DATA has it."""
+"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
 
-MACHINE = ROOT / "reports" / "machine.json"
+MACHINE = REPORTS / "machine.json"
 """The report of frames through the RTL with its counters (`make results`)."""
 
 
@@ -51,7 +52,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="frame.json of a frame that the RTL rendered, instead of a scene")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
                         help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
-    parser.add_argument("--out", type=Path, default=ROOT / "reports", metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 
@@ -109,13 +110,8 @@ def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
     if args.scene is not None:
         yield args
         return
-    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
-    for scene, size, gaze in FRAMES:
-        path = scene if scene == "embedded" else str(trained / scene)
-        if scene != "embedded" and not Path(path).exists():
-            print(f"{scene}: not in MSV2_DATA, left out", flush=True)
-            continue
-        yield argparse.Namespace(**{**vars(args), "scene": path, "size": size, "gaze": gaze, "levels": 4})
+    for view, path in available(ENERGY):
+        yield argparse.Namespace(**{**vars(args), "scene": path, "size": view.size, "gaze": view.gaze, "levels": 4})
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -130,11 +126,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     frames = [modelled(request, table) for request in requests(args) if not args.frame]
     frames += [counted(frame, table, args.clock_mhz) for path in files for frame in read_frames(path)]
     print("\n".join(map(summary, frames)), flush=True)
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
                "coefficients": coefficients(frames), "frames": frames, "others": OTHERS}
-    write_json(args.out / "energy.json", content)
-    (args.out / "energy.md").write_text(as_markdown(content, table))
+    scenes = [args.scene] if args.scene is not None else places(ENERGY)
+    write_report(args.out / "energy.json", content, [__name__], {"arguments": args, "machine": config_from(args)},
+                 [args.table, *files, *scenes])
+    write_page(args.out / "energy.md", as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
     print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
     return 0
@@ -157,10 +155,3 @@ def summary(frame: dict[str, object]) -> str:
         ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))
     return (f"{frame['scene']} {width}x{height}, {frame['work']}: {energies}; {frame['frames_per_s']:.0f} frames/s "
             f"at {frame['clock_hz'] / 1e6:.0f} MHz")
-
-
-def commit() -> str:
-    """The commit of the working tree."""
-    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    return found.stdout.strip() or "unknown"

@@ -9,18 +9,19 @@ area as in the mean of the simulated units. The study needs the extra `synth` an
 from __future__ import annotations
 
 import argparse
-import subprocess
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame
-from golden.scenes.request import write_json
+from golden.scenes.captured import CAPTURED, scene_argument
 from msv2.studies.energy.table import TABLE
 from msv2.studies.energy_per_operation.measure import map_work, measure, still
 from msv2.studies.energy_per_operation.table import DEFAULTS, unit_rows
 from msv2.studies.energy_per_operation.work import WORK
 from msv2.studies.kept import fingerprint, kept
+from msv2.studies.record import commit, liberties, write_report
+from msv2.studies.scenes import MODELS
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -29,7 +30,7 @@ from synth.liberty import ASAP7, find_files
 from synth.power.cells import read_cells
 from synth.power.energy import VOLTAGE
 from synth.scaling import ENERGY_TO_16NM, SOURCE
-from tb.common.scenes import scene_path, traced_frame
+from tb.common.scenes import traced_frame
 
 SIZE = "160x96"
 FOLDER = ROOT / "build" / "power"
@@ -41,8 +42,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--unit", default="",
                         help=f"measure only this unit, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
-    parser.add_argument("--scenes", default="embedded,truck.splat",
-                        help="scenes, separated by commas (default: embedded,truck.splat)")
+    parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
     parser.add_argument("--clock-ps", type=float, default=1000.0,
                         help="clock period of the netlists in picoseconds (default: 1000)")
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
@@ -77,7 +77,7 @@ def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespa
 
 @cache
 def _frame(scene: str) -> Frame:
-    return traced_frame(PAPER, scene_path(scene), SIZE)[1]
+    return traced_frame(PAPER, scene_argument(scene), SIZE)[1]
 
 
 def _line(row: dict[str, object]) -> str:
@@ -97,8 +97,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     find_files(ASAP7)
     scenes = args.scenes.split(",")
     for scene in scenes:
-        if scene_path(scene) is None:
-            raise InputError(f"scene {scene!r} is not there: MSV2_DATA must name the folder that has trained/{scene}")
+        if scene not in MODELS:
+            raise InputError(f"scene {scene!r} is not accepted: choose of {', '.join(MODELS)}")
+        if scene_argument(scene) is None:
+            raise InputError(f"scene {scene!r} is not there: MSV2_DATA must name the folder that has {CAPTURED[scene]}")
     rows = measured([args.unit] if args.unit else [*WORK, *DEFAULTS], scenes, args)
     if not args.unit:
         write_table(args.out, rows, scenes, args.clock_ps)
@@ -108,25 +110,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def write_table(path: Path, rows: Sequence[dict[str, object]], scenes: Sequence[str], clock_ps: float) -> None:
     """Writes the table of a set of measurements."""
-    write_json(path, {
+    report = {
         "config": PAPER.name,
         "reference": {"cores": PAPER.cores_x * PAPER.cores_y, "culling_units": PAPER.culling_units,
                       "warp_lanes": PAPER.warp_lanes},
         "node": ASAP7.node, "voltage": VOLTAGE, "clock_ps": clock_ps, "to_16nm": ENERGY_TO_16NM["asap7"],
         "scaling": f"x {ENERGY_TO_16NM['asap7']:g} to 16 nm at 0.8 V ({SOURCE})", "flop_leakage_pw": flop_leakage(),
         "commit": commit(), "tools": flow.version(), "scenes": scenes, "size": SIZE,
-        "units": unit_rows(rows), "samples": rows})
+        "units": unit_rows(rows), "samples": rows}
+    write_report(path, report, [__name__], {"machine": PAPER, "clock_ps": clock_ps, "size": SIZE},
+                 [*liberties(), *filter(None, map(scene_argument, scenes))])
 
 
 def flop_leakage() -> float:
     """The leakage of the library's flip-flop in pW."""
     return read_cells(find_files(ASAP7), [ASAP7.flop])[ASAP7.flop].leakage
-
-
-def commit() -> str:
-    """The commit of the working tree, with a plus where the tree differs from it."""
-    run = ["git", "-C", str(ROOT)]
-    head = subprocess.run([*run, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
-    changed = subprocess.run([*run, "status", "--porcelain", "--untracked-files=no", "--", "rtl", "spec", "synth", "tb"],
-                             capture_output=True, text=True, check=False).stdout.strip()
-    return (head or "unknown") + "+" * bool(changed)

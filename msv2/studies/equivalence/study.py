@@ -9,9 +9,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from golden.scenes.request import make_folder, write_json
+from golden.scenes.request import make_folder
 from msv2.studies.equivalence.emit import canonical, checked_out, emitted
 from msv2.studies.equivalence.prove import equivalent
+from msv2.studies.record import write_report
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -62,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with checked_out(args.against) as sources:
         before = emitted(sources, configs, out / "before")
     found = verdicts(before, emitted(ROOT, configs, out / "after"), out / "proofs")
-    write_json(out / "equivalence.json", {"against": args.against, "units": found})
+    write_report(out / "equivalence.json", {"against": args.against, "units": found}, [__name__], {"arguments": args})
     for verdict in (SAME, PROVEN, MISSING, DIFFERENT):
         names = [name for name, value in found.items() if value == verdict]
         print(f"{verdict}: {len(names)}" + (f" ({', '.join(names)})" if names and verdict != SAME else ""))

@@ -18,6 +18,7 @@ from amaranth.hdl import Value
 from amaranth.lib import stream, wiring
 from amaranth.sim import Simulator
 
+from msv2.studies.record import write_report
 from rtl.axi.master import AxiMaster
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
@@ -36,11 +37,10 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
 from spec.memory import WORDS
-from spec.paths import ROOT
+from spec.paths import REPORTS
 from spec.registers import register_map
-from synth.report import write_json
 
-REPORT = ROOT / "reports" / "latencies.json"
+REPORT = REPORTS / "latencies.json"
 
 SETTLING = 4
 """Number of cycles before the first item, in which settings take effect."""
@@ -257,5 +257,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measures all units, prints the latencies and writes the report."""
     cycles = {name: value for measure in MEASURES for name, value in measure(PAPER).items()}
     print(cycles)
-    write_json(REPORT, {"config": PAPER.name, "cycles": cycles})
+    write_report(REPORT, {"config": PAPER.name, "cycles": cycles}, [__name__], {"config": PAPER})
     return 0

@@ -15,7 +15,8 @@ import numpy as np
 from PIL import Image
 
 from golden.msv2_ref import pipeline
-from golden.scenes.request import add_request_arguments, resolve, write_json
+from golden.scenes.request import add_request_arguments, resolve
+from msv2.studies.record import write_report
 from spec.config import CONFIGS
 from spec.errors import InputError
 
@@ -27,8 +28,8 @@ ASPECT_TOLERANCE = 0.02
 view."""
 
 EXAMPLES = """examples:
-  python -m msv2.studies metric_scale scene.ply --camera 0 --depth-map depth.npy
-  python -m msv2.studies metric_scale scene.ply --camera view.json --size 640x360 --depth-map depth.png --out scale.json
+  msv2 study run metric_scale scene.ply --camera 0 --depth-map depth.npy
+  msv2 study run metric_scale scene.ply --camera view.json --size 640x360 --depth-map depth.png --out scale.json
 """
 
 
@@ -84,7 +85,7 @@ def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies metric_scale", description=__doc__, epilog=EXAMPLES,
+    parser = argparse.ArgumentParser(prog="msv2 study run metric_scale", description=__doc__, epilog=EXAMPLES,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     add_request_arguments(parser)
     parser.add_argument("--depth-map", required=True, metavar="FILE",
@@ -102,5 +103,5 @@ def main(argv: Sequence[str] | None = None) -> None:
     found = {"scene": str(args.scene), "camera": request.camera.name, "depth_map": args.depth_map,
              **units_per_metre(metric, frame.depth)}
     if args.out:
-        write_json(Path(args.out), found)
+        write_report(Path(args.out), found, [__name__], {"arguments": args}, [args.scene, args.depth_map])
     print(json.dumps(found, indent=1))

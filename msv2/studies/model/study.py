@@ -12,23 +12,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-from golden.scenes.files import atomic_output
+from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
-from msv2.studies.rtl_frame import kept_frame
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments
+from msv2.studies.page import table, write_page
+from msv2.studies.record import write_report
+from msv2.studies.rtl_frame import COMMAND, kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 
-REPORTS, BUILD = ROOT / "reports", ROOT / "build" / "perf"
+BUILD = ROOT / "build" / "perf"
 RTL_REPORTS = ("frames", "machine", "model_rtl")
 """The reports that hold frames of the RTL."""
 
@@ -57,20 +57,6 @@ _KEPT = (
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
     "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cpu_s",
     "cycles_per_s")
-
-
-def data_folder() -> Path:
-    """The folder of real scenes."""
-    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
-
-
-def scene_path(name: str) -> str | None:
-    """The command-line argument for a scene of a report; None where the scene is missing."""
-    if name == EMBEDDED:
-        return name
-    folder = data_folder()
-    found = [path for path in (folder / Path(name).name, *folder.glob(f"{Path(name).name}.*")) if path.exists()]
-    return str(found[0]) if found else None
 
 
 def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
@@ -146,7 +132,7 @@ def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
         InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
     """
     name, *options = line.split()
-    scene = scene_path(name)
+    scene = scene_argument(name)
     if scene is None:
         return None
     row = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
@@ -160,7 +146,9 @@ def render_rtl() -> None:
         row = rtl_row(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
-        write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed})
+        scenes = filter(None, (scene_argument(row["scene"]) for row in rows))
+        write_report(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed}, [__name__, COMMAND],
+                     {"frames": RTL_FRAMES, "timed": TIMED}, scenes)
 
 
 def side_by_side() -> dict[str, object]:
@@ -182,7 +170,7 @@ def side_by_side() -> dict[str, object]:
 def large_frame() -> dict[str, object] | None:
     """Processor seconds of the model for a large foveated frame, without tracing; None where its scene is missing."""
     name, *_ = LARGE.split()
-    scene = scene_path(name)
+    scene = scene_argument(name)
     if scene is None:
         return None
     trace = trace_request(request(_LARGE_ROW, scene), CONFIGS["paper"], cache=BUILD / "traces")
@@ -198,7 +186,7 @@ def frames() -> tuple[list[dict], list[str]]:
         path = REPORTS / f"{name}.json"
         rows += [dict(row, report=name) for row in json.loads(path.read_text())["rows"]] if path.is_file() else []
     rows = [row for row in rows if row.get("bit_exact") and row["entries"]]
-    missing = sorted({row["scene"] for row in rows if scene_path(row["scene"]) is None})
+    missing = sorted({row["scene"] for row in rows if scene_argument(row["scene"]) is None})
     return [row for row in rows if row["scene"] not in missing], missing
 
 
@@ -242,15 +230,16 @@ def markdown(report: Mapping[str, object]) -> str:
         if speed.get("large"):
             lines += [f"`{speed['large']['frame']}`: {speed['large']['cycles']:,} cycles in "
                       f"{speed['large']['model_seconds']:.2f} s of a processor.", ""]
-    lines += ["| frame | RTL cycles | model | total | table | geometry | render |", "|---|--:|--:|--:|--:|--:|--:|"]
+    cells = []
     for row in report["rows"]:
         errors = [row["total"], *(row["phases"][name] for name in PHASES)]
-        lines.append(f"| {_name(row)} | {row['total']['rtl']:,} | {row['total']['model']:,} | "
-                     + " | ".join(f"{e['error']:+.2%}" for e in errors) + " |")
-    lines += ["", "Cycles in which something was offered at a stage's input, moved or not:", "",
-              "| stage | worst error | mean | frames within 5 % |", "|---|--:|--:|--:|"]
-    lines += [f"| {name} | {e['worst']:.2%} | {e['mean']:.2%} | {e['within_5_percent']:.0%} |"
+        cells.append([_name(row), f"{row['total']['rtl']:,}", f"{row['total']['model']:,}",
+                      *(f"{e['error']:+.2%}" for e in errors)])
+    stages = [[name, f"{e['worst']:.2%}", f"{e['mean']:.2%}", f"{e['within_5_percent']:.0%}"]
               for name, e in s["stages"].items()]
+    lines += [table(["frame", "RTL cycles", "model", "total", "table", "geometry", "render"], cells, left=1), "",
+              "Cycles in which something was offered at a stage's input, moved or not:", "",
+              table(["stage", "worst error", "mean", "frames within 5 %"], stages, left=1)]
     if report["missing"]:
         lines += ["", f"Not compared, for lack of the scene: {', '.join(report['missing'])}."]
     return "\n".join(lines) + "\n"
@@ -267,7 +256,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     found, missing = frames()
     rows = []
     for row in found:
-        trace, frame = model_row(row, scene_path(row["scene"]))
+        trace, frame = model_row(row, scene_argument(row["scene"]))
         if trace.entries != row["entries"]:
             raise InputError(f"{row['report']}.json: {row['scene']} has {row['entries']} entries in the RTL, {trace.entries} "
                              "here: the report is of other sources or another camera")
@@ -276,9 +265,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     speed_file = REPORTS / "model_rtl.json"
     speed = json.loads(speed_file.read_text())["speed"] if speed_file.is_file() else None
     report = {"summary": summary(rows), "speed": speed, "rows": rows, "missing": missing}
-    write_json(REPORTS / "model.json", report)
-    with atomic_output(REPORTS / "model.md") as file:
-        file.write(markdown(report).encode())
+    scenes = filter(None, (scene_argument(name) for name in sorted({row["scene"] for row in found})))
+    write_report(REPORTS / "model.json", report, [__name__], {"arguments": args},
+                 [*(REPORTS / f"{name}.json" for name in RTL_REPORTS), *scenes])
+    write_page(REPORTS / "model.md", markdown(report))
     worst = report["summary"]["model_error_total"]
     print(f"{len(rows)} frames, worst error {worst:.2%}")
     return 0 if worst <= TOTAL_GOAL else 1

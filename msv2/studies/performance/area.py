@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from spec.config import PAPER, AcceleratorConfig
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
-REPORT = ROOT / "reports" / "area.json"
+REPORT = REPORTS / "area.json"
 
 GSCORE_MM2_16NM = 1.45
 """Area of the published GSCore, scaled to 16 nm by the paper (section 7, "Hardware Implementation")."""

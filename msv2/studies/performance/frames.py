@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,27 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from golden.msv2_ref.eyes import render_stereo
+from golden.scenes.captured import captured_path
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import add_request_arguments, parse_size, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.kept import fingerprint
+from msv2.studies.scenes import MODELS
+from msv2.studies.scenes import TRAINED_HERE as TRAINED
 from perf.gscore import GscoreTrace, gscore_trace
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "compared"
+CACHE = cache_folder("compared")
 TWO_EYES = PAPER.with_(stereo=True)
 LEVELS = 4
-
-CAPTURED = ("truck.splat", "rock_sh3", "garden_large")
-"""Captured scenes of MSV2_DATA, with random nested subsets as levels."""
-
-TRAINED = ("fern", "bonsai")
-"""Scenes with trained levels, which `make train` has left in build/train."""
 
 SECOND_VIEW = "3"
 """The second camera: one of the orbit's eight, or one of a scene's cameras, far from the first."""
@@ -64,19 +60,16 @@ class Compared:
     subject: dict[str, object]
 
 
-def _data_folder() -> Path:
-    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
-
-
 def scene_file(scene: str) -> Path | None:
-    """The path of a scene; None where it is missing."""
-    places = [_data_folder() / scene, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
-    return next((place for place in places if place.exists()), None)
+    """Where a captured scene, one that was trained here, or a model file is; None where it is not."""
+    captured = captured_path(scene) if scene in MODELS and scene != EMBEDDED else None
+    places = [captured, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
+    return next((place for place in places if place is not None and place.exists()), None)
 
 
 def scenes_here() -> tuple[list[str], list[str]]:
     """The names of the scenes that are present, the embedded one first, and of those that are missing."""
-    found = {scene: scene_file(scene) is not None for scene in (*CAPTURED, *TRAINED)}
+    found = {scene: scene_file(scene) is not None for scene in (*MODELS[1:], *TRAINED)}
     return [EMBEDDED, *(s for s, there in found.items() if there)], [s for s, there in found.items() if not there]
 
 

@@ -10,18 +10,19 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.energy.frame import frame_energy, load_table, model_counts
 from msv2.studies.performance.frames import TRAINED, request, scene_file
 from msv2.studies.performance.machines import BANDWIDTHS, CLOCK_HZ, floor_cycles
+from msv2.studies.scenes import FULL_HD
 from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, colour_beats
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
 SIZE = "1920x1080"
 SCENES = (EMBEDDED, "garden_large", "bonsai")
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 
 
-def full_hd(scenes: tuple[str, ...] = SCENES) -> Iterator[dict[str, object]]:
+def full_hd(scenes: tuple[str, ...] = FULL_HD) -> Iterator[dict[str, object]]:
     """A row for each scene that is present, with the paper's memory, with unlimited memory, and with LPDDR3-1600."""
     for scene in scenes:
         if scene != EMBEDDED and scene_file(scene) is None:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
+from msv2.studies import page as pages
 from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, GPU, GSCORE, MACHINES, TWO_BASE, TWO_BOTH, WARPING
 from msv2.studies.performance.summary import geomean
 
+table = partial(pages.table, left=1)
+
 COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> str:
-    """A table in Markdown. Its first `left` columns and the columns named in `words` are aligned left."""
-    rule = " | ".join("---" if i < left or name in words else "---:" for i, name in enumerate(head))
-    return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def page(content: Mapping, pictures: Sequence[str]) -> str:

@@ -13,30 +13,28 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.page import write_page
 from msv2.studies.performance import area, gpu, summary
-from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scenes_here
+from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scene_file, scenes_here
 from msv2.studies.performance.fullhd import full_hd
 from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, CLOCK_HZ, MACHINES, Run, rows, run_all
 from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
+from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
 from spec.config import PAPER
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 
-REPORTS = ROOT / "reports"
 SWEPT = ("embedded", "truck", "garden_large")
 """Scenes whose first frame is used in the sweeps and in the comparison over area."""
 
@@ -51,13 +49,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="also measure Full HD frames (default: if no SCENE is named)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
-
-
-def commit() -> str:
-    """The commit of the working tree, marked where the report's sources differ from it."""
-    done = [subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False).stdout.strip()
-            for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "spec", "golden", "perf"))]
-    return (done[0] or "unknown") + (", changed" if done[1] else "")
 
 
 def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None:
@@ -133,12 +124,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     hd = args.full_hd == "1" or (args.full_hd is None and not args.scene)
     out, traces = make_folder(args.out), make_folder(ROOT / "build" / "report")
     content, shown = measure(args.scene, args.size, hd, traces)
-    words = ["python -m msv2.studies performance", *(sys.argv[1:] if argv is None else argv)]
-    content = {"commit": commit(), "command": " ".join([words[0], *map(shlex.quote, words[1:])]), **content}
-    write_json(out / "performance.json", content)
+    content = {"commit": commit(), "command": command(__name__), **content}
+    inputs = [REPORTS / f"{name}.json" for name in ("area", "energy_per_operation", "model")]
+    scenes = [scene_file(scene) for scene in (args.scene or scenes_here()[0]) if scene != EMBEDDED]
+    write_report(out / "performance.json", content, [__name__], {"arguments": args, "machine": PAPER},
+                 [*inputs, *filter(None, scenes)])
     pictures = draw(content, shown, out)
-    with atomic_output(out / "performance.md") as file:
-        file.write(page(content, pictures).encode())
+    write_page(out / "performance.md", page(content, pictures))
     for row in content["beside_paper"]:
         ours = row["ours"]
         print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "

@@ -16,6 +16,7 @@ from golden.msv2_ref import array_kernel
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_merge import tile_groups
+from msv2.studies import page
 from spec.constants import TILE
 from spec.formats import Fixed, Format
 from spec.records import (
@@ -172,21 +173,19 @@ def profile(frame: Frame, profiles: Profiles) -> dict[str, int]:
 
 def markdown(profiles: Profiles, scenes: dict[str, dict[str, int]]) -> str:
     """The content of ranges.md."""
-    lines = ["# Ranges", "", "Written by `python -m msv2.cases ranges --keep`, explained in "
-             "[docs/stability.md](../docs/stability.md). All scenes together.", "",
-             "| record | field | format | least | largest | at the least | at the largest | bits to spare | octaves below |",
-             "|---|---|---|---|---|---|---|---|---|"]
+    rows = []
     for p in profiles.values():
         below = "" if p.margin_below is None else f"{p.margin_below:.1f}"
         margin = "all 0" if np.isinf(p.margin) else f"{p.margin:.1f}"
-        lines.append(f"| {p.record} | `{p.field}` | {p.format} | {p.low:.6g} | {p.high:.6g} | {_share(p.at_low, p.count)} | "
-                     f"{_share(p.at_high, p.count)} | {margin} | {below} |")
+        rows.append([p.record, f"`{p.field}`", p.format, f"{p.low:.6g}", f"{p.high:.6g}", _share(p.at_low, p.count),
+                     _share(p.at_high, p.count), margin, below])
     names = list(dict.fromkeys(name for counts in scenes.values() for name in counts))
-    lines += ["", "Clipped on the way in, and pairs dropped:", "", "| scene | " + " | ".join(names) + " |",
-              "|---" * (len(names) + 1) + "|"]
-    for scene, counts in scenes.items():
-        lines.append(f"| {scene} | " + " | ".join(str(counts.get(name, 0)) for name in names) + " |")
-    return "\n".join(lines) + "\n"
+    clipped = [[scene, *(counts.get(name, 0) for name in names)] for scene, counts in scenes.items()]
+    head = ("record", "field", "format", "least", "largest", "at the least", "at the largest", "bits to spare", "octaves below")
+    return "\n\n".join([
+        "# Ranges", "Written by `msv2 study run ranges --keep`, explained in [docs/stability.md](../docs/stability.md). "
+        "All scenes together.", page.table(head, rows), "Clipped on the way in, and pairs dropped:",
+        page.table(["scene", *names], clipped)])
 
 
 def _share(part: int, count: int) -> str:

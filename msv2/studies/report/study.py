@@ -18,18 +18,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from spec.paths import ROOT
-
-sys.path.insert(0, str(ROOT))
-
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
-from msv2.studies.report.html_page import page
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.page import write_html, write_page
+from msv2.studies.record import write_report
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.paths import REPORTS, ROOT
 
-REPORTS = ROOT / "reports"
 PARTS = ("performance", "area", "energy")
 """The chapters, each of which is a report of its own."""
 
@@ -130,11 +126,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = make_folder(args.out)
     gather(args, out)
     content = summary(read(out / "performance.json"), read(out / "energy.json"), read(out / "area.json"), read(MODEL))
-    write_json(out / "report.json", content)
+    inputs = [out / f"{name}.json" for name in PARTS]
+    write_report(out / "report.json", content, [__name__, *(f"msv2.studies.{name}.study" for name in PARTS)],
+                 {"arguments": args}, [*inputs, MODEL])
     pages = [out / f"{name}.md" for name in PARTS]
     text = markdown(content, [chapter(path.read_text(), out) for path in pages if path.is_file()])
-    for name, made in (("report.md", text), ("report.html", page("Report", text))):
-        with atomic_output(out / name) as file:
-            file.write(made.encode())
+    write_page(out / "report.md", text)
+    write_html(out / "report.html", "Report", text)
     print(f"wrote {out / 'report.html'}, report.md, report.json")
     return 0

@@ -2,9 +2,9 @@
 
     python -m msv2.studies sorting          scenes in MSV2_DATA (minutes)
 
-The sorter of the paper's machine is simulated alone, from Verilog, and every intersection is compared. Groups come as fast as
-it accepts them, its output is accepted at once, and its memory answers after `LATENCY` cycles. msv2/studies/results/tables.py
-makes the README's table from the report.
+The sorter of the paper's machine alone, from Verilog, every entry compared: its groups come as fast as it takes them, what it
+gives is taken at once, and its memory answers after `LATENCY` cycles. The table of docs/results.md is made of it by
+msv2/studies/results/tables.py.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
+from msv2.studies.record import write_report
+from msv2.studies.scenes import View, available, places
 from spec.config import PAPER, AcceleratorConfig
-from spec.paths import ROOT
-from synth.report import write_json
+from spec.paths import REPORTS, ROOT
 from tb.common.exact import Outcome, Planned, rate
 from tb.common.runner import SimulationError
-from tb.common.scenes import TRAINED, scene_path
+from tb.common.scenes import TRAINED
 from tb.sort_tmu.hierarchical_suite import LATENCY, run_plan, traced_plan
 
-REPORT = ROOT / "reports" / "sorting.json"
+REPORT = REPORTS / "sorting.json"
 
 SIZES = ("256x144", "640x360")
 """Sizes of the frames, each rendered without a gaze and with one."""
@@ -60,8 +61,8 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all frames and writes the report."""
-    for scene in TRAINED:
-        if scene_path(scene) is None:
-            print(f"skipped: {scene} (no such scene in MSV2_DATA)")
-    write_json(REPORT, measure(PAPER, SIZES, ROOT / "build" / "results"))
+    views = [View(scene, SIZES[0]) for scene in TRAINED]
+    list(available(views))  # names what is not there
+    report = measure(PAPER, SIZES, ROOT / "build" / "results")
+    write_report(REPORT, report, [__name__], {"config": PAPER, "sizes": SIZES}, places(views))
     return 0

@@ -24,9 +24,11 @@ from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import Request, make_folder, resolve, write_json
+from golden.scenes.request import Request, make_folder, resolve
+from msv2.studies import page
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
 from msv2.studies.speed import float32
 from spec.config import PAPER
 from spec.errors import InputError
@@ -136,12 +138,11 @@ def table(result: dict[str, object]) -> str:
     stages = [stage for stage in integer if stage in single]
     return "\n".join([
         f"## {result['scene']}, {width}x{height}, {result['splats']:,} splats, {result['entries']:,} entries", "",
-        "| renderer | median ms | min..max ms | times the integer's | dB against the oracle |", "|---|---|---|---|---|",
-        *(f"| {name} | {1e3 * r['median_s']:.1f} | {1e3 * r['min_s']:.1f}..{1e3 * r['max_s']:.1f} | "
-          f"{r['times_integer']:.2f} | {r['psnr_vs_oracle_db']:.1f} |" for name, r in result["renderers"].items()),
-        "", "| median ms by stage | " + " | ".join(stages) + " |", "|---" * (len(stages) + 1) + "|",
-        *(f"| {name} | " + " | ".join(f"{1e3 * of[stage]:.1f}" for stage in stages) + " |"
-          for name, of in ((INTEGER, integer), (FLOAT, single))),
+        page.table(["renderer", "median ms", "min..max ms", "times the integer's", "dB against the oracle"], [
+            [name, f"{1e3 * r['median_s']:.1f}", f"{1e3 * r['min_s']:.1f}..{1e3 * r['max_s']:.1f}",
+             f"{r['times_integer']:.2f}", f"{r['psnr_vs_oracle_db']:.1f}"] for name, r in result["renderers"].items()]), "",
+        page.table(["median ms by stage", *stages], [
+            [name, *(f"{1e3 * of[stage]:.1f}" for stage in stages)] for name, of in ((INTEGER, integer), (FLOAT, single))]),
         ""])
 
 
@@ -166,8 +167,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         "# Renderer speed", "", "Made by `make bench`; whole frames and iterations, warm, renderers in turn. Medians of "
         f"{args.repeat} rounds, {threads.threads} threads, load average {machine['load_average']:.1f}.", "",
         *("\n".join([table(result), training.table(result["training"])]) for result in results)])
-    write_json(out / "bench.json", {"machine": machine, "scenes": results})
-    with atomic_output(out / "bench.md") as file:
-        file.write(report.encode())
+    write_report(out / "bench.json", {"machine": machine, "scenes": results}, [__name__],
+                 {"arguments": args, "machine": PAPER}, args.scenes)
+    write_page(out / "bench.md", report)
     print(report)
     print(f"written: {out / 'bench.json'}, {out / 'bench.md'}")

@@ -27,6 +27,7 @@ from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
+from msv2.studies import page
 
 OURS, PLAIN = "numba renderer", "plain torch tiles"
 
@@ -139,4 +140,4 @@ def table(result: dict[str, object]) -> str:
             for name, r in result["renderers"].items()]
     return "\n".join([
         f"Training at {width}x{height}, {result['entries']:,} entries: forward, loss, backward and Adam's step.", "",
-        *(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *rows]), ""])
+        page.table(header, rows), ""])

@@ -18,7 +18,8 @@ from golden.scenes.gaze import Display
 from golden.scenes.request import Request
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.accuracy.stereo import with_gaze
-from msv2.studies.accuracy.study import over_scenes, write_report
+from msv2.studies.accuracy.study import keep, over_scenes
+from msv2.studies.page import table
 from spec.config import PAPER, WARP_FILLS, AcceleratorConfig
 from spec.constants import MAX_LEVELS, TILE
 
@@ -144,7 +145,7 @@ def measure(request: Request, name: str) -> dict[str, object]:
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
     """The tables of reports/stereo_rules.md."""
-    lines = [f"| scene, view | levels | foveal tiles | {' | '.join(RULES)} |", "|---" * (3 + len(RULES)) + "|"]
+    lines = []
     for r in rows:
         base = r["rules"]["rendered"]["hvsq_level_1"]
         cells = []
@@ -152,24 +153,25 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
             judged = (f"{rule['hvsq_level_1'] / base - 1:+.2%}" if base else f"{1e5 * rule['hvsq_level_1']:.2f}e-5")
             cells.append(f"{rule['rerendered']:.1%}, {rule['psnr_target_db']:.1f} dB, {judged}")
         lines.append(_line(r, f"{r['shares']['tiles_foveal']:.1%}", *cells))
-    names = list(rows[0]["causes"][WARP_FILLS[0]])
+    tables, names = [table(["scene, view", "levels", "foveal tiles", *RULES], lines)], list(rows[0]["causes"][WARP_FILLS[0]])
     for fill in WARP_FILLS:
-        lines += ["", f"| {fill}: scene, view | levels | {' | '.join(names)} |", "|---" * (2 + len(names)) + "|"]
+        lines = []
         for r in rows:
             shares = r["causes"][fill]
             lines.append(_line(r, *(f"{shares[name]['any']:.0%}, {shares[name]['alone']:.0%}" for name in names)))
-    return "\n".join([*lines, "", NOTE, ""])
+        tables.append(table([f"{fill}: scene, view", "levels", *names], lines))
+    return "\n\n".join([*tables, NOTE]) + "\n"
 
 
-def _line(row: dict[str, object], *cells: str) -> str:
-    return f"| {row['scene']}, {row['camera']} | {row['levels']} | {' | '.join(cells)} |"
+def _line(row: dict[str, object], *cells: str) -> list[object]:
+    return [f"{row['scene']}, {row['camera']}", row["levels"], *cells]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
-    rows, out = over_scenes("stereo_rules", __doc__, argv, lambda request, scene: [
+    rows, args = over_scenes("stereo_rules", __doc__, argv, lambda request, scene: [
         measure(with_gaze(request, levels), named(request, scene)) for levels in (1, MAX_LEVELS)], TRAINED)
-    write_report(out, "stereo_rules", {"rows": rows}, as_markdown(rows))
+    keep(args, "stereo_rules", __name__, {"rows": rows}, as_markdown(rows))
     return 0
 
 

@@ -13,9 +13,10 @@ from typing import Any
 from tqdm import tqdm
 
 from golden.diff import import_torch
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import make_folder, write_json
+from golden.scenes.request import make_folder
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
@@ -148,7 +149,9 @@ def write(out: Path, args: argparse.Namespace, records: list[dict[str, Any]]) ->
 
     summaries = [{**record, "means": over_poses(record["poses"]), "both_rendered": rendered(record["poses"], "rendered"),
                   "v1_rendered": rendered(record["poses"], "v1"), "picked": picked(record["poses"])} for record in records]
-    write_json(out / f"{args.name}.json", {"scenes": summaries})
-    with atomic_output(out / f"{args.name}.md") as file:
-        file.write(markdown(records, f"{args.name}.png").encode())
+    scenes = [text.partition("@")[0] for text in args.scenes]
+    write_report(out / f"{args.name}.json", {"scenes": summaries},
+                 [__name__, "msv2.studies.threshold.measure", *["tb.frame.__main__"] * (args.rtl != "none")],
+                 {"arguments": args}, scenes)
+    write_page(out / f"{args.name}.md", markdown(records, f"{args.name}.png"))
     save_plot(records, out / f"{args.name}.png")

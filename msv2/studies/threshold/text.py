@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from msv2.studies.cycles import cycles_by, cycles_of, explained
+from msv2.studies.page import table
 from msv2.studies.threshold.summary import CLOCK_HZ, over_poses, picked, rendered
 from spec.constants import ECC_THRESHOLD_DEG
 
@@ -37,8 +38,7 @@ def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(row)} |" for row in rows)]
-    return "\n".join(lines) + "\n"
+    return f"{table(head, rows)}\n"
 
 
 def _title(scene: Mapping[str, Any]) -> str:

@@ -24,7 +24,7 @@ from perf.model import simulate
 from perf.trace import trace_of
 from spec.config import CONFIGS
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
 Row = dict[str, object]
 REPEATS = 3
@@ -95,7 +95,7 @@ def _row(name: str, what: str, seconds: float, image: np.ndarray, ideal: np.ndar
 
 
 def _worst_known() -> float | None:
-    path = ROOT / "reports" / "model.json"
+    path = REPORTS / "model.json"
     if not path.exists():
         return None
     rows = json.loads(path.read_text()).get("rows", [])

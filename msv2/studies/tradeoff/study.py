@@ -22,7 +22,7 @@ from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word
 from msv2.studies.tradeoff.scene import SceneRequest, load
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
 EPILOG = """\
 Writes OUT/NAME.md, NAME.json, NAME.html, and a PNG with a CSV beside it of machine, simulation and training. What was measured
@@ -114,7 +114,7 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
                       for s in settings], args, "frames")
     cases = sweep(hard.hard_cases, [(s,) for s in settings], [fingerprint((), made[1], hard.identity(s)) for s in settings],
                   args, "hard")
-    areas = report.known_areas(ROOT / "reports" / "area.json")
+    areas = report.known_areas(REPORTS / "area.json")
     rows = []
     for setting, quality, stable in zip(settings, measured, cases, strict=True):
         rows.append({
@@ -180,6 +180,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "presets": {b.preset: b.name for b in BUDGETS if b.preset},
         "simulation": {"size": small.size, "config": args.rtl_config, "rows": simulated},
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}
-    report.write(content, out, args.name)
+    inputs = [args.scene, *(path for _, path in request.variants), REPORTS / "area.json"]
+    report.write(content, out, args.name, {"arguments": args, "machine": PAPER}, inputs)
     print(report.recommendation(content))
     return 0

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.request import make_folder, parse_size
 from golden.training.dense import DenseOptions, DenseStage
 from golden.training.evaluate import evaluate
 from golden.training.scene import load_training_scene
+from msv2.studies.page import table, write_page
+from msv2.studies.record import write_report
 from spec.errors import run_command_line
 
 VARIANTS: dict[str, dict[str, float]] = {
@@ -46,12 +47,13 @@ def page(report: dict[str, Any]) -> str:
         "# Dense training's defaults", "",
         f"{report['scene']} at {report['size']}, {report['iterations']:,} iterations, at most {report['max_points']:,} points; "
         "means over the validation views, which neither train nor test; one column for each seed.", "",
-        "| variant | PSNR dB by seed | mean | SSIM, mean |", "|---|---|---|---|"]
+    ]
+    cells = []
     for row in report["rows"]:
         psnr = [each["psnr"] for each in row["seeds"]]
-        lines.append(f"| {row['variant']} | {', '.join(f'{value:.2f}' for value in psnr)} | {np.mean(psnr):.2f} | "
-                     f"{np.mean([each['ssim'] for each in row['seeds']]):.4f} |")
-    return "\n".join([*lines, ""])
+        cells.append([row["variant"], ", ".join(f"{value:.2f}" for value in psnr), f"{np.mean(psnr):.2f}",
+                      f"{np.mean([each['ssim'] for each in row['seeds']]):.4f}"])
+    return "\n".join([*lines, table(["variant", "PSNR dB by seed", "mean", "SSIM, mean"], cells), ""])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,9 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     report = {"scene": Path(args.scene).name, "size": args.size or "its own size", "iterations": args.iterations,
               "max_points": args.max_points, "rows": rows}
     out = make_folder(args.out)
-    write_json(out / "dense_check.json", report)
-    with atomic_output(out / "dense_check.md") as file:
-        file.write(page(report).encode())
+    write_report(out / "dense_check.json", report, [__name__], {"arguments": args}, [args.scene])
+    write_page(out / "dense_check.md", page(report))
     print(page(report))
     return 0
 

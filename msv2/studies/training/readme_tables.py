@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from msv2.studies.page import table
 from msv2.studies.training import tables_text
 
 Reports = Mapping[str, Mapping[str, Any]]
@@ -46,15 +47,15 @@ def _pooling(reports: Reports) -> str | None:
     """A table of levels and storage by the display for which their pooling is made."""
     if "pooling" not in reports:
         return None
-    lines = ["| run | pooling as of a frame | points of L2, L3, L4 in L1's | storage over L1's | intersections, foveated |",
-             "| --- | --- | --- | --- | --- |"]
+    cells = []
     for row in reports["pooling"]["rows"]:
         size = "{}x{}".format(*row["size"])
         of_frame = f"{row['pooling_width']} px wide" if row["pooling_width"] else "of its own width"
         shares = ", ".join(f"{100 * count / row['points'][0]:.0f} %" for count in row["points"][1:])
-        lines.append(f"| {row['scene']}, {size} | {of_frame} | {shares} | +{row['storage_overhead_percent']:.1f} % | "
-                     f"dense's / {row['cut_foveated']:.2f} |")
-    return "\n".join(lines)
+        cells.append([f"{row['scene']}, {size}", of_frame, shares, f"+{row['storage_overhead_percent']:.1f} %",
+                      f"dense's / {row['cut_foveated']:.2f}"])
+    return table(["run", "pooling as of a frame", "points of L2, L3, L4 in L1's", "storage over L1's",
+                  "intersections, foveated"], cells)
 
 
 TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {

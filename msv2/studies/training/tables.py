@@ -16,15 +16,16 @@ from tqdm import tqdm
 
 from golden.diff.gaussians import Gaussians, to_model
 from golden.scenes.camera import Camera
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.request import make_folder, parse_size
 from golden.training.chain import Chain
 from golden.training.finished_runs import FinishedRun, find_run
 from golden.training.plots import read_log
 from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
 from golden.training.run import chosen_recipe, chosen_scene, run_options
 from golden.training.scene import TrainingScene
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
 from msv2.studies.training import ablation, comparison, labels, latency
 from msv2.studies.training.pruning_table import pruning_rows
 from msv2.studies.training.rtl_cycles import RtlCycles, rtl_cycles
@@ -247,14 +248,17 @@ def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) ->
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
         scenes.append(record)
         shown.append(plots)
-        write(out, args.name, scenes, shown)
+        write(out, args.name, scenes, shown, args)
     return {"scenes": scenes}
 
 
-def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown]) -> None:
-    """Writes the files for the scenes so far."""
-    write_json(folder / f"{name}.json", {"scenes": scenes})
-    with atomic_output(folder / f"{name}.md") as file:
-        file.write(markdown(scenes, f"{name}.png").encode())
+def write(
+    folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown], args: argparse.Namespace | None = None,
+) -> None:
+    """The files, of the scenes so far; `args` are those of the provenance."""
+    modules = [__name__, "golden.train", *["tb.frame.__main__"] * bool(args and args.rtl)]
+    inputs = [text.partition("@")[0] for text in (args.scenes if args else ())]
+    write_report(folder / f"{name}.json", {"scenes": scenes}, modules, {"arguments": args}, inputs)
+    write_page(folder / f"{name}.md", markdown(scenes, f"{name}.png"))
     if any(of.versions or of.curves for of in shown):
         save_plots(shown, folder / f"{name}.png")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from msv2.studies import page
 from msv2.studies.cycles import CYCLES, cycles_of, explained
 from msv2.studies.training import labels
 from msv2.studies.training.labels import reached
@@ -53,8 +54,7 @@ def _works(scenes: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A Markdown table, followed by an empty line."""
-    return "\n".join(["| " + " | ".join(head) + " |", "|---" * len(head) + "|",
-                      *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows), ""])
+    return f"{page.table(head, rows)}\n"
 
 
 def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:

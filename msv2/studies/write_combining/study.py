@@ -16,15 +16,14 @@ import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.tile_lists import rank_in_tile
-from golden.scenes.files import atomic_output
+from msv2.studies import page
+from msv2.studies.record import write_report
+from msv2.studies.scenes import WRITE_COMBINING as FRAMES
+from msv2.studies.scenes import View, available, places
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES
-from spec.paths import ROOT
-from tb.common.scenes import scene_path, traced_frame
-
-FRAMES = (
-    ("embedded", "640x360"), ("truck.splat", "640x360"), ("embedded", "1920x1080"), ("truck.splat", "1920x1080"))
-"""Scenes with their sizes; a trained one only if it is present."""
+from spec.paths import REPORTS
+from tb.common.scenes import traced_frame
 
 LINES = (64, 256, 1024, 4096)
 
@@ -53,16 +52,13 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _rows() -> Iterator[str]:
-    """The Markdown row of each frame."""
-    for scene, size in FRAMES:
-        path = scene_path(scene)
-        if path is None:
-            continue
-        name, frame = traced_frame(PAPER, path, size)
+def _rows(views: Sequence[View]) -> Iterator[dict[str, object]]:
+    """Numbers of each frame whose scene is there."""
+    for view, path in available(views):
+        name, frame = traced_frame(PAPER, path, view.size)
         tile = arriving_tiles(frame)
-        shares = " | ".join(_percent(saved_writes(tile, lines) / len(tile)) for lines in LINES)
-        yield f"| {name} | {len(tile):,} | {len(frame.entries.start) - 1:,} | {shares} |"
+        yield {"frame": name, "entries": len(tile), "tiles": len(frame.entries.start) - 1,
+               "saved": [saved_writes(tile, lines) / len(tile) for lines in LINES]}
 
 
 _HEAD = f"""# Beats that wait for more entries of their tile: writes saved
@@ -70,19 +66,20 @@ _HEAD = f"""# Beats that wait for more entries of their tile: writes saved
 Written by `python -m msv2.studies write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
 which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's low bits. No more than
 {_percent(1 - 1 / BEAT_ENTRIES)} can be saved.
-
-| frame | entries | tiles | {' | '.join(f'{lines:,} lines' for lines in LINES)} |
-{'|---' * (3 + len(LINES))}|
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes the report's table."""
+    """Writes write_combining.json and the page write_combining.md."""
     parser = argparse.ArgumentParser(prog="python -m msv2.studies write_combining", description=__doc__.split(": ", 1)[1])
-    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "write_combining.md", metavar="FILE")
+    parser.add_argument("--out", type=Path, default=REPORTS / "write_combining.md", metavar="FILE",
+                        help="the page; the JSON is beside it (default: reports/write_combining.md)")
     args = parser.parse_args(argv)
-    rows = list(_rows())
-    with atomic_output(args.out) as file:
-        file.write((_HEAD + "\n".join(rows) + "\n").encode())
+    rows = list(_rows(FRAMES))
+    write_report(args.out.with_suffix(".json"), {"config": PAPER.name, "lines": LINES, "rows": rows}, [__name__],
+                 {"config": PAPER}, places(FRAMES))
+    cells = [[r["frame"], f"{r['entries']:,}", f"{r['tiles']:,}", *map(_percent, r["saved"])] for r in rows]
+    table = page.table(["frame", "entries", "tiles", *(f"{lines:,} lines" for lines in LINES)], cells)
+    page.write_page(args.out, f"{_HEAD}\n{table}")
     print(f"{args.out}: {len(rows)} frames")
     return 0

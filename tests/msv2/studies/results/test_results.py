@@ -21,7 +21,7 @@ def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monk
     commands, fern = [], tmp_path / "posed" / "fern"
     monkeypatch.setattr(study, "run", lambda *command: commands.append(command))
     monkeypatch.setattr(study, "REPORTS", tmp_path / "reports")
-    monkeypatch.setattr(study, "fill_readme", lambda *arguments, check: 0)
+    monkeypatch.setattr(study, "fill", lambda *arguments, check: 0)
     monkeypatch.setenv("MSV2_DATA", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["results.py", "--only", "training"])
     assert study.main() == 0

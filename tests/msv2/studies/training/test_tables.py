@@ -34,7 +34,7 @@ from tests.helpers.training_samples import small_dense, small_scene  # noqa: E40
 
 sys.path.insert(0, str(ROOT))
 
-from msv2.studies.results.tables import fill_readme  # noqa: E402
+from msv2.studies.results.tables import fill  # noqa: E402
 
 RECIPE = Recipe("H", None, True, 60, 1500, 0)
 
@@ -249,7 +249,7 @@ def readme_has_the_tables(folder, page):
     text = (ROOT / "README.md").read_text()
     section = text[text.index("\n## Training\n") : text.index("\n## Everyday use\n")]
     (folder / "README.md").write_text(section)
-    assert fill_readme(folder / "README.md", folder) == 0
+    assert fill(folder / "README.md", folder) == 0
     filled = (folder / "README.md").read_text()
     assert "(not measured yet)" not in filled and "reports/training.png" in filled
     of_runs = filled.index("<!-- table:training_pooling -->")  # a table of runs of golden/train.py, which the page has not
@@ -257,7 +257,7 @@ def readme_has_the_tables(folder, page):
     rows = [line for line in filled.splitlines() if line.startswith("|")]
     assert len(rows) > 50 and set(rows) <= set(page.splitlines())
     assert filled.count("**other, 64x64**") == 5
-    assert fill_readme(folder / "README.md", folder, check=True) == 0
+    assert fill(folder / "README.md", folder, check=True) == 0
 
 
 @pytest.mark.parametrize("name, keys, plotted", [
