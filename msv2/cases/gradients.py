@@ -207,8 +207,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs the command line."""
     parser = command_parser("python -m msv2.cases.gradients", __doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help="ids of cases (default: all)")
-    parser.add_argument("--faults", action="store_true", help="run the seeded faults, too")
-    parser.add_argument("--json", metavar="FILE", help="write there instead of to the screen")
+    parser.add_argument("--faults", action="store_true", help="also run the seeded faults")
+    parser.add_argument("--json", metavar="FILE", help="write the results to this file instead of the screen")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
     chosen = [case for case in CASES if not args.cases or case.id in args.cases]

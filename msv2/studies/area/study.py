@@ -154,10 +154,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, measures, and writes the report; returns the exit status."""
     parser = command_parser("msv2 study run area", __doc__.splitlines()[0])
     parser.add_argument("--builds", nargs="+", default=list(BUILDS), metavar="BUILD",
-                        help=f"builds to make, of {', '.join(BUILDS)} (default: all)")
+                        help=f"builds to make, among {', '.join(BUILDS)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
-                        help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
+                        help=f"most runs of a module, each with more fast adders; 1: all are fast (default: {MOST_RUNS})")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
                         help="folder of synthesis results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",

@@ -142,7 +142,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Prints the table; returns 1 when a bit differs."""
     parser = command_parser("msv2 study run drain_waits", __doc__.split("\n\n")[0])
     add_config_arguments(parser, "default")
-    parser.add_argument("--size", default="160x96", metavar="WxH", help="of the frames, at least 50x40 (default: 160x96)")
+    parser.add_argument("--size", default="160x96", metavar="WxH", help="size of the frames, at least 50x40 (default: 160x96)")
     args = parser.parse_args(argv)
     config = config_from(args, "default")
     lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)

@@ -84,15 +84,18 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed and checked command line."""
     parser = command_parser("msv2 study run effects", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
-                        help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
-    parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
+                        help="scenes, each with an optional gaze; a gaze gives a model without levels nested random subsets")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the golden frames (default: 640x360)")
+    parser.add_argument("--rtl", metavar="WxH", help="also simulate the RTL, at this size")
     add_config_arguments(parser, "default")
-    parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
-    parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
-    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
-    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
+    parser.add_argument("--area", action="store_true",
+                        help="also synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
+    parser.add_argument("--area-config", default="paper", metavar="CONFIG",
+                        help="configuration whose area is shown (default: paper)")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"how often each frame is run (default: {RUNS})")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR",
+                        help="output folder (default: build/effects)")
     args = parser.parse_args(argv)
     config_from(args, "default")  # raises for a wrong configuration before anything is rendered
     choice("config", args.area_config, CONFIGS)

@@ -45,11 +45,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.set_defaults(scene=None)
     add_stereo_arguments(parser)
     add_config_arguments(parser, "paper", ", which is measured")
-    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
-    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
-    parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
-    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="clock frequency in MHz (default: 1000)")
+    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"),
+                        help="memory of the cycle model (default: ideal)")
+    parser.add_argument("--frame", type=Path, metavar="FILE",
+                        help="frame.json of a frame that the RTL rendered, instead of a scene")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
+                        help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 

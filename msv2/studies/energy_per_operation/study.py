@@ -40,12 +40,14 @@ FOLDER = ROOT / "build" / "power"
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run energy_per_operation", __doc__)
     parser.add_argument("--unit", default="",
-                        help=f"only measure this one, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
-    parser.add_argument("--scenes", default="embedded,truck", help="comma-separated (default: embedded,truck)")
-    parser.add_argument("--clock-ps", type=float, default=1000.0, help="that netlists are made for (default: 1000)")
+                        help=f"measure only this unit, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
+    parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
+    parser.add_argument("--clock-ps", type=float, default=1000.0,
+                        help="clock period of the netlists in picoseconds (default: 1000)")
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
                         help="folder of netlists (default: build/synth)")
-    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE",
+                        help=f"output file (default: {TABLE.relative_to(ROOT)})")
     return parser.parse_args(argv)
 
 

@@ -88,8 +88,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
     parser = command_parser("msv2 study run metric_scale", __doc__, EXAMPLES)
     add_request_arguments(parser)
-    parser.add_argument("--depth-map", required=True, metavar="FILE", help="of the camera's view: .npy (m) or 16-bit .png (mm)")
-    parser.add_argument("--out", metavar="FILE", help="write the JSON here too")
+    parser.add_argument("--depth-map", required=True, metavar="FILE",
+                        help="depth map of the camera's view: .npy (m) or 16-bit .png (mm)")
+    parser.add_argument("--out", metavar="FILE", help="also write the JSON to this file")
     return parser.parse_args(argv)
 
 

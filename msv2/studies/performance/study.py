@@ -44,10 +44,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run performance", __doc__)
     parser.add_argument("scene", nargs="*", metavar="SCENE",
                         help="'embedded', a model file, a scene of MSV2_DATA or build/train")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--full-hd", default=None, choices=("0", "1"),
-                        help="Full HD frames too (default: where no SCENE is named)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+                        help="also measure Full HD frames (default: if no SCENE is named)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 

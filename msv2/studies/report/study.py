@@ -39,8 +39,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("scene", nargs="*", metavar="SCENE", help="see msv2 study run performance --help")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
     parser.add_argument("--area", default="kept", choices=("kept", "measured"),
-                        help="of reports/area.json (default), or made anew")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR", help="default: build/report")
+                        help="kept: the areas in reports/area.json (default); measured: synthesise again")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR",
+                        help="output folder (default: build/report)")
     return parser.parse_args(argv)
 
 

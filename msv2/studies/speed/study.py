@@ -52,11 +52,11 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run speed", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=[EMBEDDED], metavar="SCENE",
                         help="model files or folders, or 'embedded' (default)")
-    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as golden/render.py (default: orbit)")
+    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="the camera (default: orbit)")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="frame size (default: 640x360)")
     parser.add_argument("--training-size", metavar="WxH", help="frame size of the training iterations "
                         f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
-    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default: 5)")
+    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="number of rounds (default: 5)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
     # The other renderers draw one level on black, so all renderers are compared with that.
     parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)

@@ -41,21 +41,22 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
     parser = command_parser("msv2 study run threshold", __doc__, EXAMPLES)
     add = parser.add_argument
-    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, runs' folders, or embedded (default: embedded)")
-    add("--size", default="640x360", metavar="WxH", help="of scenes without a size of their own (default: 640x360)")
-    add("--poses", type=int, default=2, metavar="N", help="of each scene, evenly over its views (default: 2)")
+    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, folders of training runs, or embedded (default: embedded)")
+    add("--size", default="640x360", metavar="WxH", help="frame size of scenes that are given without one (default: 640x360)")
+    add("--poses", type=int, default=2, metavar="N",
+        help="number of poses of each scene, spread evenly over its views (default: 2)")
     add("--thresholds", default=",".join(f"{t:g}" for t in THRESHOLDS), metavar="DEG,DEG",
-        help="eccentricities (default: %(default)s)")
-    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="between the eyes in metres (default: %(default)s)")
-    add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
-    add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
+        help="eccentricity thresholds (default: %(default)s)")
+    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="distance between the eyes in metres (default: %(default)s)")
+    add("--units-per-metre", type=float, metavar="S", help="scale of all scenes (default: known or assumed, by name)")
+    add("--v1", metavar="MODEL", help="the v1 model, if there is only one scene (default: RUN-v1/model.ply)")
     add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
     add("--rtl", default="none", metavar="all|NAME,NAME",
-        help="scenes whose first pose goes through the RTL as well, at 18 degrees (minutes)")
-    add("--rtl-eyes", action="store_true", help="and each of its eyes alone (more minutes)")
-    add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
-    add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
-    add("--name", default="table_ecc", help="of those files (default: table_ecc)")
+        help="scenes whose first pose is also simulated in RTL, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="simulate also each eye of that pose alone (more minutes)")
+    add("--work", default="build/table-ecc/kept", metavar="DIR", help="cache of measurements")
+    add("--out", default="build/table-ecc", metavar="DIR", help="folder of NAME.json, NAME.md and NAME.png")
+    add("--name", default="table_ecc", help="name of those files (default: table_ecc)")
     return parser.parse_args(argv)
 
 

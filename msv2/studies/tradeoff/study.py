@@ -44,21 +44,23 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
     parser = command_parser("msv2 study run tradeoff", __doc__, EPILOG)
     add = parser.add_argument
-    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE", help="a model, a finished run's folder, or embedded (default)")
-    add("--size", default="192x108", metavar="WxH", help="of the frames (default: 192x108)")
-    add("--views", type=int, default=2, metavar="N", help="over the test views (default: 2)")
+    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
+        help="a model, the folder of a finished training run, or embedded (default)")
+    add("--size", default="192x108", metavar="WxH", help="size of the frames (default: 192x108)")
+    add("--views", type=int, default=2, metavar="N", help="number of views, spread over the test views (default: 2)")
     add("--variant", action="append", default=[], metavar="NAME=PATH", help="another model of the same world with four levels")
-    add("--knob", action="append", default=[], metavar="KNOB", help="only this one; may be given again (default: all)")
-    add("--units-per-metre", type=float, default=1.0, metavar="S", help="of two eyes (default: 1)")
+    add("--knob", action="append", default=[], metavar="KNOB", help="measure only this knob; can be repeated (default: all)")
+    add("--units-per-metre", type=float, default=1.0, metavar="S", help="scale of the scene for two eyes (default: 1)")
     add("--runs", default="build/train", metavar="DIR,DIR", help="folders of finished training runs (default: build/train)")
-    add("--rtl", action="store_true", help="the first view through the RTL, too (minutes; take a small size)")
-    add("--rtl-config", default="tiny", metavar="NAME", help="machine of the simulation's picture (default: tiny)")
-    add("--rtl-size", default="64x48", metavar="WxH", help="frame of the simulation's picture with --rtl (default: 64x48)")
-    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
-    add("--scheduler", metavar="ADDRESS", help="of a Dask cluster to work on instead")
-    add("--work", default="build/tradeoff/kept", metavar="DIR", help="what was measured before")
+    add("--rtl", action="store_true", help="also simulate the first view in RTL (minutes; choose a small size)")
+    add("--rtl-config", default="tiny", metavar="NAME",
+        help="configuration for the picture of the RTL simulation (default: tiny)")
+    add("--rtl-size", default="64x48", metavar="WxH", help="frame size for that picture (default: 64x48)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="number of processes (default: one per core)")
+    add("--scheduler", metavar="ADDRESS", help="address of a Dask cluster to use instead of local processes")
+    add("--work", default="build/tradeoff/kept", metavar="DIR", help="cache of measurements")
     add("--out", default="build/tradeoff", metavar="DIR", help="output folder (default: build/tradeoff)")
-    add("--name", default="tradeoff", help="of the files (default: tradeoff)")
+    add("--name", default="tradeoff", help="name of the output files (default: tradeoff)")
     return parser.parse_args(argv)
 
 

@@ -60,10 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Trains, and writes dense_check.json and dense_check.md; returns the exit status."""
     parser = command_parser("python -m msv2.studies.training.dense_check", __doc__)
     add = parser.add_argument
-    add("scene", nargs="?", default="embedded", metavar="SCENE", help="as of golden/train.py (default: embedded)")
+    add("scene", nargs="?", default="embedded", metavar="SCENE", help="a scene that can be trained (default: embedded)")
     add("--size", metavar="WxH", help="size to train at")
-    add("--iterations", type=int, default=1000, help="of each dense training (default: 1000)")
-    add("--max-points", type=int, default=10_000, help="cap on the points (default: 10000)")
+    add("--iterations", type=int, default=1000, help="iterations of each dense training (default: 1000)")
+    add("--max-points", type=int, default=10_000, help="largest number of points (default: 10000)")
     add("--seeds", type=int, default=2, help="number of seeds (default: 2)")
     add("--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (default: reports)")
     args = parser.parse_args(argv)
