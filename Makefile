@@ -21,7 +21,7 @@ request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMER
 effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
 eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
-machine = $(call option,CONFIG,config) $(foreach value,$(SET),--set $(value))
+config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
 .PHONY: help setup base tested documented demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
@@ -45,23 +45,23 @@ demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame
 	@$(MSV2) demo $(call option,OUT,out)
 
 render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
-	@$(MSV2) render $(request) $(effects) $(eyes) $(machine) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
 frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
-	@$(MSV2) frame $(request) $(effects) $(eyes) $(machine) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
+	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) \
 		$(call option,LATENCY,latency) $(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET= SEED=N WAVES=1 WAVE_CYCLES=A:B
-	@$(MSV2) sim $(call option,TEST,test) $(machine) $(call option,SEED,seed) \
+sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
+	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
 		$(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT=|CONFIG= SET= STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N OUT=, liberty folder in MSV2_PDK
-	@$(MSV2) synth $(call option,UNIT,unit) $(machine) $(call switch,STEREO,stereo) \
+synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N OUT=, liberty folder in MSV2_PDK
+	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
-verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET= UNIT= OUT=
-	@$(MSV2) verilog $(machine) $(call option,UNIT,unit) $(call option,OUT,out)
+verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT=
+	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out)
 
 study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
 	@$(MSV2) study $(or $(NAME),list) $(ARGS)
@@ -72,8 +72,8 @@ report-area: tested ## area and clocks of the paper's machine beside the paper's
 perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
 	@$(MSV2) study model $(call switch,RTL,rtl)
 
-report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET= CLOCK_MHZ= FRAME=frame.json OUT=
-	@$(MSV2) study energy $(request) $(eyes) $(machine) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
+report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET="NAME=VALUE ..." CLOCK_MHZ= FRAME=frame.json OUT=
+	@$(MSV2) study energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
 
 report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
 	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
@@ -95,8 +95,8 @@ table-ecc: setup ## the threshold of selective warping: quality, work and cost o
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
 		$(call switch,TRAIN_V1,train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
 
-table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET= AREA=1 (MSV2_PDK=) OUT=
-	@$(MSV2) study effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(machine) $(call switch,AREA,area) $(call option,OUT,out)
+table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET="NAME=VALUE ..." AREA=1 (MSV2_PDK=) OUT=
+	@$(MSV2) study effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(call switch,AREA,area) $(call option,OUT,out)
 
 tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
 	@$(MSV2) study tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \
@@ -109,7 +109,7 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
-	@$(MSV2) cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
+	@$(MSV2) study stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
 
 documented:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras docs

@@ -1,4 +1,4 @@
-"""Threads for the numba kernels: each call gets a slice of the work, and no result depends on how many threads there are."""
+"""Threads for the numba kernels: each thread works on slices of the items, and no result depends on the number of threads."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 SLICES = 16
-"""Slices of any piece of work: a constant, so that even code that works slice by slice gives the same result everywhere."""
+"""Number of slices into which any piece of work is cut. It is a constant, so that a sum which is accumulated slice by slice
+has the same rounding on every machine."""
 
 threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-"""Threads in use; tests set it to 1 and 2 and compare."""
+"""Number of threads in use. Tests set it to 1 and to 2 and compare the results."""
 
 
 def for_slices(kernel: Callable[..., None], count: int, *args: object, workers: int | None = None) -> None:
-    """Calls `kernel(slice, begin, end, *args)` for every slice of `count` items, on `workers` threads (default: `threads`).
+    """Calls `kernel(slice, begin, end, *args)` for each of the SLICES slices of `count` items.
 
-    Kernels release the GIL and write to disjoint places, by row or by slice.
+    The kernels release the GIL and write to disjoint places, either by row or by slice.
+
+    Args:
+        kernel: called with the slice's number and the first and one-past-last item of the slice.
+        count: number of items.
+        args: passed on to the kernel.
+        workers: number of threads; `threads` by default.
     """
     edges = [count * s // SLICES for s in range(SLICES + 1)]
     with ThreadPoolExecutor(workers or threads) as pool:

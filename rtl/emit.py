@@ -66,7 +66,7 @@ def to_rtlil(component: wiring.Component, name: str) -> str:
 
 
 def to_verilog(component: wiring.Component, name: str) -> str:
-    """Verilog-2001 of a component as module `name` and of the shared modules below it; deterministic."""
+    """Verilog-2001 of a component, as module `name`, and of the shared modules below it. The text is deterministic."""
     return verilog_of(to_rtlil(component, name))
 
 

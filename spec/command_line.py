@@ -1,7 +1,7 @@
 """How the project's commands read their command lines: one form of help, one way to refuse a name.
 
 A command can be started in two ways, such as `python -m tb.frame` and `msv2 frame`. Its help shows the name that the user
-typed: descriptions and examples write `%(prog)s` where the name belongs, and a plain percent sign as `%%`.
+typed: descriptions and examples write `%(prog)s` where the name belongs.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def called_as(name: str) -> Iterator[None]:
 
 def nearest(name: str, accepted: Collection[str]) -> str:
     """`; did you mean ...?` for a wrong name that resembles an accepted one, otherwise nothing."""
-    inside = [other for other in accepted if len(name) > 2 and (name in other or other in name) and len(other) > 2]
-    found = difflib.get_close_matches(name, accepted, n=1) or inside
+    inside = [other for other in accepted if min(len(name), len(other)) > 2 and (name in other or other in name)]
+    found = inside or difflib.get_close_matches(name, accepted, n=1)
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
@@ -70,9 +70,9 @@ def command_parser(prog: str, description: str | None, examples: str = "") -> Co
     text = re.sub(r"\A`[^`]*`:\s+", "", description or "")
     name = _called.get() or prog
     _called.set(None)
+    description, examples = (words.replace("%(prog)s", name) for words in (text[:1].upper() + text[1:], examples))
     return CommandParser(
-        prog=name, description=text[:1].upper() + text[1:], epilog=examples or None,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog=name, description=description, epilog=examples or None, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = "output folder") -> None:

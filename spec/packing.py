@@ -1,4 +1,4 @@
-"""Whole arrays of records to bit patterns and back: millions of rows, a number at a time instead of a bit.
+"""Converts whole arrays of records to bit patterns and back, one field of all rows at a time: fast for millions of rows.
 
 `Record.pack` and `Record.unpack` do the same for one row as Python's integers.
 """
@@ -21,7 +21,8 @@ def pattern_bytes(record: Record) -> int:
 
 
 def _places(record: Record) -> Iterator[tuple[str, int, Format, int, int]]:
-    """Field, number within it, format, word and bit within the word of every number."""
+    """For every number of a record: its field, its place in the field, its format, its word, and its lowest bit in that
+    word."""
     offset = 0
     for f in record.fields:
         for number in range(f.count):

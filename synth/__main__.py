@@ -1,8 +1,4 @@
-"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds.
-
-    python -m synth --unit pixel_core --tech asap7 --clock-ps 1000
-    python -m synth --config paper --stereo --tech asap7
-"""
+"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds."""
 
 from __future__ import annotations
 
@@ -11,14 +7,23 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
+from spec.paths import BUILD
 from synth import timing
 from synth.area import AreaReport, machine_area
 from synth.hints import SYNTHESISED
 from synth.report import synthesise_unit, write_json
 from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
+
+EXAMPLES = """\
+examples:
+  %(prog)s                                          a pixel core in NAND2 equivalents, without liberty files
+  %(prog)s --unit pixel_core --tech asap7 --clock-ps 1000
+  %(prog)s --config paper --stereo --tech asap7     all units of a machine
+"""
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
 """Number of modules synthesised at a time; each takes a core and up to 1 GB of memory."""
@@ -59,7 +64,7 @@ def _number(value: float | None) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, runs the synthesis and prints the results; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m synth", description=__doc__.splitlines()[0])
+    parser = command_parser("python -m synth", __doc__, EXAMPLES)
     parser.add_argument("--unit", help=f"unit to synthesise: one of {', '.join(SYNTHESISED)} (default: pixel_core)")
     add_config_arguments(parser, None)
     parser.add_argument("--stereo", action="store_true", help="with --config: include the warp unit")
@@ -70,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f"with --config: modules synthesised at a time (default: {JOBS})")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
                         help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
-    parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR",
+    parser.add_argument("--out", type=Path, default=BUILD / "synth", metavar="DIR",
                         help="folder for results (default: build/synth)")
     args = parser.parse_args(argv)
     if args.unit and args.config:

@@ -30,7 +30,6 @@ TO_16NM = {
 }
 """Factors by technology. A predictive library (ASAP7, Nangate45) is taken for the node after which it is named."""
 
-AREA_TO_16NM = {name: factors.area for name, factors in TO_16NM.items()}
 DELAY_TO_16NM = {name: factors.delay for name, factors in TO_16NM.items()}
 ENERGY_TO_16NM = {name: factors.energy for name, factors in TO_16NM.items()}
 

@@ -1,9 +1,12 @@
-"""Blending on the CPU, forward and backward: float32, a tile at a time, splat by splat over rows of 16 pixels as vectors.
+"""Blending on the CPU, forward and backward: float32, one tile at a time, splat by splat over rows of 16 pixels as vectors.
 
-The backward pass divides by nothing. A tile's forward pass is repeated, keeping each row's alphas and shares T alpha; then,
-back to front, dL/dalpha = T (g . c - G), with g the gradient at the pixel and G that of what lies behind, composited from
-transmittance 1: G <- G + alpha (g . c - G), starting from the background. Alphas of 1 and transmittances of 0 need no care.
-Each pair of a splat and a tile has its own gradients, summed per splat in the order of pairs: nothing depends on threads.
+The backward pass needs no division. It repeats the forward pass of a tile and keeps the alphas and shares T alpha of each row.
+Then, back to front, dL/dalpha = T (g . c - G). Here g is the gradient at the pixel, and G is that gradient for everything
+behind the splat, composited from transmittance 1: G <- G + alpha (g . c - G), starting with the background. So alphas of 1 and
+transmittances of 0 need no special treatment.
+
+Each intersection (a splat and a tile) has its own gradients. They are summed for each splat in a fixed order, so the result
+does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -35,17 +38,21 @@ from golden.diff.slices import run_slices
 from spec.constants import TILE
 
 _T, _RED, _GREEN, _BLUE, _FAR = range(0, 5 * TILE, TILE)
-_BEHIND = _T  # the backward pass keeps G where the forward pass keeps T, and gradients in place of sums
+_BEHIND = _T  # the backward pass keeps G where the forward pass keeps T, and gradients in place of the sums
 
-_PER_PIXEL, _PER_FACTOR = F(2 / LOG2E), F(1 / SCALE)  # exponents of 2 along factors scaled to them, back to q
+_PER_PIXEL, _PER_FACTOR = F(2 / LOG2E), F(1 / SCALE)  # from exponents of 2 and factors scaled for them back to q
 
 SUMS = 10
-"""Gradients of a pair: opacity (times it), mean2d 2, factor 3, colour 3, depth."""
+"""Number of gradients of an intersection: opacity (times the opacity), mean2d 2, factor 3, colour 3, depth."""
 
 
 @kernel
 def _pack(_slice, begin, end, mean2d, factor, opacity, colour, depth, q_max, table):
-    """One row a splat: mean, conic factor scaled to exponents of 2, its reach in y, limit, log2 opacity, colour, depth."""
+    """Writes one row of the table for each splat.
+
+    A row holds the mean (columns 0, 1), the conic factor scaled for exponents of 2 (2-4), the exponent's limit (5), log2
+    opacity (6), colour (7-9), depth (10), and the half extent in y (11).
+    """
     for i in range(begin, end):
         table[i, 0], table[i, 1] = mean2d[i, 0], mean2d[i, 1]
         for c in range(3):
@@ -57,7 +64,11 @@ def _pack(_slice, begin, end, mean2d, factor, opacity, colour, depth, q_max, tab
 
 @inlined
 def _composite(rows, y, u, l1, room, top, alpha_max, red, green, blue, depth):
-    """One splat over row `y`: u at its first pixel and l1 its step; `room` is what the row leaves of the exponent's limit."""
+    """Composites one splat over row `y`.
+
+    `u` is its value at the first pixel and `l1` its step from pixel to pixel; `room` is what the row leaves of the exponent's
+    limit.
+    """
     for x in range(TILE):
         before = rows[y, _T + x]
         share = before * alpha_of(before, u + F(x) * l1, room, top, alpha_max)
@@ -70,7 +81,8 @@ def _composite(rows, y, u, l1, room, top, alpha_max, red, green, blue, depth):
 
 @kernel
 def _draw(splats, left, top, table, alpha_max, rows, before, pairs, live):
-    """One tile, `rows` cleared: pairs used before all its pixels stopped."""
+    """Blends one tile into `rows`, which must be cleared; returns how many intersections were used before all its pixels
+    stopped."""
     used, light = len(splats), rows[:, _T : _T + TILE]
     for begin in range(0, len(splats), BLOCK):
         if not live_rows(light, live):
@@ -116,7 +128,7 @@ def _forward(_slice, begin, end, start, splat, table, alpha_max, background, til
 
 @inlined
 def _accumulate(rows, y, records, r, u, l1, dx, dy, v, alpha_max, red, green, blue, depth, sums):
-    """One splat over a row, backward: updates G and adds to the vectors of sums."""
+    """One splat over a row in the backward pass: updates G and adds to the vectors of sums."""
     for x in range(TILE):
         alpha, share, behind = records[r, x], records[r, TILE + x], rows[y, _BEHIND + x]
         g_red, g_green, g_blue, g_far = rows[y, _RED + x], rows[y, _GREEN + x], rows[y, _BLUE + x], rows[y, _FAR + x]
@@ -138,7 +150,7 @@ def _accumulate(rows, y, records, r, u, l1, dx, dy, v, alpha_max, red, green, bl
 
 @inlined
 def _accumulate_appearance(rows, y, records, r, alpha_max, red, green, blue, depth, sums):
-    """As `_accumulate` where only opacities and colours are trained."""
+    """As `_accumulate`, for training in which only opacities and colours change."""
     for x in range(TILE):
         alpha, share, behind = records[r, x], records[r, TILE + x], rows[y, _BEHIND + x]
         g_red, g_green, g_blue, g_far = rows[y, _RED + x], rows[y, _GREEN + x], rows[y, _BLUE + x], rows[y, _FAR + x]
@@ -152,7 +164,7 @@ def _accumulate_appearance(rows, y, records, r, alpha_max, red, green, blue, dep
 
 @kernel
 def _finish(pairs, j, sums, gradient, p):
-    """A pair's gradients from its vectors of sums; w is dL/dalpha times alpha, hence minus dL/dq."""
+    """The gradients of an intersection from its vectors of sums. The sum w is dL/dalpha times alpha, which is minus dL/dq."""
     for k in range(SUMS):
         total = ZERO
         for x in range(TILE):
@@ -169,7 +181,7 @@ def _finish(pairs, j, sums, gradient, p):
 def _back(
     splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, geometry, sums, gradient
 ):
-    """One tile's records back to front."""
+    """Goes through the records of one tile back to front."""
     for begin in range((len(splats) - 1) // BLOCK * BLOCK, -1, -BLOCK):
         block = splats[begin : begin + BLOCK]
         set_up(block, left, top, table, pairs)
@@ -191,7 +203,7 @@ def _back(
 
 @kernel
 def _load_gradients(rows, tile_x, tile_y, background, g_image, g_far, g_light):
-    """A tile's gradients of the image and of the depth sum into `rows`, and G of the background."""
+    """Loads a tile's gradients of image and depth sum into `rows`, and G of the background."""
     height, width = g_far.shape
     rows[:] = ZERO
     for y in range(min(TILE, height - tile_y * TILE)):
@@ -230,7 +242,7 @@ def _backward(
 
 @kernel
 def _reduce(_slice, begin, end, order, room, opacity, gradient, g_mean2d, g_factor, g_opacity, g_colour, g_depth):
-    """Sums of the pairs' gradients, splat by splat."""
+    """Sums the intersections' gradients for each splat."""
     total = np.empty(SUMS, np.float64)
     for k in range(begin, end):
         total[:] = 0
@@ -252,24 +264,28 @@ def _count_tiles(start, used, splat, tiles):
 
 
 class Blending:
-    """One view's blending: made by the forward pass, kept for the backward pass and for what is asked about it.
+    """The blending of one image: made by the forward pass, kept for the backward pass and for `usage`.
 
     Attributes:
-        image: (H, W, 3), background included.
-        depth_sum: (H, W) sum of T alpha z.
-        transmittance: (H, W).
-        tiles: (M,) int32, tiles that used each splat before they stopped.
+        image: (H, W, 3) float32, background included.
+        depth_sum: (H, W) float32 sum of T alpha z.
+        transmittance: (H, W) float32.
+        tiles: (M,) int32, number of tiles that used each splat before all their pixels had stopped.
     """
 
     def __init__(
         self, splats: tuple[np.ndarray, ...], q_max: np.ndarray, lists: TileLists, size: tuple[int, int], alpha_max: float,
         background: tuple[float, float, float]
     ) -> None:
-        """Forward.
+        """Runs the forward pass.
 
         Args:
             splats: float32 mean2d (M, 2), factor (M, 3), opacity (M,), colour (M, 3), depth (M,).
-            size: width and height.
+            q_max: (M,) float32, largest falloff exponent that each splat covers.
+            lists: the splats of each tile, front to back.
+            size: width and height in pixels.
+            alpha_max: upper bound of alpha.
+            background: red, green, blue.
         """
         width, height = size
         self.lists, self.opacity, self.size = lists, splats[2], size
@@ -287,10 +303,11 @@ class Blending:
     def backward(
         self, g_image: np.ndarray, g_depth_sum: np.ndarray, g_transmittance: np.ndarray, geometry: bool = True
     ) -> tuple[np.ndarray, ...]:
-        """Gradients of mean2d, factor, opacity, colour and depth, given those of the three results.
+        """Gradients of mean2d, factor, opacity, colour and depth, given those of image, depth sum and transmittance.
 
         Args:
-            geometry: whether mean2d, factor and depth are wanted; else theirs are 0.
+            g_image, g_depth_sum, g_transmittance: gradients of the three results, in their shapes.
+            geometry: whether gradients of mean2d, factor and depth are wanted; otherwise these are 0.
         """
         lists, count = self.lists, len(self.table)
         gradient = np.empty((len(lists.splat), SUMS), F)
@@ -301,5 +318,6 @@ class Blending:
         return results
 
     def usage(self) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) int32 pixels whose largest T alpha is the splat's, and (M,) float32 sum of its T alpha over pixels."""
+        """(M,) int32 number of pixels in which the splat has the largest T alpha, and (M,) float32 sum of its T alpha over
+        pixels."""
         return usage(self.lists, self.used, self.table, self.alpha_max, self.size)

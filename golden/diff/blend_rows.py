@@ -1,6 +1,8 @@
-"""What forward and backward blending on the CPU share: a splat's row of 16 pixels, pairs of a tile, and a tile's replay.
+"""Parts that forward and backward blending on the CPU share: one splat over a row of 16 pixels, the setup of a tile's
+intersections, and the replay of a tile.
 
-Arrays are passed with an index throughout: a view costs two calls to count references.
+Functions take whole arrays and an index instead of slices of arrays, because making a slice costs two calls that count
+references.
 """
 
 from __future__ import annotations
@@ -16,14 +18,14 @@ F = np.float32
 
 ONE, HALF, ZERO, _T_STOP = F(1), F(0.5), F(0), F(T_STOP)
 SCALE, LOG2E = F(EXPONENT_SCALE), F(2 * LOG2E_HALF)
-_LOWEST = F(-16)  # of log2 alpha; every alpha that shows lies above 2^-8
-# 2^f on [-1/2, 1/2] to 2e-7: the interpolating polynomial at Chebyshev nodes.
+_LOWEST = F(-16)  # lower bound of log2 alpha; every alpha that is composited lies above 2^-8
+# 2^f on [-1/2, 1/2] with an error below 2e-7: the interpolating polynomial at Chebyshev nodes.
 _EXP2 = tuple(map(F, np.polynomial.chebyshev.Chebyshev.interpolate(np.exp2, 5, [-0.5, 0.5])
                   .convert(kind=np.polynomial.Polynomial).coef))
 
-BLOCK = 32  # pairs set up at once; whether a tile has stopped is looked at between blocks
-COLUMNS = 14  # of a block's pairs
-LANES = 2 * TILE  # of a record: alphas, then shares
+BLOCK = 32  # intersections set up at once; between blocks it is checked whether the tile has stopped
+COLUMNS = 14  # numbers that are set up for an intersection
+LANES = 2 * TILE  # numbers in a record: 16 alphas, then 16 shares T alpha
 
 
 @inlined
@@ -38,7 +40,7 @@ def _exp2(t):
 
 @inlined
 def alpha_of(before, u, room, top, alpha_max):
-    """A pixel's alpha; 0 where the splat does not reach it or the pixel has stopped."""
+    """Alpha of a pixel; 0 where the splat does not reach it or the pixel has stopped."""
     square = u * u
     alpha = min(_exp2(max(top - square, _LOWEST)), alpha_max)
     return alpha if (square <= room) & (before >= _T_STOP) else ZERO
@@ -46,7 +48,7 @@ def alpha_of(before, u, room, top, alpha_max):
 
 @inlined
 def _record(records, at, light, y, u, l1, room, top, alpha_max):
-    """One splat over a row of pixels, keeping alphas and shares as record `at`."""
+    """Composites one splat over a row of pixels and keeps alphas and shares as record `at`."""
     for x in range(TILE):
         before = light[y, x]
         alpha = alpha_of(before, u + F(x) * l1, room, top, alpha_max)
@@ -57,7 +59,7 @@ def _record(records, at, light, y, u, l1, room, top, alpha_max):
 
 @kernel
 def live_rows(light, live):
-    """Mark the rows in which a pixel still takes light; whether there is one."""
+    """Marks the rows in which a pixel has not stopped yet; returns whether there is such a row."""
     some = False
     for y in range(TILE):
         most = ZERO
@@ -70,9 +72,12 @@ def live_rows(light, live):
 
 @kernel
 def set_up(splats, left, top, table, pairs):
-    """A block's pairs, one a row: here no load waits for another, as they do between loops over pixels.
+    """Sets up the intersections of a block, one in each row of `pairs`.
 
-    Columns: as the table, but for 0, 1: the offset of the tile's first pixel; 11: u there; 12, 13: first and last row met.
+    Gathering them here lets the loads overlap; between loops over pixels, each load would wait for the one before.
+
+    The columns are those of the table, except for these. 0, 1: offset of the tile's first pixel; 11: u there; 12, 13: first and
+    last row that the splat meets.
     """
     for j in range(len(splats)):
         i = splats[j]
@@ -85,7 +90,8 @@ def set_up(splats, left, top, table, pairs):
 
 @inlined
 def row_of(pairs, j, y):
-    """Of row y: u at its first pixel, the rest of the limit, log2 alpha without u; the rest is -1 where no pixel is reached."""
+    """For row y: u at its first pixel, the rest of the exponent's limit (-1 if no pixel is reached), and log2 alpha without
+    u."""
     v = pairs[j, 4] * (pairs[j, 1] + F(y))
     u, room = pairs[j, 11] + pairs[j, 3] * F(y), pairs[j, 5] - v * v
     last = u + F(TILE - 1) * pairs[j, 2]
@@ -95,14 +101,14 @@ def row_of(pairs, j, y):
 
 @kernel
 def clear(light, tile_x, tile_y, width, height):
-    """Full light in the pixels of the frame, none beyond its right and lower edges."""
+    """Sets the transmittance to 1 in the pixels of the frame and to 0 beyond the frame's right and lower edges."""
     light[:] = ZERO
     light[: min(TILE, height - tile_y * TILE), : min(TILE, width - tile_x * TILE)] = ONE
 
 
 @kernel
 def last_used(splats, left, top, table, alpha_max, light, pairs, live):
-    """Of a block after which the tile has stopped, given the light before it: how many pairs it took."""
+    """Of a block within which the tile stopped, the number of intersections used, given the transmittance before the block."""
     records = np.empty((1, LANES), np.float32)
     set_up(splats, left, top, table, pairs)
     for j in range(len(splats)):
@@ -125,9 +131,9 @@ def _twice(records, row_of_record):
 
 @kernel
 def replay(splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record):
-    """One tile again, keeping a record of each row of pixels gone through: those of pair n start at first_record[n].
+    """Blends a tile again and keeps a record of each row of pixels; the records of intersection n start at first_record[n].
 
-    Returns the buffers of records and of their rows, larger ones where those given did not do.
+    Returns the buffers of records and of their rows, which are larger ones if those given were too small.
     """
     at = 0
     for begin in range(0, len(splats), BLOCK):
@@ -150,7 +156,8 @@ def replay(splats, left, top, table, alpha_max, light, pairs, live, records, row
 
 @kernel
 def scratch(used):
-    """Buffers for replays: light, pairs, live rows, records, their rows, first record of a pair."""
+    """Buffers for replays: transmittance, intersections, live rows, records, their rows, and the first record of each
+    intersection."""
     records, longest = 4 * BLOCK * TILE, 0
     for count in used:
         longest = max(longest, count)

@@ -1,4 +1,4 @@
-"""Which splats a view used, and how much of each: what pruning asks of the CPU renderer."""
+"""Which splats an image used, and how much of each: pruning asks the CPU renderer for these numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from spec.constants import TILE
 def _usage(
     _slice, begin, end, start, splat, number, table, alpha_max, tiles_x, used, width, height, weight, strongest
 ):
-    """Per pair the sum of its shares, per pixel the splat of the largest share, the nearer of equals."""
+    """Finds the sum of shares of each intersection, and the splat with the largest share in each pixel (of equals, the
+    nearer)."""
     light, pairs, live, records, row_of_record, first_record = scratch(used[begin:end])
     largest = np.empty((TILE, TILE), np.float32)
     for tile in range(begin, end):
@@ -54,12 +55,14 @@ def _sum_usage(order, room, weight_of_pair, strongest, weight, dominated):
 def usage(
     lists: TileLists, used: np.ndarray, table: np.ndarray, alpha_max: np.float32, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) int32 pixels whose largest T alpha is the splat's, and (M,) float32 sum of its T alpha over pixels.
+    """(M,) int32 number of pixels in which the splat has the largest T alpha, and (M,) float32 sum of its T alpha over pixels.
 
     Args:
-        used: (T,) int64 pairs that each tile used before it stopped.
+        lists: the splats of each tile, front to back.
+        used: (T,) int64 number of intersections that each tile used before it stopped.
         table: (M, 12) float32 as `blend_cpu` packs it.
-        size: width and height.
+        alpha_max: upper bound of alpha.
+        size: width and height in pixels.
     """
     weight_of_pair = np.empty(len(lists.splat), F)
     strongest = np.full((len(used), TILE, TILE), -1, np.int32)

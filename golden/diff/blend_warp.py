@@ -1,11 +1,12 @@
-"""Blending in NVIDIA Warp kernels, forward and backward: float32, a thread a pixel, a block of threads a tile.
+"""Blending in NVIDIA Warp kernels, forward and backward: float32, one thread for each pixel, one block of threads for each
+tile.
 
-The same sums as `golden.diff.blend_cpu`, and no division by 1 - alpha either: the forward pass leaves each pixel's
-transmittance before every CHUNK-th splat of its tile's list, from which the backward pass repeats a chunk before it walks it
-back to front. What a pair of a splat and a tile gets from the tile's pixels is summed within the block, in an order that does
-not change, and per splat in the order of pairs: there are no atomic additions but of integers, and results are deterministic.
+The sums are those of `golden.diff.blend_cpu`, also without a division by 1 - alpha. The forward pass stores each pixel's
+transmittance before every CHUNK-th splat of its tile's list. From it, the backward pass repeats a chunk and then goes through
+it back to front. Each intersection's contributions from the tile's pixels are summed within the block in a fixed order, and
+then for each splat in the order of intersections. Only integers are added atomically, so results are deterministic.
 
-The kernels run on Warp's CPU device as well, one thread after the other: that is how they are tested without a GPU.
+The kernels also run on Warp's CPU device, one thread after the other; this is how they are tested without a GPU.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from spec.constants import T_STOP, TILE
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 CHUNK = 16
-"""Splats between two transmittances that the forward pass leaves: 64 bytes a pair, and half a chunk recomputed a pixel."""
+"""Number of splats between two stored transmittances: 64 bytes for each intersection, and half a chunk recomputed for each
+pixel."""
 
 SUMS = 10
-"""Gradients of a pair: opacity (times it), mean2d 2, factor 3, colour 3, depth."""
+"""Number of gradients of an intersection: opacity (times the opacity), mean2d 2, factor 3, colour 3, depth."""
 
 COLUMNS = 11
-"""Of a splat's row: mean2d 2, factor 3, opacity, q_max, colour 3, depth."""
+"""Number of columns in a splat's row: mean2d 2, factor 3, opacity, q_max, colour 3, depth."""
 
 _EDGE, _PIXELS, _CHUNK = wp.constant(TILE), wp.constant(TILE * TILE), wp.constant(CHUNK)
 _T_STOP = wp.constant(wp.float32(T_STOP))
@@ -44,7 +46,7 @@ assert BLOCK == TILE * TILE, "a block is a tile"
 
 @wp.struct
 class Lists:
-    """A frame's splats and lists; chunk[t] is the first of tile t's chunks."""
+    """The splats and tile lists of a frame; chunk[t] is the first of tile t's chunks."""
 
     start: wp.array(dtype=int)
     splat: wp.array(dtype=int)
@@ -71,7 +73,7 @@ def _pixel(thread: int, lists: Lists) -> wp.vec2i:
 
 @wp.func
 def _reach(table: wp.array2d(dtype=float), i: int, pixel: wp.vec2i) -> wp.vec4:
-    """Offset dx, dy of a pixel's centre from splat i, and u, v there."""
+    """Offset dx, dy of a pixel's centre from the mean of splat i, and u, v there."""
     dx = float(pixel[0]) + 0.5 - table[i, 0]
     dy = float(pixel[1]) + 0.5 - table[i, 1]
     return wp.vec4(dx, dy, table[i, 2] * dx + table[i, 3] * dy, table[i, 4] * dy)
@@ -79,7 +81,7 @@ def _reach(table: wp.array2d(dtype=float), i: int, pixel: wp.vec2i) -> wp.vec4:
 
 @wp.func
 def _alpha(lists: Lists, i: int, pixel: wp.vec2i) -> float:
-    """Splat i's alpha at a pixel; 0 where it does not reach."""
+    """Alpha of splat i at a pixel; 0 where the splat does not reach it."""
     at = _reach(lists.table, i, pixel)
     q = 0.5 * (at[2] * at[2] + at[3] * at[3])
     if q > lists.table[i, 6]:
@@ -98,7 +100,11 @@ def _forward(
     light: wp.array2d(dtype=float), stop: wp.array2d(dtype=int), used: wp.array(dtype=int), keep: int,
     before: wp.array2d(dtype=float),
 ):
-    """A pixel; stop: splats of the list it went through, used: the most of the tile's pixels, before: T by chunk and pixel."""
+    """Renders one pixel.
+
+    It writes to `stop` how many splats of the list the pixel went through, to `used` the largest of these in the tile, and to
+    `before` the transmittance by chunk and pixel.
+    """
     thread = wp.tid()
     tile, lane = thread / _PIXELS, thread % _PIXELS
     pixel = _pixel(thread, lists)
@@ -123,10 +129,10 @@ def _forward(
 
 @wp.func
 def _gradient(lists: Lists, i: int, pixel: wp.vec2i, alpha: float, share: float, beyond: float, g: wp.vec4) -> _Sums:
-    """One pixel's part of a pair's gradients; beyond: dL/dalpha over T."""
+    """One pixel's part of an intersection's gradients; `beyond` is dL/dalpha divided by T."""
     at = _reach(lists.table, i, pixel)
     w = wp.float32(0.0)
-    if alpha < lists.alpha_max:  # where the clip is active alpha does not move
+    if alpha < lists.alpha_max:  # where alpha is clipped it does not change
         w = share * beyond
     u, v = w * at[2], w * at[3]
     sums = _Sums()
@@ -147,7 +153,7 @@ def _backward(
     g_image: wp.array2d(dtype=wp.vec3), g_far: wp.array2d(dtype=float), g_light: wp.array2d(dtype=float),
     gradient: wp.array(dtype=_Sums),
 ):
-    """A pixel, back to front; all threads of a tile take each of its splats together, whether their pixels show it or not."""
+    """One pixel, back to front. All threads of a tile process each splat together, whether or not their pixels show it."""
     thread = wp.tid()
     tile, lane = thread / _PIXELS, thread % _PIXELS
     pixel = _pixel(thread, lists)
@@ -183,14 +189,14 @@ def _backward(
             total = wp.tile_extract(wp.tile_sum(wp.tile(part, preserve_type=True)), 0)
             if thread % wp.block_dim() == 0:
                 p = lists.pair[e]
-                gradient[p] = gradient[p] + total  # one thread writes a pair: += would be atomic
+                gradient[p] = gradient[p] + total  # one thread writes an intersection; += would be an atomic addition
 
 
 @wp.kernel
 def _reduce(
     order: wp.array(dtype=int), room: wp.array(dtype=int), of_pair: wp.array(dtype=_Sums), of_splat: wp.array(dtype=_Sums),
 ):
-    """Sums of the pairs' gradients, a thread a splat."""
+    """Sums the intersections' gradients; one thread for each splat."""
     k = wp.tid()
     total = _DoubleSums()
     for p in range(room[k], room[k + 1]):
@@ -203,7 +209,10 @@ def _usage(
     lists: Lists, stop: wp.array2d(dtype=int), used: wp.array(dtype=int), weight: wp.array(dtype=float),
     dominated: wp.array(dtype=int),
 ):
-    """Per pair the sum of its shares, per splat the pixels where its share is the largest, the nearer of equals."""
+    """Sums each intersection's shares, and counts for each splat the pixels in which its share is the largest.
+
+    Of equal shares, that of the nearer splat counts.
+    """
     thread = wp.tid()
     tile = thread / _PIXELS
     pixel = _pixel(thread, lists)
@@ -233,7 +242,7 @@ def _usage(
 def _sum_weights(
     order: wp.array(dtype=int), room: wp.array(dtype=int), of_pair: wp.array(dtype=float), of_splat: wp.array(dtype=float),
 ):
-    """Sums of the pairs' weights, a thread a splat."""
+    """Sums the intersections' weights; one thread for each splat."""
     k = wp.tid()
     total = wp.float64(0.0)
     for p in range(room[k], room[k + 1]):
@@ -242,23 +251,27 @@ def _sum_weights(
 
 
 class Blending:
-    """One view's blending on a device: what `golden.diff.blend_cpu.Blending` is, in torch's tensors.
+    """The blending of one image on a device: the counterpart of `golden.diff.blend_cpu.Blending` with torch's tensors.
 
     Attributes:
-        image, depth_sum, transmittance: (H, W, 3), (H, W), (H, W).
-        tiles: (M,) int32, tiles that used each splat before they stopped.
-        lists: the pairs.
+        image, depth_sum, transmittance: (H, W, 3), (H, W), (H, W) float32.
+        tiles: (M,) int32, number of tiles that used each splat before all their pixels had stopped.
+        lists: the splats of each tile, front to back.
     """
 
     def __init__(
         self, splats: tuple[torch.Tensor, ...], q_max: torch.Tensor, lists: TileLists, size: tuple[int, int], alpha_max: float,
         background: Sequence[float], keep: bool,
     ) -> None:
-        """Forward.
+        """Runs the forward pass.
 
         Args:
             splats: float32 mean2d (M, 2), factor (M, 3), opacity (M,), colour (M, 3), depth (M,).
-            size: width and height.
+            q_max: (M,) float32, largest falloff exponent that each splat covers.
+            lists: the splats of each tile, front to back.
+            size: width and height in pixels.
+            alpha_max: upper bound of alpha.
+            background: red, green, blue.
             keep: whether `backward` may follow.
         """
         mean2d, factor, opacity, colour, depth = splats
@@ -297,7 +310,7 @@ class Blending:
         return of_splat[:, 1:3], of_splat[:, 3:6], of_splat[:, 0] / self.opacity, of_splat[:, 6:9], of_splat[:, 9]
 
     def usage(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """(M,) int32 pixels that each splat dominates, and (M,) float32 sums of T alpha."""
+        """(M,) int32 number of pixels that each splat dominates, and (M,) float32 sums of T alpha."""
         of_pair = torch.zeros(len(self.lists.splat), device=self.device)
         weight = torch.empty(len(self._table), device=self.device)
         dominated = torch.zeros(len(self._table), dtype=torch.int32, device=self.device)
@@ -317,7 +330,7 @@ class Blending:
 
 
 class _Blend(torch.autograd.Function):
-    """Blending of splats; `made` takes the `Blending`."""
+    """Blending of splats. The forward pass appends the `Blending` that it makes to the list `made`."""
 
     @staticmethod
     def forward(ctx, mean2d, factor, opacity, colour, depth, make, made):
@@ -325,7 +338,7 @@ class _Blend(torch.autograd.Function):
         ctx.blending = make(splats, any(ctx.needs_input_grad))
         made.append(ctx.blending)
         results = (ctx.blending.image, ctx.blending.depth_sum, ctx.blending.transmittance)
-        return tuple(result.detach() for result in results)  # the results themselves would hold the graph that holds them
+        return tuple(result.detach() for result in results)  # the results themselves would form a cycle with the graph
 
     @staticmethod
     @once_differentiable
@@ -339,6 +352,10 @@ def blend(
     """Image, depth sum and transmittance, differentiable, and the `Blending` that made them.
 
     Args:
+        splats: the projected splats.
+        camera: the camera.
+        alpha_max: upper bound of alpha.
+        background: red, green, blue.
         mask: (tiles_y, tiles_x) bool, the tiles to render.
     """
     mask = torch.as_tensor(mask, device=splats.q_max.device)

@@ -10,10 +10,10 @@ import torch
 from spec.errors import InputError
 
 DEVICES = ("auto", "cpu", "cuda")
-"""What `--device` takes; `auto` is CUDA where everything it needs is there, else the CPU."""
+"""The devices that `--device` accepts; `auto` is CUDA if everything that it needs is there, and the CPU otherwise."""
 
 BACKENDS = ("numba", "warp")
-"""What blends: numba on the CPU; Warp on CUDA, and on the CPU where tests ask for it."""
+"""The backends that blend: numba on the CPU; Warp on CUDA, and on the CPU where tests ask for it."""
 
 
 def missing_for_cuda() -> str | None:
@@ -28,10 +28,10 @@ def missing_for_cuda() -> str | None:
 
 
 def resolve_device(name: str) -> torch.device:
-    """The device that `--device` names.
+    """The device that the argument `--device` names.
 
     Raises:
-        InputError: an unknown name, or CUDA where there is no device, no torch that can use it, or no Warp.
+        InputError: the name is unknown, or CUDA is asked for and there is no device, no torch that can use it, or no Warp.
     """
     if name not in DEVICES:
         raise InputError(f"device {name!r} is not accepted: {', '.join(DEVICES)} are")
@@ -42,10 +42,10 @@ def resolve_device(name: str) -> torch.device:
 
 
 def resolve_backend(device: torch.device, backend: str | None) -> str:
-    """What blends on a device: numba on the CPU, else Warp, unless `backend` names one.
+    """The backend that blends on a device: numba on the CPU and Warp elsewhere, unless `backend` names one.
 
     Raises:
-        ValueError: an unknown name, or numba for tensors that are not on the CPU.
+        ValueError: the name is unknown, or numba is asked for with tensors that are not on the CPU.
     """
     if backend is None:
         return "numba" if device.type == "cpu" else "warp"
@@ -57,7 +57,7 @@ def resolve_backend(device: torch.device, backend: str | None) -> str:
 
 
 def import_blend_warp() -> ModuleType:
-    """`golden.diff.blend_warp`.
+    """Imports `golden.diff.blend_warp`.
 
     Raises:
         InputError: Warp is not installed.

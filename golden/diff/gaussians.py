@@ -1,4 +1,5 @@
-"""The Gaussians of one level as trainable tensors: what optimisers change, renderers draw and stages hand on."""
+"""The Gaussians of one level as trainable tensors: optimisers change them, renderers draw them, training stages pass them
+on."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from golden.scenes.model import GaussianModel
 from spec.constants import AMP_MAX
 
 OPACITY_LOGIT_MAX = 16.0
-"""A logit of opacity 1 has no finite value: opacities are clipped to this one, 1.1e-7 below 1."""
+"""Opacities are clipped to this logit, 1.1e-7 below opacity 1, because opacity 1 has no finite logit."""
 
 
 @dataclass
@@ -45,34 +46,34 @@ class Gaussians:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def map(self, change: object) -> Gaussians:
-        """The Gaussians with `change(tensor)` in place of each field."""
+        """The Gaussians with each field replaced by `change(tensor)`."""
         return Gaussians(**{name: change(tensor) for name, tensor in self.tensors().items()})
 
     def select(self, index: torch.Tensor) -> Gaussians:
-        """The rows at `index` (boolean mask or integers), detached."""
+        """The rows at `index` (a boolean mask or integers), detached from the graph."""
         return self.map(lambda tensor: tensor.detach()[index])
 
     def detached(self) -> Gaussians:
-        """A copy that shares nothing and needs no gradient."""
+        """A copy that shares no memory and needs no gradient."""
         return self.map(lambda tensor: tensor.detach().clone())
 
     def to(self, device: torch.device | str) -> Gaussians:
-        """The Gaussians on a device."""
+        """The Gaussians on another device."""
         return self.map(lambda tensor: tensor.to(device))
 
     @property
     def device(self) -> torch.device:
-        """Where the tensors are."""
+        """The device of the tensors."""
         return self.means.device
 
     @property
     def amplified_opacity(self) -> torch.Tensor:
-        """(N,) o_amp = amp * o (paper equation of the amplifier), at most AMP_MAX."""
+        """(N,) o_amp = amp * o (the paper's equation of the amplifier), at most AMP_MAX."""
         return (torch.sigmoid(self.opacity) * torch.exp(self.log_amp)).clamp(max=AMP_MAX)
 
 
 def from_model(model: GaussianModel, device: torch.device | str = "cpu") -> Gaussians:
-    """Level 1 of a model; opacities above 1 go into the amplifier."""
+    """Level 1 of a model as tensors; an opacity above 1 is split into opacity 1 and an amplifier."""
     def tensor(values: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(device)
 
@@ -84,7 +85,7 @@ def from_model(model: GaussianModel, device: torch.device | str = "cpu") -> Gaus
 
 
 def to_model(gaussians: Gaussians, *, up: np.ndarray, name: str) -> GaussianModel:
-    """A model of one level."""
+    """A model of one level from the tensors."""
     def array(tensor: torch.Tensor) -> np.ndarray:
         return tensor.detach().cpu().numpy().astype(np.float64)
 

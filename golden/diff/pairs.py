@@ -1,7 +1,8 @@
-"""Which splats each tile blends, front to back: exact ellipse-tile tests, then a stable counting sort by tile.
+"""Which splats each tile blends, front to back: exact tests of ellipses against tiles, then a stable counting sort by tile.
 
-Pairs of a splat and a tile are numbered in the order of the splats, nearest first: what tiles write per pair is then summed
-per splat in a fixed order, whichever thread drew which tile. The test is the oracle's (`golden.oracle.ellipse`), by tile row.
+Intersections, the (splat, tile) pairs, are numbered in the order of the splats, nearest first. What the tiles write for each
+intersection is then summed for each splat in a fixed order, whichever thread drew which tile. The test is the oracle's
+(`golden.oracle.ellipse`), done for whole rows of tiles.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from golden.threads import SLICES
 from spec.constants import TILE
 
 SLACK = 1e-5
-"""Added to the exponent's bound: covers the rounding of the pixels' own float32 tests, so that a tile misses none."""
+"""Added to the exponent's bound: it covers the rounding of the pixels' own float32 tests, so that no tile misses a splat."""
 
 _RADIX_BITS = 11
 _kernel = compiled(nogil=True, error_model="numpy")
@@ -25,14 +26,14 @@ _kernel = compiled(nogil=True, error_model="numpy")
 
 @dataclass(frozen=True)
 class TileLists:
-    """M splats in T tiles, E pairs: tile t (row-major) blends splat[start[t] : start[t + 1]] in this order.
+    """M splats in T tiles with E intersections: tile t (row-major) blends splat[start[t] : start[t + 1]] in this order.
 
     Attributes:
         start: (T + 1,) int64.
         splat: (E,) int32 rows of the projection.
-        pair: (E,) int32 number of the pair, in the order of splats.
-        order: (M,) int32 rows of the projection by depth, then row.
-        room: (M + 1,) int64: the pairs of splat order[k] are room[k] .. room[k + 1] - 1.
+        pair: (E,) int32 number of the intersection in the order of the splats.
+        order: (M,) int32 rows of the projection, sorted by depth, then row.
+        room: (M + 1,) int64: the intersections of splat order[k] have the numbers room[k] .. room[k + 1] - 1.
     """
 
     start: np.ndarray
@@ -44,7 +45,10 @@ class TileLists:
 
 @_kernel
 def depth_order(depth: np.ndarray) -> np.ndarray:
-    """(M,) int32 rows by depth (M,) float32 > 0, then row: a radix sort, as positive floats order as their bits do."""
+    """(M,) int32 rows sorted by depth (M,) float32 > 0, then row.
+
+    This is a radix sort of the bits, because positive floats have the same order as their bits.
+    """
     keys, order = depth.view(np.uint32), np.arange(len(depth), dtype=np.int32)
     other = np.empty_like(order)
     for shift in range(0, 32, _RADIX_BITS):
@@ -62,7 +66,8 @@ def depth_order(depth: np.ndarray) -> np.ndarray:
 
 @_kernel
 def _met(low: float, high: float, tiles: int, size: int) -> tuple[int, int]:
-    """First and last tile, along an axis of `size` pixels, whose span of pixel centres meets [low, high]; else first > last."""
+    """First and last tile along an axis of `size` pixels whose pixel centres span a range that meets [low, high]; 1, 0 if
+    none."""
     if low > size - 0.5 or high < 0.5:
         return 1, 0
     return math.ceil(max((low - (TILE - 0.5)) / TILE, 0.0)), math.floor(min((high - 0.5) / TILE, tiles - 1.0))
@@ -70,7 +75,8 @@ def _met(low: float, high: float, tiles: int, size: int) -> tuple[int, int]:
 
 @_kernel
 def _columns(x, y, f0, f1, f2, limit, rim, steep, row, tiles_x, width, height):
-    """First and last tile that the ellipse u^2 + v^2 <= limit meets in a tile row: its extent in x within the row's centres."""
+    """First and last tile that the ellipse u^2 + v^2 <= limit meets in a tile row: its extent in x between the row's outer
+    centres."""
     low = max(row * TILE + 0.5 - y, -rim)
     high = min(min((row + 1) * TILE, height) - 0.5 - y, rim)
     if low > high:
@@ -83,7 +89,8 @@ def _columns(x, y, f0, f1, f2, limit, rim, steep, row, tiles_x, width, height):
 
 @_kernel
 def _visit(part, begin, end, order, mean2d, factor, q_max, width, height, mask, room, tile_of, counts):
-    """Goes through the pairs of splats order[begin:end]: counts them into `room`, or numbers them where `tile_of` has place."""
+    """Goes through the intersections of splats order[begin:end]: counts them into `room` or, unless `tile_of` is empty,
+    numbers them."""
     tiles_y, tiles_x = mask.shape
     for k in range(begin, end):
         i = order[k]
@@ -118,10 +125,12 @@ def _scatter(part, begin, end, order, room, tile_of, cursor, splat, pair):
 def tile_lists(
     mean2d: np.ndarray, factor: np.ndarray, q_max: np.ndarray, depth: np.ndarray, width: int, height: int, mask: np.ndarray
 ) -> TileLists:
-    """List every (splat, tile) pair whose footprint meets the rectangle of the tile's pixel centres within the frame.
+    """Lists every intersection: every (splat, tile) pair whose footprint meets the rectangle of those of the tile's pixel
+    centres that lie in the frame.
 
     Args:
         mean2d, factor, q_max, depth: (M, 2), (M, 3), (M,), (M,) float32 of `projection.Projection`.
+        width, height: size of the frame in pixels.
         mask: (tiles_y, tiles_x) bool, the tiles to list.
     """
     order = depth_order(depth)

@@ -1,6 +1,6 @@
-"""Which splats each tile blends, front to back, on the device of the tensors: `pairs` in Warp kernels and torch's stable sorts.
+"""Which splats each tile blends, front to back, computed on the tensors' device with Warp kernels and torch's stable sorts.
 
-The same lists as `golden.diff.pairs` makes: the test is in float64 there and here.
+The lists are the same as those of `golden.diff.pairs`: the test is in float64 in both.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NONE = wp.constant(wp.vec2i(1, 0))
 
 @dataclass(frozen=True)
 class TileLists:
-    """M splats in T tiles, E pairs: the fields of `golden.diff.pairs.TileLists` as int32 tensors."""
+    """M splats in T tiles with E intersections: the fields of `golden.diff.pairs.TileLists` as int32 tensors."""
 
     start: torch.Tensor
     splat: torch.Tensor
@@ -35,7 +35,7 @@ class TileLists:
 
 @wp.func
 def _met(low: wp.float64, high: wp.float64, tiles: int, size: int) -> wp.vec2i:
-    """First and last tile whose span of pixel centres meets [low, high], clipped to the frame; first > last: none."""
+    """First and last tile whose pixel centres span a range that meets [low, high], clipped to the frame; 1, 0 if none."""
     if low > wp.float64(size) - _FIRST_CENTRE or high < _FIRST_CENTRE:
         return _NONE
     first = wp.ceil(wp.max((low - _LAST_CENTRE) / _EDGE, wp.float64(0.0)))
@@ -68,7 +68,7 @@ def _visit(
     width: int, height: int, mask: wp.array2d(dtype=wp.uint8), room: wp.array(dtype=int), numbering: int,
     tile_of: wp.array(dtype=int), splat_of: wp.array(dtype=int),
 ):
-    """Pairs of one splat, nearest splat first: counts them into `room`, or numbers them from room[k] on."""
+    """Counts the intersections of one splat into `room` or, with `numbering`, numbers them from room[k] on."""
     k = wp.tid()
     i = order[k]
     mean, f = wp.vec2d(mean2d[i]), wp.vec3d(factor[i])
@@ -94,10 +94,12 @@ def tile_lists(
     mean2d: torch.Tensor, factor: torch.Tensor, q_max: torch.Tensor, depth: torch.Tensor, width: int, height: int,
     mask: torch.Tensor,
 ) -> TileLists:
-    """List every (splat, tile) pair whose footprint meets the rectangle of the tile's pixel centres within the frame.
+    """Lists every intersection: every (splat, tile) pair whose footprint meets the rectangle of those of the tile's pixel
+    centres that lie in the frame.
 
     Args:
         mean2d, factor, q_max, depth: (M, 2), (M, 3), (M,), (M,) float32 of `projection.Projection`, contiguous.
+        width, height: size of the frame in pixels.
         mask: (tiles_y, tiles_x) bool, the tiles to list.
     """
     count, device = len(depth), depth.device
@@ -113,7 +115,7 @@ def tile_lists(
     tile_of, splat_of = torch.empty(2, total, dtype=torch.int32, device=device)
     if total:
         launch(_visit, count, device, *scene, array(room, int), 1, array(tile_of, int), array(splat_of, int))
-    sorted_tiles, pair = torch.sort(tile_of, stable=True)  # by tile; within one, pairs stay in the order of depth and row
+    sorted_tiles, pair = torch.sort(tile_of, stable=True)  # by tile; within a tile the order of depth and row is kept
     tiles = torch.arange(mask.numel() + 1, dtype=torch.int32, device=device)
     start = torch.searchsorted(sorted_tiles, tiles, out_int32=True)
     return TileLists(start, splat_of[pair], pair.to(torch.int32), order, room)

@@ -1,8 +1,8 @@
-"""Projection of Gaussians to splats, differentiable: the oracle's semantics (`golden.oracle.project`) in float32.
+"""Differentiable projection of Gaussians to splats: the oracle's semantics (`golden.oracle.project`) in float32.
 
-On the CPU fused kernels do it (`projection_cpu`), elsewhere torch operations: what survives is decided first, without
-gradients; only survivors are projected with them. Vectors are kept as rows of components, (3, N) and (2, 3, N): few
-operations, each over contiguous memory. Sources: Zwicker et al. 2001, Kerbl et al. 2023.
+On the CPU, fused kernels do it (`projection_cpu`), elsewhere torch operations. In both, a first step without gradients decides
+which Gaussians survive, and only survivors are projected with gradients. Vectors are kept as rows of components, (3, N) and (2,
+3, N), so that there are few operations and each works on contiguous memory. Sources: Zwicker et al. 2001, Kerbl et al. 2023.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 @dataclass
 class Projection:
-    """The Gaussians that may touch the frame, in the order of their rows; gradients flow through all but the last three.
+    """The Gaussians that may touch the frame, in the order of their rows; all fields but the last three carry gradients.
 
     Attributes:
         mean2d: (M, 2) pixels.
         factor: (M, 3) 1/px, triangular factor of the conic: see `golden.oracle.ellipse`.
-        opacity: (M,) amplified.
-        colour: (M, 3) at least 0.
+        opacity: (M,) amplified opacity.
+        colour: (M, 3), at least 0.
         depth: (M,) camera z in world units.
         index: (M,) int64 rows of the Gaussians, ascending.
         q_max: (M,) largest falloff exponent that the splat covers.
@@ -50,7 +50,8 @@ class Projection:
 
 @dataclass(frozen=True)
 class _View:
-    """A camera as float32 tensors on one device; the eye in two parts, as one float32 would move distant cameras."""
+    """A camera as float32 tensors on one device. The eye is a sum of two parts, because one float32 would shift distant
+    cameras."""
 
     rotation: torch.Tensor
     eye: torch.Tensor
@@ -76,15 +77,15 @@ def _view(camera: Camera, device: torch.device) -> _View:
 
 
 def _offset(view: _View, means: torch.Tensor) -> torch.Tensor:
-    """(3, N) from the eye to the means, world axes."""
+    """(3, N) offsets from the eye to the means, in world axes."""
     return ((means - view.eye) - view.eye_rest).T.contiguous()
 
 
 def _covariance(view: _View, point: torch.Tensor, log_scales: torch.Tensor, quats: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """xx, xy, yy of the screen covariance without low pass, and the determinant with it; all (N,), px^2 and px^4.
+    """xx, xy, yy of the screen covariance without the low-pass, and the determinant with it; all (N,), in px^2 and px^4.
 
-    The rows of M = J W R S come from turning the rows of J W by the inverse rotation; the determinant is the oracle's sum
-    of squares.
+    The rows of M = J W R S are computed by rotating the rows of J W by the inverse rotation. The determinant is a sum of
+    squares, as in the oracle.
     """
     inverse = 1 / point[2]
     slope = torch.clamp(point[:2] * inverse, view.lowest, view.highest)
@@ -102,7 +103,7 @@ def _covariance(view: _View, point: torch.Tensor, log_scales: torch.Tensor, quat
 
 
 def _factor(xy: torch.Tensor, yy: torch.Tensor, determinant: torch.Tensor) -> torch.Tensor:
-    """(3, N) triangular factor of the conic; yy with low pass."""
+    """(3, N) triangular factor of the conic; `yy` includes the low-pass."""
     f0 = torch.sqrt(yy / determinant)
     return torch.stack([f0, -f0 * xy / yy, torch.rsqrt(yy)])
 
@@ -140,7 +141,7 @@ def _survivors(view: _View, near: float, gaussians: Gaussians, q_max: torch.Tens
 
 
 class _Rows(torch.autograd.Function):
-    """Rows of a tensor at distinct indices: torch's own backward has to allow for repeated ones, and is slow."""
+    """Rows of a tensor at distinct indices. torch's own backward pass has to allow for repeated indices and is slow."""
 
     @staticmethod
     def forward(ctx: object, tensor: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
@@ -155,7 +156,7 @@ class _Rows(torch.autograd.Function):
 
 
 def _basis(direction: torch.Tensor, count: int) -> torch.Tensor:
-    """(count, N) harmonics of degree 1 up at the unit vectors (3, N), in the order and signs of `golden.oracle.harmonics`."""
+    """(count, N) harmonics from degree 1 on at the unit vectors (3, N), in the order and signs of `golden.oracle.harmonics`."""
     x, y, z = direction
     functions = [-C1 * y, C1 * z, -C1 * x]
     if count > 3:
@@ -171,7 +172,7 @@ def _basis(direction: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def _colour(offset: torch.Tensor, sh_dc: torch.Tensor, sh_rest: torch.Tensor) -> torch.Tensor:
-    """(N, 3) max(0, SH sum + 0.5); no gradient where clamped."""
+    """(N, 3) colours max(0, SH sum + 0.5); where they are clamped there is no gradient."""
     total = sh_dc * SH_C0 + 0.5
     if sh_rest.shape[1]:
         direction = offset / torch.linalg.vector_norm(offset, dim=0)
@@ -180,7 +181,7 @@ def _colour(offset: torch.Tensor, sh_dc: torch.Tensor, sh_rest: torch.Tensor) ->
 
 
 def check_gaussians(gaussians: Gaussians) -> None:
-    """Raise TypeError or ValueError unless every field has its dtype, shape and the one device."""
+    """Raises TypeError or ValueError unless every field has its dtype and shape and all are on one device."""
     n, coefficients = len(gaussians.means), tuple(gaussians.sh_rest.shape[1:2])
     if gaussians.sh_rest.ndim != 3 or coefficients[0] not in SH_REST_COUNT.values():
         raise ValueError(f"sh_rest must be (N, K, 3) with K = 0, 3, 8 or 15, not {tuple(gaussians.sh_rest.shape)!r}")
@@ -195,10 +196,12 @@ def check_gaussians(gaussians: Gaussians) -> None:
 
 
 def project(gaussians: Gaussians, camera: Camera, support_sigma: float | None) -> Projection:
-    """Project the Gaussians that can change a pixel; the others get no gradient.
+    """Projects the Gaussians that can change a pixel; the others get no gradient.
 
     Args:
-        support_sigma: Mahalanobis radius that bounds the support, or None for the alpha bound alone.
+        gaussians: the Gaussians.
+        camera: the camera.
+        support_sigma: Mahalanobis radius that bounds the support, or None for the bound on alpha alone.
     """
     support = math.inf if support_sigma is None else support_sigma**2 / 2
     on_cpu = gaussians.device.type == "cpu"
@@ -209,7 +212,7 @@ def project(gaussians: Gaussians, camera: Camera, support_sigma: float | None) -
 
 
 class _Kernels(torch.autograd.Function):
-    """The fused kernels; `extras` takes index, q_max and radius."""
+    """The fused kernels as an autograd function; index, q_max and radius are appended to the list `extras`."""
 
     @staticmethod
     def forward(ctx, means, log_scales, quats, opacity, log_amp, sh_dc, sh_rest, view, support, extras):
@@ -245,7 +248,7 @@ def _project_kernels(gaussians: Gaussians, camera: Camera, support: float) -> Pr
 
 
 def project_torch(gaussians: Gaussians, camera: Camera, support: float) -> Projection:
-    """As `project`, in torch operations on any device; `support` bounds the falloff's exponent."""
+    """As `project`, but in torch operations on any device; `support` bounds the falloff's exponent."""
     view = _view(camera, gaussians.device)
     with torch.no_grad():
         q_max = torch.log(gaussians.amplified_opacity / ALPHA_MIN).clamp(max=support)

@@ -1,7 +1,7 @@
-"""Projection on the CPU: the arithmetic of `projection` as two fused kernels with their derivatives worked out by hand.
+"""Projection on the CPU: the arithmetic of `projection` as two fused kernels, with derivatives worked out by hand.
 
-A splat's forward pass is a few hundred operations that torch would spread over a hundred passes through memory. Inputs and
-results are float32, what lies between is float64. The backward pass projects again instead of keeping intermediate results.
+The forward pass of a splat is a few hundred operations, which torch would turn into a hundred passes through memory. Inputs and
+results are float32, intermediate numbers float64. The backward pass projects again instead of keeping intermediate results.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from spec.constants import ALPHA_MIN, AMP_MAX, FRUSTUM_MARGIN, LOW_PASS, SH_C0
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 FRAME_SLACK = 1e-5
-"""Added to the exponent's bound where footprints are held against the frame: covers float32, so that no pixel is missed."""
+"""Added to the exponent's bound where footprints are tested against the frame: it covers float32 rounding, so that no pixel
+is missed."""
 
 FARTHEST = 1e30
-"""Pixels from the frame, and px^2 of area, beyond which a splat is left out: its conic would leave float32."""
+"""A splat is left out if it is farther than this many pixels from the frame, or its area is larger than this many px^2,
+because its conic would not fit float32."""
 
 _kernel = compiled(nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 
@@ -41,7 +43,7 @@ class View(NamedTuple):
 
 
 def view_of(camera: Camera) -> View:
-    """What the kernels need of a camera."""
+    """The numbers of a camera that the kernels need."""
     focal, centre, size = (camera.fx, camera.fy), (camera.cx, camera.cy), (camera.width, camera.height)
     low = tuple(float(-FRUSTUM_MARGIN * c / f) for c, f in zip(centre, focal, strict=True))
     high = tuple(float(FRUSTUM_MARGIN * (s - c) / f) for s, c, f in zip(size, centre, focal, strict=True))
@@ -52,7 +54,7 @@ def view_of(camera: Camera) -> View:
 
 @_kernel
 def _vector(rows, i):
-    """Three components of a row; arrays are passed with an index throughout, as a view costs two calls to count references."""
+    """Three components of a row. Functions take arrays and an index, as a slice costs two calls that count references."""
     return np.float64(rows[i, 0]), np.float64(rows[i, 1]), np.float64(rows[i, 2])
 
 
@@ -93,7 +95,7 @@ def _apply_transposed(matrix, a):
 
 @_kernel
 def _rotation(quats, i):
-    """The rotation of a wxyz quaternion, the quaternion normalised, and the inverse of its length."""
+    """The rotation matrix of a wxyz quaternion, the normalised quaternion, and the inverse of its length."""
     w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
     scale = 1 / math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w * scale, x * scale, y * scale, z * scale
@@ -107,7 +109,7 @@ def _rotation(quats, i):
 
 @_kernel
 def _rotation_backward(g, unit, scale):
-    """Gradient of a quaternion before normalisation, from that of the matrix."""
+    """Gradient of a quaternion before normalisation, from the gradient of its matrix."""
     w, x, y, z = unit
     d_w = 2 * (z * (g[1][0] - g[0][1]) + y * (g[0][2] - g[2][0]) + x * (g[2][1] - g[1][2]))
     d_x = 2 * (y * (g[0][1] + g[1][0]) + z * (g[0][2] + g[2][0]) + w * (g[2][1] - g[1][2])) - 4 * x * (g[1][1] + g[2][2])
@@ -119,7 +121,7 @@ def _rotation_backward(g, unit, scale):
 
 @_kernel
 def _spread(point, scale, rotation, view):
-    """The rows of J W, the slopes in J clamped, and those of M = J W R S."""
+    """The rows of J W, with the slopes in J clamped, and the rows of M = J W R S."""
     inverse = 1 / point[2]
     slope_x = min(max(point[0] * inverse, view.low[0]), view.high[0])
     slope_y = min(max(point[1] * inverse, view.low[1]), view.high[1])
@@ -131,7 +133,7 @@ def _spread(point, scale, rotation, view):
 
 @_kernel
 def _factor(m, n):
-    """xx, xy, yy of the covariance, with low pass, its determinant as a sum of squares, and the conic's triangular factor."""
+    """xx, xy, yy of the covariance with low-pass, its determinant as a sum of squares, and the conic's triangular factor."""
     xx, xy, yy, area = _dot(m, m), _dot(m, n), _dot(n, n), _cross(m, n)
     determinant = _dot(area, area) + LOW_PASS * (xx + yy) + LOW_PASS**2
     xx, yy = xx + LOW_PASS, yy + LOW_PASS
@@ -141,7 +143,7 @@ def _factor(m, n):
 
 @_kernel
 def _factor_backward(g, m, n):
-    """Gradients of m and n, the rows of M, from those of the factor."""
+    """Gradients of m and n, the rows of M, from the gradient of the factor."""
     _, xy, yy, determinant, (f0, _, f2) = _factor(m, n)
     g_f0 = g[0] - g[1] * xy / yy
     g_determinant, g_xy = -0.5 * g_f0 * f0 / determinant, -g[1] * f0 / yy
@@ -155,7 +157,7 @@ def _factor_backward(g, m, n):
 
 @_kernel
 def _amplified(logit, log_amp):
-    """Amplified opacity before its bound, and the share of it that the logit moves."""
+    """Amplified opacity before it is bounded, and its derivative with respect to the logit divided by that opacity."""
     plain = 1 / (1 + math.exp(-np.float64(logit)))
     return plain * math.exp(np.float64(log_amp)), 1 - plain
 
@@ -170,7 +172,8 @@ def _finite_colour(sh_dc, sh_rest, i):
 
 @_kernel
 def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_dc, sh_rest, view, support, table, keep):
-    """Which Gaussians survive and, of those, mean2d, factor, opacity, depth, q_max and radius as rows of the table."""
+    """Decides which Gaussians survive, and writes mean2d, factor, opacity, depth, q_max and radius of these into rows of the
+    table."""
     for i in range(begin, end):
         keep[i] = False
         point = _apply(view.rotation, _sum(1.0, _vector(means, i), -1.0, view.eye))
@@ -215,7 +218,7 @@ def _basis(direction, count, basis):
 
 @_kernel
 def _basis_backward(direction, count, g):
-    """Gradient of the direction from those of the harmonics."""
+    """Gradient of the direction from the gradients of the harmonics."""
     x, y, z = direction
     xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
     g_x, g_y, g_z = -C1 * g[2], -C1 * g[0], C1 * g[1]
@@ -235,7 +238,7 @@ def _basis_backward(direction, count, g):
 
 @_kernel
 def _direction(means, i, eye):
-    """Unit vector from the eye, and the inverse of the distance."""
+    """Unit vector from the eye to the mean, and the inverse of the distance."""
     offset = _sum(1.0, _vector(means, i), -1.0, eye)
     inverse = 1 / math.sqrt(_dot(offset, offset))
     return _sum(inverse, offset, 0.0, offset), inverse
@@ -252,7 +255,7 @@ def _colour(sh_dc, sh_rest, i, basis):
 
 @_kernel
 def _write(_slice, begin, end, index, means, sh_dc, sh_rest, eye, table, mean2d, factor, opacity, colour, depth, q_max, radius):
-    """The survivors' results."""
+    """Writes the results of the survivors."""
     count, basis = sh_rest.shape[1], np.empty(15)
     for k in range(begin, end):
         i = index[k]
@@ -267,7 +270,7 @@ def _write(_slice, begin, end, index, means, sh_dc, sh_rest, eye, table, mean2d,
 
 @_kernel
 def _colour_backward(g, i, means, sh_dc, sh_rest, eye, basis, g_basis, g_dc, g_rest):
-    """Writes the coefficients' gradients; returns the mean's, through the direction."""
+    """Writes the gradients of the SH coefficients; returns that of the mean, which comes through the direction."""
     count = sh_rest.shape[1]
     direction, inverse = _direction(means, i, eye)
     if count:
@@ -287,7 +290,7 @@ def _colour_backward(g, i, means, sh_dc, sh_rest, eye, basis, g_basis, g_dc, g_r
 
 @_kernel
 def _shape_backward(k, g_mean2d, g_factor, g_depth, i, means, log_scales, quats, view, g_log_scales, g_quats):
-    """Writes the gradients of scales and rotation; returns the mean's, through the screen."""
+    """Writes the gradients of scales and rotation; returns that of the mean, which comes through the position on the screen."""
     point = _apply(view.rotation, _sum(1.0, _vector(means, i), -1.0, view.eye))
     rotation, unit, unit_scale = _rotation(quats, i)
     s = _vector(log_scales, i)
@@ -317,7 +320,8 @@ def _backward(
     _slice, begin, end, slot, means, log_scales, quats, opacity, log_amp, sh_dc, sh_rest, view, g_mean2d, g_factor, g_opacity,
     g_colour, g_depth, g_means, g_log_scales, g_quats, g_logit, g_log_amp, g_dc, g_rest
 ):
-    """Every Gaussian's gradients, 0 for those without a slot; `g_means` and `g_rest` may have no rows: not wanted."""
+    """Writes the gradients of every Gaussian, 0 for those without a slot. `g_means` and `g_rest` are empty if they are not
+    wanted."""
     basis, g_basis = np.empty(15), np.empty(15)
     geometry, rest = len(g_means) > 0, len(g_rest) > 0
     for i in range(begin, end):
@@ -341,7 +345,7 @@ def _backward(
 
 
 def project_forward(fields: tuple[np.ndarray, ...], view: View, support: float) -> tuple[np.ndarray, ...]:
-    """index, then mean2d, factor, opacity, colour, depth, q_max and radius of the survivors: see `projection.Projection`."""
+    """Index, mean2d, factor, opacity, colour, depth, q_max and radius of the survivors: see `projection.Projection`."""
     count = len(fields[0])
     table, keep = np.empty((count, 9), np.float32), np.empty(count, np.bool_)
     run_slices(_survey, count, *fields, view, float(support), table, keep)
@@ -354,7 +358,8 @@ def project_forward(fields: tuple[np.ndarray, ...], view: View, support: float) 
 def project_backward(
     fields: tuple[np.ndarray, ...], view: View, index: np.ndarray, gradients: tuple[np.ndarray, ...], geometry: bool, rest: bool
 ) -> tuple[np.ndarray, ...]:
-    """Gradients of the fields from those of mean2d, factor, opacity, colour and depth; without rows where not wanted."""
+    """Gradients of the fields from those of mean2d, factor, opacity, colour and depth; a gradient that is not wanted has no
+    rows."""
     slot = np.full(len(fields[0]), -1, np.int64)
     slot[index] = np.arange(len(index))
     wanted = (geometry, geometry, geometry, True, True, True, rest)

@@ -1,8 +1,10 @@
-"""A plain differentiable renderer in torch, as research code writes one: dense alphas a tile, cumulative products, autograd.
+"""A plain differentiable renderer in torch, as research code writes one: dense alphas for each tile, cumulative products,
+autograd.
 
-Written from the oracle's equations alone and sharing no arithmetic with `golden.diff.render`: an independent check of it,
-and its opponent in the benchmark. Every step is a torch operation, so gradients are whatever autograd makes of them. Tensors
-may be float32 or float64, on any device. Memory: some hundred bytes a pixel and listed splat, until `backward` is through.
+It is written from the oracle's equations alone and shares no arithmetic with `golden.diff.render`. So it is an independent
+check of that renderer, and its opponent in the benchmark. Every step is a torch operation, and autograd makes the gradients.
+Tensors may be float32 or float64, on any device. It needs some hundred bytes of memory for each pixel and listed splat until
+`backward` has ended.
 """
 
 from __future__ import annotations
@@ -30,11 +32,12 @@ from spec.constants import (
 )
 
 MEAN, FACTOR, OPACITY, COLOUR, DEPTH = slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 9), slice(9, 10)
-"""Columns of a splat's row."""
+"""Columns of the row that describes a projected splat."""
 
 
 class ReferenceRendering(NamedTuple):
-    """`image` (H, W, 3), not clamped, background included; `depth_sum` (H, W), sum of T alpha z; `transmittance` (H, W)."""
+    """The result: `image` (H, W, 3), not clamped, background included; `depth_sum` (H, W), sum of T alpha z; `transmittance`
+    (H, W)."""
 
     image: torch.Tensor
     depth_sum: torch.Tensor
@@ -49,7 +52,7 @@ def render(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     support_sigma: float | None = SUPPORT_SIGMA,
 ) -> ReferenceRendering:
-    """Render one level; arguments as those of `golden.diff.render.render`."""
+    """Renders one level; the arguments are those of `golden.diff.render.render`."""
     support = math.inf if support_sigma is None else support_sigma**2 / 2
     splats, reach = _project(gaussians, camera, support)
     entries, counts = _tile_lists(splats[:, MEAN].detach(), reach, camera)
@@ -67,7 +70,7 @@ def render(
 
 
 def _project(gaussians: Gaussians, camera: Camera, support: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Splats beyond the near plane that are not transparent, front to back.
+    """Projects the Gaussians beyond the near plane that are not transparent, and sorts them front to back.
 
     Returns:
         (M, 10) rows, see the columns above, and (M, 2) half the extent of their footprints in pixels.
@@ -84,7 +87,7 @@ def _project(gaussians: Gaussians, camera: Camera, support: float) -> tuple[torc
     axes = _jacobian(x, y, z, camera) @ rotation @ _rotations(g.quats) @ torch.diag_embed(torch.exp(g.log_scales))
     covariance = axes @ axes.transpose(1, 2) + LOW_PASS * torch.eye(2, dtype=like.dtype, device=like.device)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    # The determinant as a sum of squares: the difference of products loses needles to cancellation in float32.
+    # The determinant is computed as a sum of squares, because a difference of products would cancel for needle-shaped splats.
     area = torch.linalg.cross(axes[:, 0], axes[:, 1], dim=1).square().sum(1)
     determinant = area + LOW_PASS * (xx + yy) - LOW_PASS**2
     factor = torch.stack([(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt(), yy.rsqrt()], 1)
@@ -92,12 +95,12 @@ def _project(gaussians: Gaussians, camera: Camera, support: float) -> tuple[torc
     colour = _colour(g, g.means - like.new_tensor(camera.position))
     with torch.no_grad():
         q_max = torch.log(opacity / ALPHA_MIN).clamp(min=0.0, max=support)
-        reach = (2 * q_max[:, None] * torch.stack([xx, yy], 1)).sqrt() + 1e-3  # a hair more, for rounding
+        reach = (2 * q_max[:, None] * torch.stack([xx, yy], 1)).sqrt() + 1e-3  # a little more, to allow for rounding
     return torch.cat([mean2d, factor, opacity[:, None], colour, z[:, None]], 1), reach
 
 
 def _jacobian(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(M, 2, 3) of the perspective projection, at x / z and y / z clamped to 3DGS's margin around the frame."""
+    """(M, 2, 3) Jacobian of the perspective projection, at x / z and y / z clamped to 3DGS's margin around the frame."""
     margin = FRUSTUM_MARGIN
     sx = (x / z).clamp(-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx)
     sy = (y / z).clamp(-margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy)
@@ -107,7 +110,7 @@ def _jacobian(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor, camera: Camera)
 
 
 def _rotations(quats: torch.Tensor) -> torch.Tensor:
-    """(M, 3, 3) of the wxyz quaternions, normalised first."""
+    """(M, 3, 3) rotations of the wxyz quaternions, which are normalised first."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
     rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
             2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -116,7 +119,7 @@ def _rotations(quats: torch.Tensor) -> torch.Tensor:
 
 
 def _colour(g: Gaussians, offset: torch.Tensor) -> torch.Tensor:
-    """(M, 3) colours seen along `offset` (M, 3) from the eye, clamped below at 0."""
+    """(M, 3) colours seen along `offset` (M, 3) from the eye; negative colours become 0."""
     x, y, z = torch.nn.functional.normalize(offset, dim=1).unbind(1)
     xx, yy, zz = x * x, y * y, z * z
     basis = [-SH_C1 * y, SH_C1 * z, -SH_C1 * x]
@@ -132,7 +135,7 @@ def _colour(g: Gaussians, offset: torch.Tensor) -> torch.Tensor:
 
 @torch.no_grad()
 def _tile_lists(mean2d: torch.Tensor, reach: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, list[int]]:
-    """Rows of the splats whose bounding box meets each tile, tile after tile, and how many each tile has."""
+    """Rows of the splats whose bounding box meets each tile, tile after tile, and the number of splats in each tile."""
     low, high = mean2d - reach, mean2d + reach
     entries = []
     for top in range(0, camera.height, TILE):
@@ -145,11 +148,11 @@ def _tile_lists(mean2d: torch.Tensor, reach: torch.Tensor, camera: Camera) -> tu
 def _composite(
     listed: torch.Tensor, x: torch.Tensor, y: torch.Tensor, support: float, alpha_max: float, behind: torch.Tensor,
 ) -> torch.Tensor:
-    """(pixels, 5) red, green, blue, sum of T alpha z and T of the splats `listed` (n, 10), front to back.
+    """(pixels, 5): red, green, blue, sum of T alpha z and T of the splats `listed` (n, 10), front to back.
 
     Args:
-        x, y: (pixels, 1) centres.
-        behind: (5,) what the remaining transmittance is weighted with.
+        x, y: (pixels, 1) pixel centres.
+        behind: (5,) the vector that is added with the remaining transmittance as its weight.
     """
     if not len(listed):
         return behind.expand(len(x), 5)
@@ -160,7 +163,7 @@ def _composite(
     alpha = torch.where((alpha >= ALPHA_MIN) & (falloff <= support), alpha, 0.0)
     after = torch.cumprod(1 - alpha, 1)
     before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], 1)
-    running = before >= T_STOP  # composite, then stop: the splat that ends a pixel still shows
+    running = before >= T_STOP  # the splat that makes a pixel stop is still composited
     weight = torch.where(running, before * alpha, 0.0)
     left = after.gather(1, running.sum(1, keepdim=True) - 1)
     shown = weight @ listed[:, COLOUR.start : DEPTH.stop]

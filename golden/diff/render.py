@@ -24,18 +24,18 @@ from spec.errors import InputError
 
 @dataclass
 class Rendering:
-    """A rendered view of H x W pixels, M of the Gaussians projected.
+    """A rendered image of H x W pixels, with M of the Gaussians projected.
 
     Attributes:
         image: (H, W, 3) float32, background included, not clamped.
         depth_sum: (H, W) float32 sum of T alpha z.
-        transmittance: (H, W) float32, what is left for the background.
+        transmittance: (H, W) float32, the background's weight.
         index: (M,) int64 rows of the projected Gaussians, ascending.
-        mean2d: (M, 2) pixels; where it needs a gradient, `mean2d.grad` is there after the backward pass, in 1/px.
+        mean2d: (M, 2) pixels; if it needs a gradient, `mean2d.grad` holds it after the backward pass, in 1/px.
         radius: (M,) px, largest extent of the footprint from its centre.
-        tiles: (M,) int32 tiles that used the splat before the whole tile stopped.
-        entries: (splat, tile) pairs listed.
-        dominated: (M,) int32 pixels whose largest T alpha is this splat's; None unless asked for.
+        tiles: (M,) int32 number of tiles that used the splat before all their pixels had stopped.
+        entries: number of listed intersections, that is (splat, tile) pairs.
+        dominated: (M,) int32 number of pixels in which this splat has the largest T alpha; None unless asked for.
         weight: (M,) float32 sum of T alpha over the pixels; None unless asked for.
     """
 
@@ -52,7 +52,7 @@ class Rendering:
 
 
 class _Blend(torch.autograd.Function):
-    """Blending of splats on the CPU; `made` takes the `Blending`."""
+    """Blending of splats on the CPU. The forward pass appends the `Blending` that it makes to the list `made`."""
 
     @staticmethod
     def forward(ctx, mean2d, factor, opacity, colour, depth, make, made):
@@ -124,24 +124,25 @@ def render(
     tile_mask: torch.Tensor | np.ndarray | None = None,
     backend: str | None = None,
 ) -> Rendering:
-    """Render one level, differentiably: image, depth sum and transmittance carry gradients to every field that needs one.
+    """Renders one level differentiably: image, depth sum and transmittance pass gradients to every field that needs one.
 
     The result is bit for bit the same for any number of threads (`torch.set_num_threads` sets it). A gradient is zero where
-    alpha is clipped at `alpha_max`, below 1/255, beyond the support and after a pixel has stopped; the Jacobian's clamp passes
-    what torch's does.
+    alpha is clipped at `alpha_max`, below 1/255, beyond the support, and after a pixel has stopped. Where the Jacobian's slopes
+    are clamped, the gradient is that of torch's clamp.
 
     Args:
         gaussians: the level's Gaussians, float32.
-        camera: the view.
-        alpha_max: alpha's upper bound: 0.99 for level 1, 1 for levels 2 to 4.
+        camera: the camera.
+        alpha_max: upper bound of alpha: 0.99 for level 1, 1 for levels 2 to 4.
         background: red, green, blue behind everything.
-        support_sigma: Mahalanobis radius that bounds a splat's support, or None for the alpha bound alone.
-        usage: also `dominated` and `weight`; costs about another forward pass.
-        tile_mask: (tiles_y, tiles_x) bool; tiles outside show the background.
-        backend: `numba` or `warp`; by default numba for Gaussians on the CPU, Warp for those on CUDA.
+        support_sigma: Mahalanobis radius that bounds a splat's support, or None for the bound on alpha alone.
+        usage: also return `dominated` and `weight`, which costs about another forward pass.
+        tile_mask: (tiles_y, tiles_x) bool; tiles outside the mask show the background.
+        backend: `numba` or `warp`; by default numba for Gaussians on the CPU and Warp for those on CUDA.
 
     Raises:
-        TypeError, ValueError: a field's dtype or shape, or a setting, naming what is accepted.
+        TypeError, ValueError: a field has the wrong dtype or shape, or a setting is out of range; the message names what is
+            accepted.
         InputError: Warp is needed and not installed.
     """
     check_gaussians(gaussians)
@@ -167,16 +168,18 @@ def render_foveated(
 ) -> torch.Tensor:
     """(H, W, 3) float32: each tile at its level, blend tiles from two levels by each pixel's own eccentricity.
 
-    Differentiable in every level.
+    The image is differentiable in every level.
 
     Args:
-        levels: the Gaussians of each level, the finest first, their rows in the same order in all levels.
-        foveation: what each tile shows; its display is the frame.
-        alpha_max: alpha's upper bound for each level.
+        levels: the Gaussians of each level, level 1 first, with their rows in the same order in all levels.
+        camera: the camera.
+        foveation: which levels each tile shows; its display must have the frame's size.
+        alpha_max: upper bound of alpha for each level.
+        background, support_sigma: as for `render`.
 
     Raises:
         InputError: the map does not fit the frame, or uses levels that are not given.
-        TypeError, ValueError: as `render`.
+        TypeError, ValueError: as for `render`.
     """
     display = foveation.display
     if (display.width_px, display.height_px) != (camera.width, camera.height):
@@ -203,6 +206,6 @@ def render_foveated(
 
 
 def _pixels(tiles: np.ndarray, camera: Camera, device: torch.device) -> torch.Tensor:
-    """(H, W) float32 1 in the pixels of the marked tiles, else 0."""
+    """(H, W) float32: 1 in the pixels of the marked tiles, 0 elsewhere."""
     expanded = tiles.repeat(TILE, axis=0).repeat(TILE, axis=1)[: camera.height, : camera.width]
     return torch.from_numpy(expanded.astype(np.float32)).to(device)

@@ -1,4 +1,4 @@
-"""Threads of the CPU renderer's kernels: as many as torch uses, so that one setting is for both."""
+"""Threads of the CPU renderer's kernels: as many as torch uses, so that one setting controls both."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from golden.threads import for_slices
 
 
 def run_slices(kernel: Callable[..., None], count: int, *args: object) -> None:
-    """`for_slices` on `torch.get_num_threads()` threads; no result depends on how many."""
+    """Calls `for_slices` on `torch.get_num_threads()` threads; no result depends on their number."""
     for_slices(kernel, count, *args, workers=torch.get_num_threads())

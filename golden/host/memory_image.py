@@ -1,7 +1,8 @@
-"""The host's side of a frame's memory: where everything lies, what it holds at the start, and the frame at the end.
+"""The host's side of a frame's memory: where each region lies, what it holds at the start, and how to read the frame at the
+end.
 
-A frame needs the Gaussians (`golden.host.quantise`) and what the host computes for the view
-(`golden.host.registers`); both become bytes in memory and raw values of `spec.memory.frame_settings`.
+A frame needs the Gaussians (`golden.host.quantise`) and what the host computes for the camera (`golden.host.registers`). Both
+become bytes in memory and raw values of the settings in `spec.memory.frame_settings`.
 """
 
 from __future__ import annotations
@@ -35,27 +36,28 @@ from spec.packing import pack
 from spec.records import gaussian_colour, gaussian_geometry
 
 REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
-"""In the order in which they lie; the machine writes from the views on. Frames of one eye have none of the target's."""
+"""The regions in the order in which they lie in memory. The host fills those before `views` (the splat records), and the
+machine writes `views` and those after it. A frame of one eye has no region of the target's."""
 
 _SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
 
-_FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number: a base that is left out shows
+_FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number, so that a forgotten base changes the frame
 
 
 class Region(NamedTuple):
-    """A stretch of memory, in beats."""
+    """A contiguous region of memory: its first beat and its length in beats of BEAT_BYTES."""
 
     base: int
     beats: int
 
     @property
     def end(self) -> int:
-        """The beat behind it."""
+        """The first beat after the region."""
         return self.base + self.beats
 
 
 class FramePixels(NamedTuple):
-    """A frame as it lies in memory, raw: `colour` (height, width, 3), `depth` and `transmittance` (height, width), int64."""
+    """A frame as raw numbers from memory: `colour` (height, width, 3), `depth` and `transmittance` (height, width), int64."""
 
     colour: np.ndarray
     depth: np.ndarray
@@ -63,7 +65,8 @@ class FramePixels(NamedTuple):
 
 
 class DisplayPixels(NamedTuple):
-    """A frame for displays as it lies in memory: `colour` (height, width, 3) and `coverage` (height, width), int64."""
+    """A frame in the format for displays, as raw numbers from memory: `colour` (height, width, 3), `coverage` (height,
+    width), int64."""
 
     colour: np.ndarray
     coverage: np.ndarray
@@ -75,10 +78,10 @@ class MemoryImage:
 
     Attributes:
         config: the machine.
-        width, height: frame in pixels.
-        regions: by the names of REGIONS.
-        settings: raw values of `frame_settings` by field, a list where it holds several numbers.
-        contents: (beats, BEAT_BYTES) uint8 by region, of those that the host fills.
+        width, height: size of the frame in pixels.
+        regions: by the names in REGIONS.
+        settings: raw values of `frame_settings` by field; a list where the field holds several numbers.
+        contents: for each region that the host fills, its content as (beats, BEAT_BYTES) uint8.
     """
 
     config: AcceleratorConfig
@@ -90,25 +93,26 @@ class MemoryImage:
 
     @property
     def beats(self) -> int:
-        """Beats that memory must have."""
+        """Number of beats that the memory must have."""
         return max(region.end for region in self.regions.values())
 
     @property
     def pixel_bytes(self) -> int:
-        """Of a pixel of the frame."""
+        """Number of bytes of one pixel of the frame."""
         return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
 
     def write(self, name: str, path: Path) -> None:
-        """The contents of a region as `$fread` wants them: the highest byte of a beat first."""
+        """Writes the contents of a region to a file in the order that Verilog's `$fread` expects: the highest byte of a beat
+        first."""
         np.ascontiguousarray(self.contents[name][:, ::-1]).tofile(path)
 
     def frame(self, path: Path) -> FramePixels | DisplayPixels:
-        """The frame, from the dump of `frames`; of two eyes, the source's."""
+        """Reads the frame from a dump of the region `frames`; of a frame of two eyes, it reads the source eye's."""
         return read_frame(
             self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
 
     def target_frame(self, path: Path) -> DisplayPixels | None:
-        """The target eye's frame, from the same dump; None of frames of one eye."""
+        """Reads the target eye's frame from the same dump; returns None for a frame of one eye."""
         if "target_frame" not in self.regions:
             return None
         begin = BEAT_BYTES * (self.regions["target_frame"].base - self.frames.base)
@@ -116,25 +120,25 @@ class MemoryImage:
 
     @property
     def frames(self) -> Region:
-        """All that holds pixels in the end."""
+        """The region that holds the pixels of all eyes at the end."""
         first = self.regions["frame"]
         return Region(first.base, self.regions.get("target_frame", first).end - first.base)
 
 
 def view_shift(*registers: FrameRegisters) -> int:
-    """The smallest `view_shift` that gives every level in use a view, in every one of the eyes."""
+    """The smallest setting `view_shift` that leaves a splat record for every level in use, in every one of the eyes."""
     return max(int(eye.header[:, 0].max()).bit_length() for eye in registers)
 
 
 def gaussian_bytes(config: AcceleratorConfig, words: GaussianWords) -> dict[str, np.ndarray]:
-    """The regions `geometry` and `colour`, (beats, BEAT_BYTES) uint8 each: equal for all frames of a model."""
+    """The regions `geometry` and `colour`, (beats, BEAT_BYTES) uint8 each; they are the same for all frames of a model."""
     size = BEAT_BYTES * colour_beats(config, words.sh_degree)
     colour = pack(gaussian_colour(config, words.sh_degree), words.colour, size)
     return {"geometry": pack(gaussian_geometry(config), words.geometry, BEAT_BYTES), "colour": colour.reshape(-1, BEAT_BYTES)}
 
 
 def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.ndarray | None = None) -> np.ndarray:
-    """A table of tiles, (beats, BEAT_BYTES) uint8; `warp` is the target eye's bit of that name."""
+    """A table of tiles, (beats, BEAT_BYTES) uint8; `warp` holds the bit of that name for each tile of the target eye."""
     rows = {"plane": registers.plane, "level": registers.header[:, 0], "blend": registers.header[:, 1]}
     if config.stereo:
         rows["warp"] = np.zeros(len(registers.header), np.int64) if warp is None else warp
@@ -147,19 +151,19 @@ def memory_image(
     beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
     second: StereoRegisters | None = None,
 ) -> MemoryImage:
-    """The image of a frame.
+    """Lays out the memory of a frame.
 
     Args:
         config: the machine.
         words: the Gaussians.
-        registers: the view.
-        entries_beats: room for entries; `page_beats` says what a frame needs.
-        spill_beats: room for spilled runs.
-        beta: merge threshold, 0 merges nothing; None lets the machine choose it.
-        obb: bounding boxes instead of the exact tile test.
-        display: the frame in the format of displays.
+        registers: camera and frame registers; for two eyes, the source's.
+        entries_beats: beats reserved for the tile lists; `page_beats` says how many a frame needs.
+        spill_beats: beats reserved for spilled sorted runs; see `spill_beats`.
+        beta: merge threshold; 0 merges nothing, and None lets the machine choose it.
+        obb: test tiles against bounding boxes instead of the exact ellipse.
+        display: write the frame in the format for displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
-        second: the target eye, in frames of two; those are for displays.
+        second: registers of the target eye, for a frame of two eyes; such a frame always has the format for displays.
     """
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
     if second is not None:
@@ -188,7 +192,7 @@ def memory_image(
 
 
 def _second_eye(config: AcceleratorConfig, second: StereoRegisters | None) -> dict[str, int | list[int]]:
-    """The settings of the target eye but for its bases; in frames of one eye, what must not matter."""
+    """The settings of the target eye, except its bases. For a frame of one eye they get values that must not matter."""
     if second is None:
         return {"stereo": 0, **{
             f.name: [f.raw_range[1]] * f.count if f.count > 1 else f.raw_range[1]
@@ -199,7 +203,7 @@ def _second_eye(config: AcceleratorConfig, second: StereoRegisters | None) -> di
 
 
 def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict[str, int | list[int]]:
-    """The fields that `FrameRegisters` has too; floats become bit patterns."""
+    """The settings that have the names of fields of `FrameRegisters`; floats become bit patterns."""
     settings = {}
     for f in frame_settings(config).fields:
         if hasattr(registers, f.name):
@@ -212,7 +216,14 @@ def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict
 def read_frame(
     config: AcceleratorConfig, data: np.ndarray, width: int, height: int, *, display: bool = False,
 ) -> FramePixels | DisplayPixels:
-    """The pixels of a frame's bytes, (at least as many as its pixels take,) uint8."""
+    """The pixels of a frame from its bytes.
+
+    Args:
+        config: the machine.
+        data: uint8, at least as many bytes as the frame's pixels take.
+        width, height: size of the frame in pixels.
+        display: whether the frame has the format for displays.
+    """
     record, kind = (display_pixel(config), DisplayPixels) if display else (frame_pixel(config), FramePixels)
     kinds = [(f.name, f"<u{f.format.width // 8}", (f.count,) if f.count > 1 else ()) for f in record.fields]
     pixels = data[: width * height * record.width // 8].view(np.dtype(kinds)).reshape(height, width)
@@ -220,9 +231,9 @@ def read_frame(
 
 
 def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:
-    """Room for the sorted runs of a frame's groups: twice what the largest one that is spilled needs.
+    """Number of beats to reserve for the sorted runs of a frame's groups: twice what the largest spilled group needs.
 
-    Half of the region holds runs as they are sorted, the other half those of one group that are merged.
+    One half of the region holds runs while they are sorted, the other half the runs of one group while they are merged.
     """
     chunk = config.sort_chunk
     largest = int(np.max(group_counts, initial=0))

@@ -1,4 +1,5 @@
-"""Model to Gaussian words: the DRAM image, `spec.records.gaussian_geometry` and `gaussian_colour`."""
+"""Quantises a model into Gaussian words, the DRAM image: the records `gaussian_geometry` and `gaussian_colour` of
+`spec.records`."""
 
 from __future__ import annotations
 
@@ -16,12 +17,13 @@ from spec.records import INDEX_BITS, gaussian_colour, gaussian_geometry
 
 
 class DecodedGeometry(NamedTuple):
-    """Geometry words as the culling kernels read them.
+    """Geometry words as the projection kernels read them.
 
     Attributes:
         mean: (N, 3) float64, relative to the words' origin.
         scale: (N, 3) float64.
-        quat: (N, 4) integers, raw, of numbers that the work format has: it is what the culling unit turns them into.
+        quat: (N, 4) int32 raw quaternions, rounded to numbers that the `work` format can represent, as the projection unit
+            does.
         opacity: (N,) int32, the largest raw `log2_opacity` among the levels that use the point.
     """
 
@@ -33,16 +35,17 @@ class DecodedGeometry(NamedTuple):
 
 @dataclass(frozen=True)
 class GaussianWords:
-    """The DRAM image of a model.
+    """The DRAM image of a model: what the machine reads of the Gaussians.
 
     Attributes:
         config: the machine whose formats the words have.
-        geometry: (N,) of `gaussian_geometry`'s dtype.
-        colour: (N,) of `gaussian_colour`'s dtype at `sh_degree`.
-        origin: (3,) float64, world position of the words' zero; the host subtracts it from the camera.
-        levels: foveation levels in use, 1..4.
+        geometry: (N,) records of `gaussian_geometry`'s dtype.
+        colour: (N,) records of `gaussian_colour`'s dtype at `sh_degree`.
+        origin: (3,) float64, world position that the words' coordinates are relative to; the host subtracts it from the
+            camera's position.
+        levels: number of foveation levels in use, 1..4.
         sh_degree: 0..3.
-        saturated: values clipped to their format, by field.
+        saturated: number of values that were clipped to their format, by field.
     """
 
     config: AcceleratorConfig
@@ -55,26 +58,26 @@ class GaussianWords:
 
     @cached_property
     def decoded(self) -> DecodedGeometry:
-        """The geometry decoded, once for all frames."""
+        """The geometry decoded into numbers; computed once for all frames."""
         n, g = self.config.formats, self.geometry
         used = np.arange(MAX_LEVELS) <= g["bound"][:, None]
         strongest = np.where(used, g["log2_opacity"], n.log2_opacity.raw_min).max(axis=1)
         quat = np.ascontiguousarray(g["quat"])
         if n.work.sig_bits < n.quaternion.width - 1:
             rounded = n.work.round(n.quaternion.to_float(quat))
-            quat = np.ldexp(rounded, n.quaternion.frac_bits).astype(np.int32)  # may be 1, which raw quaternions are not
+            quat = np.ldexp(rounded, n.quaternion.frac_bits).astype(np.int32)  # may round up to 1, beyond the raw format
         return DecodedGeometry(n.position.to_float(g["mean"]), n.scale.to_float(g["scale"]), quat, strongest.astype(np.int32))
 
 
 def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianWords:
     """Rounds every parameter into its memory format.
 
-    The origin is the points' median, so that coordinates of planetary size lose nothing. Opacities of 0 become the
-    format's smallest, which alpha's cut removes. Levels a model lacks repeat its last one. Coefficients beyond the machine's
-    SH degree are dropped.
+    The origin is the median of the points, so that coordinates of planetary size keep their precision. An opacity of 0 becomes
+    the smallest number of the format, which the cut at alpha 1/255 removes. Levels that a model lacks repeat its last one. SH
+    coefficients beyond the machine's degree are dropped.
 
     Raises:
-        InputError: more Gaussians than an index, or the count of a tile's entries, can tell apart.
+        InputError: there are more Gaussians than a Gaussian index, or the counter of a tile's intersections, can hold.
     """
     if len(model) >= 1 << INDEX_BITS:
         raise InputError(f"{len(model)} Gaussians are not accepted: {INDEX_BITS} bits of index take {(1 << INDEX_BITS) - 1}")
@@ -88,7 +91,7 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel) -> GaussianW
     level = np.minimum(np.arange(MAX_LEVELS), model.levels - 1)
     opacity = np.maximum(model.opacity, 2.0**-16)
     base = SH_C0 * model.sh_dc + 0.5
-    rest = model.sh_rest.reshape(len(model), 3 * model.sh_rest.shape[1])  # -1 would not do for an empty model
+    rest = model.sh_rest.reshape(len(model), 3 * model.sh_rest.shape[1])  # reshape cannot infer -1 for an empty model
     norm = np.linalg.norm(model.quats, axis=1, keepdims=True)
     scale = np.exp(np.minimum(model.log_scales, 80.0))
 

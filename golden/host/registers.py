@@ -26,21 +26,21 @@ from spec.constants import (
 
 @dataclass(frozen=True)
 class FrameRegisters:
-    """Camera and frame registers. Floats are already rounded to the machine's `view` format unless said otherwise.
+    """Camera and frame registers. Floats are already rounded to the machine's `view` format unless stated otherwise.
 
     Attributes:
         position: (3,) camera centre relative to the words' origin.
         rotation: (3, 3) world to camera, its first two rows times the focal lengths.
-        turn: (3, 3) the same over EXPONENT_SCALE in the `work` format, for the Jacobian: no operand of a sum may be longer than
-            its result, or one rounding of a float64 sum would not be the correct one.
-        centre: (2,) int64, cx, cy, raw `mean2d`.
-        limits: (4,) clamp of fx x/z (low, high) and fy y/z (low, high), pixels.
-        near: near plane.
-        width, height: frame in pixels.
-        depth_scale: reciprocal of the z that saturates `depth`.
-        depth_far: that z, float64; the host turns depths back with it.
+        turn: (3, 3) the same divided by EXPONENT_SCALE, in the `work` format, for the Jacobian. Operands of a sum must have no
+            more significand bits than its result; otherwise rounding the float64 sum once would not be correct rounding.
+        centre: (2,) int64, cx and cy as raw `mean2d`.
+        limits: (4,) bounds to which fx x/z (low, high) and fy y/z (low, high) are clamped, pixels.
+        near: near plane in world units.
+        width, height: size of the frame in pixels.
+        depth_scale: reciprocal of the z at which `depth` saturates.
+        depth_far: that z, float64, in world units; the host converts raw depths back with it.
         background: (3,) int64 raw `colour`.
-        header: (tiles, 3) int64: level index, blend, outer of each tile, row-major.
+        header: (tiles, 3) int64, row-major: each tile's level (0-based), its blend flag, and whether its level is above 0.
         plane: (tiles, 3) int64 raw `plane`.
     """
 
@@ -60,20 +60,20 @@ class FrameRegisters:
 
     @property
     def tiles_x(self) -> int:
-        """Tile columns."""
+        """Number of tile columns."""
         return -(-self.width // TILE)
 
     @property
     def tiles_y(self) -> int:
-        """Tile rows."""
+        """Number of tile rows."""
         return -(-self.height // TILE)
 
 
 @compiled
 def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, height):
-    """The z in front of the camera whose pixel lies inside the frame widened by DEPTH_FRAME_MARGIN on every side.
+    """The z of the points in front of the camera that project into the frame widened by DEPTH_FRAME_MARGIN on every side.
 
-    One loop and not matrix products: the bits then depend on no BLAS.
+    This is a loop and not a matrix product, so that the bits of the result do not depend on a BLAS library.
     """
     r, t, found, count = rotation, translation, np.empty(len(mean)), 0
     least, most = -DEPTH_FRAME_MARGIN, 1 + DEPTH_FRAME_MARGIN
@@ -90,16 +90,20 @@ def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, he
 
 
 def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: float = 0.0) -> float:
-    """The z at which depth saturates: from the points in front of the camera and inside the widened frustum.
+    """The z at which depth saturates, from the points in front of the camera and inside the widened frustum.
 
-    A high percentile, so that one outlier does not cost everyone's resolution. In a frame that is to be warped it may lie as
-    far beyond as the rounding of near depths allows: a far layer that saturates makes what is before it look nearer.
+    It is a high percentile, so that a single outlier does not cost all other points their resolution. In a frame that is to be
+    warped it may lie farther, as far as the rounding of near depths allows: where a far layer saturates, what lies in front of
+    it looks nearer than it is.
 
     Args:
         mean: (N, 3) float64 relative to `origin`.
-        origin: (3,) float64 world units.
-        camera: the view.
-        per_near: in frames that are to be warped: times the square of the near z, how far it may lie. Reciprocal world units.
+        origin: (3,) float64, world units.
+        camera: the camera.
+        per_near: for frames that are to be warped, the limit as a multiple of the squared near z, in reciprocal world units.
+
+    Returns:
+        z in world units.
     """
     c = camera
     translation = c.translation + c.rotation @ origin
@@ -115,18 +119,19 @@ def frame_registers(
     config: AcceleratorConfig, camera: Camera, words: GaussianWords, foveation: FoveationMap, background: np.ndarray,
     baseline_px: float | None = None,
 ) -> FrameRegisters:
-    """Registers for one frame.
+    """Computes the registers of one frame.
 
     Args:
         config: the machine.
-        camera: the view.
-        words: the DRAM image: its origin, and its means for the depth range.
+        camera: the camera.
+        words: the DRAM image; its origin is used, and its means for the depth range.
         foveation: tile levels and blend planes of the gaze.
         background: (3,) float in [0, 1].
-        baseline_px: of a frame that is to be warped: distance between the eyes, world units, times the focal length in pixels.
+        baseline_px: for a frame that is to be warped, the distance between the eyes in world units times the focal length in
+            pixels.
     """
     n = config.formats
-    # Half an ulp of depth, far 2^-(frac + 1), moves what is at z by baseline_px / z^2 times as much.
+    # Half an ulp of depth is far * 2^-(frac + 1). It moves a pixel at z by baseline_px / z^2 times as much.
     per_near = WARP_DEPTH_ERROR_PX * 2.0 ** (n.depth.frac_bits + 1) / baseline_px if baseline_px else 0.0
     far = depth_far(words.decoded.mean, words.origin, camera, per_near)
     margin = FRUSTUM_MARGIN

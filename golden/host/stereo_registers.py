@@ -1,4 +1,4 @@
-"""The host's side of a frame of two eyes: what it writes besides the source eye's registers."""
+"""The host's side of a frame of two eyes: what it writes in addition to the source eye's registers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from spec.stereo import DISPARITY_SCALE_BITS, DISPARITY_SCALE_FRAC, reach
 
 @dataclass(frozen=True)
 class StereoRegisters:
-    """What the host writes besides the source eye's registers.
+    """What the host writes in addition to the source eye's registers.
 
     Attributes:
-        target: the target eye's registers: the source's with its own position and table.
-        warp: (tiles,) int64, bit `warp` of the target's table.
-        disparity_scale: disparity in pixels where depth saturates, raw.
-        source_right: the source is the right eye.
+        target: the target eye's registers: those of the source with another position and another table of tiles.
+        warp: (tiles,) int64, bit `warp` of each tile in the target's table.
+        disparity_scale: raw disparity in pixels at the depth where depth saturates.
+        source_right: whether the source is the right eye.
     """
 
     target: FrameRegisters
@@ -34,7 +34,7 @@ class StereoRegisters:
 
 
 def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: float) -> int:
-    """The setting of that name: HALF_UP of the disparity at full depth.
+    """The setting `disparity_scale`: the disparity at full depth, rounded HALF_UP.
 
     Args:
         config: the machine.
@@ -42,13 +42,13 @@ def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: floa
         depth_far: z depth at which the source's depth saturates.
 
     Raises:
-        InputError: more than the setting holds, where that would change a pixel.
+        InputError: the disparity exceeds what the setting holds, where that would change a pixel.
     """
     most = (1 << DISPARITY_SCALE_BITS) - 1
     pixels = float(pair.disparity(depth_far))
     scale = int(np.floor(min(np.ldexp(pixels, DISPARITY_SCALE_FRAC) + 0.5, 2.0 * most)))
     wide = min(pair.source.width, reach(config) + 1)
-    if scale > most and wide > most >> DISPARITY_SCALE_FRAC:  # narrower: all are dropped either way
+    if scale > most and wide > most >> DISPARITY_SCALE_FRAC:  # in narrower frames all these pixels are dropped either way
         raise InputError(f"disparities of {pixels:.4g} pixels and more in frames {pair.source.width} wide are not accepted: "
                          f"check the IPD of {pair.baseline:g} world units")
     return min(scale, most)
@@ -58,15 +58,15 @@ def stereo_registers(
     config: AcceleratorConfig, source: FrameRegisters, words: GaussianWords, pair: StereoPair, foveation: FoveationMap,
     warp: np.ndarray,
 ) -> StereoRegisters:
-    """What the host writes for the second eye; depth scale, limits and the rest are the source's.
+    """What the host writes for the second eye; depth scale, limits and all other registers are the source's.
 
     Args:
         config: the machine.
         source: the source eye's registers.
         words: the DRAM image.
         pair: the eyes.
-        foveation: the target's.
-        warp: (tiles_y, tiles_x) bool: the tile may be warped.
+        foveation: the target eye's tile levels and planes.
+        warp: (tiles_y, tiles_x) bool: whether the tile may be warped.
     """
     n = config.formats
     level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)

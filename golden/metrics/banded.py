@@ -1,4 +1,5 @@
-"""Products with banded matrices, by blocks that skip their zeros: separable windows whose weights vary along an axis."""
+"""Products with banded matrices in blocks that skip the zeros: the fast way to apply separable windows whose weights vary
+along an axis."""
 
 from __future__ import annotations
 
@@ -6,17 +7,17 @@ import numpy as np
 import torch
 
 BLOCK = 32
-"""Outputs of one block: the fastest at windows of 2 to 12 pixels; 24 to 64 come close."""
+"""Number of outputs in a block. 32 is the fastest for windows of 2 to 12 pixels; 24 to 64 are almost as fast."""
 
 
 class Banded:
-    """A banded (outputs, inputs) matrix in blocks of rows, each without the columns in which it is zero."""
+    """A banded (outputs, inputs) matrix, stored as blocks of rows, each without the columns in which it is zero."""
 
     def __init__(self, matrix: np.ndarray, like: torch.Tensor) -> None:
-        """Cut the matrix up.
+        """Cuts the matrix into blocks.
 
         Args:
-            matrix: (outputs, inputs) float64; no row all zero.
+            matrix: (outputs, inputs) float64; no row may be all zero.
             like: a tensor of the device and dtype to calculate with.
         """
         self.outputs, self.inputs = matrix.shape
@@ -28,18 +29,22 @@ class Banded:
 
 
 def separable(planes: torch.Tensor, vertical: Banded, horizontal: Banded, adjoint: bool = False) -> torch.Tensor:
-    """(P, vertical.outputs, horizontal.outputs) products of (P, vertical.inputs, horizontal.inputs) planes.
+    """Multiplies planes by one banded matrix along each axis.
 
     Args:
-        planes: contiguous.
-        adjoint: multiply by the transposed matrices, from outputs back to inputs.
+        planes: (P, vertical.inputs, horizontal.inputs), contiguous.
+        vertical, horizontal: the matrices for columns and rows.
+        adjoint: multiply by the transposed matrices instead, from outputs back to inputs.
+
+    Returns:
+        (P, vertical.outputs, horizontal.outputs); with `adjoint`, inputs and outputs are exchanged.
     """
     height, blocks = vertical._half(adjoint)
     count, _, columns = planes.shape
     rows = planes.new_empty(count, height, columns)
     for outputs, inputs, block in blocks:
         torch.bmm(block.expand(count, *block.shape), planes[:, inputs], out=rows[:, outputs])
-    rows = rows.view(-1, columns)  # one product over all planes
+    rows = rows.view(-1, columns)  # one matrix product for all planes
     width, blocks = horizontal._half(adjoint)
     result = planes.new_empty(len(rows), width)
     for outputs, inputs, block in blocks:
@@ -48,7 +53,7 @@ def separable(planes: torch.Tensor, vertical: Banded, horizontal: Banded, adjoin
 
 
 def _blocks(matrix: np.ndarray, like: torch.Tensor) -> list[tuple[slice, slice, torch.Tensor]]:
-    """(outputs, inputs, their part of the matrix) for each block of rows."""
+    """For each block of rows: its outputs, its inputs, and that part of the matrix."""
     blocks = []
     for start in range(0, len(matrix), BLOCK):
         rows = matrix[start : start + BLOCK]

@@ -1,4 +1,5 @@
-"""HVSQ of a pair of frames: the mean of both eyes', each judged at its own gaze (the source's section on thresholds)."""
+"""HVSQ of a pair of frames: the mean of both eyes' HVSQ, each judged at its own gaze (as in the paper's study of
+thresholds)."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from golden.scenes.gaze import Display
 from spec.constants import DISPLAY_FOV_DEG
 
 EyePair = tuple[np.ndarray, np.ndarray]
-"""Frames of two eyes: (H, W, 3) uint8, or floats of range 1."""
+"""Frames of two eyes, each (H, W, 3), uint8 or floats of range 1."""
 
 
 @dataclass(frozen=True)
@@ -23,25 +24,25 @@ class BinocularHvsq:
 
     @property
     def mean(self) -> float:
-        """Of both eyes."""
+        """The mean of both eyes' HVSQ."""
         return sum(self.eyes) / len(self.eyes)
 
 
 class BinocularReference:
-    """Two reference frames and gazes, to which any number of pairs is compared."""
+    """Two reference frames with their gazes, to which any number of pairs can be compared."""
 
     def __init__(self, references: EyePair, gazes: tuple[tuple[float, float], tuple[float, float]],
                  fov_deg: float = DISPLAY_FOV_DEG) -> None:
-        """Prepare both eyes' statistics.
+        """Prepares the statistics of both eyes.
 
         Args:
-            references: frames of the two eyes, in any order, the same everywhere.
-            gazes: where each looks, pixels.
-            fov_deg: of the display.
+            references: frames of the two eyes; the order is free but must be the same in every call.
+            gazes: (x, y) in pixels where each eye looks.
+            fov_deg: angle that the display's width spans, in degrees.
 
         Raises:
-            ValueError: not such frames.
-            InputError: a gaze off its frame.
+            ValueError: the frames have the wrong shape or dtype.
+            InputError: a gaze is off its frame.
         """
         self._eyes: list[Hvsq] = []
         for reference, gaze in zip(references, gazes, strict=True):
@@ -50,7 +51,7 @@ class BinocularReference:
             self._eyes.append(foveated(_tensor(reference), eccentricity, fov_deg))
 
     def __call__(self, images: EyePair) -> BinocularHvsq:
-        """HVSQ of a pair, in the references' order."""
+        """HVSQ of a pair of frames, given in the references' order."""
         with torch.no_grad():
             return BinocularHvsq(tuple(float(eye(_tensor(image))) for eye, image in zip(self._eyes, images, strict=True)))
 

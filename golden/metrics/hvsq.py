@@ -1,9 +1,9 @@
 """HVSQ: how far the local statistics of two images differ, as peripheral vision sees them (Walton et al. 2021).
 
-Lower is better. Both images become YCrCb and a steerable pyramid; its 25 high-pass and band maps are compared by mean
-and standard deviation over every pixel's pooling window, its low-pass directly: 51 maps of squared differences. Windows
-are boxes whose width halves from level to level of the pyramid (`golden.metrics.pooling` defines fractional widths): one
-width for the whole image, or one a pixel from its eccentricity.
+Lower is better. Both images are converted to YCrCb and to a steerable pyramid. Its 25 high-pass and band maps are compared by
+mean and standard deviation over every pixel's pooling window, and its low-pass is compared directly. So there are 51 maps of
+squared differences. Windows are boxes whose width in pixels halves from level to level of the pyramid (`golden.metrics.pooling`
+defines fractional widths). The width is the same for the whole image, or each pixel has its own from its eccentricity.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from golden.scenes.gaze import Display
 from spec.constants import DISPLAY_FOV_DEG
 
 POOLING_PX = (1.0, 3.0, 7.0, 12.0)
-"""Pooling widths of levels 1 to 4 in pixels of a frame FULL_WIDTH wide: of windows where each level's region starts."""
+"""Pooling widths of levels 1 to 4 in pixels of a frame that is FULL_WIDTH wide: those at the eccentricity where each region
+starts."""
 
 FULL_WIDTH = 1237
 POOLING_PER_ECCENTRICITY = 0.05
 """Pooling diameter in radians per squared radian of eccentricity."""
 
 MAPS = 2 * (1 + ORIENTATIONS * (LEVELS - 1)) + 1
-"""Compared maps: mean and standard deviation of the high-pass and every band, and the low-pass."""
+"""Number of compared maps: mean and standard deviation of the high-pass and of every band, and the low-pass."""
 
 MIN_VARIANCE = 1e-7
 
 
 def pooling_px(level: int, width: int) -> float:
-    """Pooling width in pixels of a 0-based level in frames of a width in pixels, for `Hvsq`.
+    """Pooling width in pixels, for `Hvsq`, of a 0-based level in frames of a given width in pixels.
 
-    Below 1 it acts as 1: in frames under 412 pixels the first two levels are judged alike.
+    A width below 1 acts as 1, so in frames under 412 pixels the first two levels are judged alike.
 
     Raises:
-        ValueError: no such level.
+        ValueError: there is no such level.
     """
     if level not in range(len(POOLING_PX)):
         raise ValueError(f"level {level!r} has no pooling width: 0 to {len(POOLING_PX) - 1} have")
@@ -47,40 +48,41 @@ def pooling_px(level: int, width: int) -> float:
 
 
 def pooling_map(eccentricity_deg: np.ndarray, fov_deg: float = DISPLAY_FOV_DEG) -> np.ndarray:
-    """(H, W) float64 pooling widths in pixels on a flat display: sides of the squares as large as the pooling ellipses.
+    """(H, W) float64 pooling widths in pixels on a flat display: each pixel's square has the area of its pooling ellipse.
 
-    Pooling regions are cones around each pixel's direction; the display cuts them in ellipses that grow towards its edges.
+    Pooling regions are cones around each pixel's direction. The display cuts them in ellipses that grow towards its edges.
 
     Args:
         eccentricity_deg: (H, W) degrees from the gaze, see `golden.scenes.gaze.Display.eccentricity`.
-        fov_deg: of that display.
+        fov_deg: angle that the width of that display spans, in degrees.
     """
     height, width = eccentricity_deg.shape
     display = Display(width, height, fov_deg)
     directions = display.directions(np.arange(width)[None, :] + 0.5, np.arange(height)[:, None] + 0.5)
     distance = np.linalg.norm(directions, axis=-1)
     diameter = POOLING_PER_ECCENTRICITY * np.radians(eccentricity_deg) ** 2
-    axis = directions[0, 0, 2]  # of the display's centre, in pixels
+    axis = directions[0, 0, 2]  # distance from the eye to the display's centre, in pixels
     return math.sqrt(math.pi) / 2 * diameter * distance * np.sqrt(distance / axis)
 
 
 class Hvsq:
-    """HVSQ of images to one reference, differentiable in the image; deterministic on the CPU.
+    """HVSQ of images against one reference, differentiable in the image; deterministic on the CPU.
 
-    The image and the reference are resized (bilinear) to the next multiples of 32; windows are in pixels of that size.
-    The reference's statistics are computed once, see `nbytes`: up to 216 bytes a pixel in float32, half of it where no
-    window is wider than a pixel; a map of widths takes up to 340 more. Values outside 0..1 are compared as they are.
+    Image and reference are resized (bilinear) to the next multiples of 32, and windows are in pixels of that size. The
+    reference's statistics are computed once (see `nbytes`). They take up to 216 bytes a pixel in float32, and half of it where
+    no window is wider than a pixel; a map of widths takes up to 340 bytes a pixel more. Values outside 0..1 are compared as
+    they are.
     """
 
     def __init__(self, reference: torch.Tensor, pooling: float | np.ndarray | torch.Tensor) -> None:
-        """Prepare the statistics.
+        """Prepares the statistics of the reference.
 
         Args:
             reference: (H, W, 3) RGB floats of range 1; its device and dtype are those of all results.
             pooling: width of the pooling windows in pixels, one for all (`pooling_px`) or (H, W) (`pooling_map`).
 
         Raises:
-            ValueError: not such an image or width.
+            ValueError: the reference or the width has the wrong shape or dtype, or a width is negative or not finite.
         """
         if reference.ndim != 3 or reference.shape[2] != 3 or not reference.is_floating_point():
             raise ValueError(f"a reference must be (H, W, 3) floats, not {tuple(reference.shape)} {reference.dtype}")
@@ -95,30 +97,30 @@ class Hvsq:
             ]
 
     def __call__(self, image: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
-        """HVSQ, a scalar.
+        """HVSQ as a scalar tensor.
 
         Args:
-            image: (H, W, 3), the reference's size.
-            mask: (H, W) bool or weights: the mean is over this region's pixels; None: over all.
+            image: (H, W, 3), of the reference's size.
+            mask: (H, W) bool or weights over whose pixels the mean is taken; None for all pixels.
 
         Raises:
-            ValueError: another size, or an empty mask.
+            ValueError: the image has another size, or the mask is empty.
         """
         return self._reduced(self._terms(image, squared=True), mask)
 
     def absolute(self, image: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
-        """The training loss: as HVSQ, but of absolute differences."""
+        """The training loss: as HVSQ, but with absolute instead of squared differences."""
         return self._reduced(self._terms(image, squared=False), mask)
 
     def regions(self, image: torch.Tensor, masks: Sequence[torch.Tensor]) -> torch.Tensor:
-        """(R,) HVSQ of each region, from one comparison; see `__call__`."""
+        """(R,) HVSQ of each of R regions, from one comparison; see `__call__`."""
         terms = self._terms(image, squared=True)
         return torch.stack([self._reduced(terms, mask) for mask in masks])
 
     def per_pixel(self, image: torch.Tensor) -> torch.Tensor:
-        """(H, W) each pixel's terms; coarse levels' are repeated over the pixels they cover.
+        """(H, W) the terms of each pixel, summed; a term of a coarse level is repeated over the pixels that it covers.
 
-        The mean is HVSQ where H and W are multiples of 32; elsewhere the map is resized back and differs slightly.
+        The mean is HVSQ where H and W are multiples of 32. Otherwise the map is resized back and the mean differs slightly.
         """
         terms = self._terms(image, squared=True)
         whole = sum(interpolate(term[None, None], size=self._size, mode="nearest") for term in terms)
@@ -126,12 +128,13 @@ class Hvsq:
 
     @property
     def nbytes(self) -> int:
-        """Size of the reference's statistics."""
+        """Size of the reference's statistics in bytes."""
         kept = [self._low, *(part for group in self._reference for statistics in group for part in statistics)]
         return sum(part.nbytes for part in kept if part is not None)
 
     def _terms(self, image: torch.Tensor, squared: bool) -> list[torch.Tensor]:
-        """Of each level's size, the last the low-pass's: the pixels' terms, whose means' sum is HVSQ."""
+        """For each level, a map of that level's size with the sum of its terms, and last the low-pass's; HVSQ is the sum of
+        their means."""
         if image.shape != self.shape:
             raise ValueError(f"image must have the reference's shape {tuple(self.shape)}, not {tuple(image.shape)}")
         *levels, low = self._features(image)
@@ -143,7 +146,7 @@ class Hvsq:
         return [term / (3 * MAPS) for term in terms]
 
     def _reduced(self, terms: list[torch.Tensor], mask: torch.Tensor | None) -> torch.Tensor:
-        """The sum of the terms' means, over a mask."""
+        """The sum of the terms' means over the pixels of a mask."""
         if mask is None:
             return sum(term.mean() for term in terms)
         if mask.shape != self.shape[:2]:
@@ -155,7 +158,7 @@ class Hvsq:
                    for term in terms) / weight.sum()
 
     def _features(self, image: torch.Tensor) -> list:
-        """Per level its groups of maps, and last the low-pass, all of YCrCb planes."""
+        """For each level its groups of maps, and last the low-pass, all from the YCrCb planes."""
         high, bands, low = self._pyramid(_ycrcb(_resized(image.permute(2, 0, 1)[None], self._size)[0]))
         return [[high, bands[0]], *([level] for level in bands[1:]), low]
 
@@ -172,18 +175,19 @@ class Hvsq:
 
 
 def foveated(reference: torch.Tensor, eccentricity_deg: np.ndarray, fov_deg: float = DISPLAY_FOV_DEG) -> Hvsq:
-    """HVSQ for one gaze: every pixel pools as its eccentricity does. Judges whole foveated or warped frames.
+    """HVSQ for one gaze, in which each pixel's window depends on its eccentricity. It judges whole foveated or warped frames.
 
     Args:
         reference: (H, W, 3), see `Hvsq`.
         eccentricity_deg: (H, W) degrees, see `golden.scenes.gaze.Display.eccentricity`.
-        fov_deg: of the display of those eccentricities.
+        fov_deg: angle that the width of the display spans for those eccentricities, in degrees.
     """
     return Hvsq(reference, pooling_map(eccentricity_deg, fov_deg))
 
 
 class _Difference(torch.autograd.Function):
-    """(h, w) sum over maps of the differences of their statistics from the reference's; the derivative in closed form."""
+    """(h, w) sum over maps of the differences between their statistics and the reference's, with the derivative in closed
+    form."""
 
     @staticmethod
     def forward(
@@ -194,11 +198,11 @@ class _Difference(torch.autograd.Function):
         difference = mean - mean_r
         by_mean = 2 * difference if squared else difference.sign()
         total = _size(difference, squared)
-        by_square = None  # twice the derivative by the pooled square
+        by_square = None  # twice the derivative with respect to the pooled square
         if deviation is not None:
             difference = deviation - deviation_r
             by_square = 2 * difference if squared else difference.sign()
-            # Where the variance is clamped the deviation is flat.
+            # Where the variance is clamped, the deviation is constant and its derivative 0.
             by_square /= threshold(deviation, math.sqrt(MIN_VARIANCE) * (1 + 1e-6), math.inf)
             by_mean.addcmul_(mean, by_square, value=-1)
             total += _size(difference, squared)
@@ -216,12 +220,12 @@ class _Difference(torch.autograd.Function):
 
 
 def _size(difference: torch.Tensor, squared: bool) -> torch.Tensor:
-    """(h, w) sum over maps of the squared or absolute differences, in the memory of the differences."""
+    """(h, w) sum over maps of the squared or absolute differences; the argument's memory is overwritten."""
     return (difference.square_() if squared else difference.abs_()).sum(0)
 
 
 def _statistics(maps: torch.Tensor, pooling: Pooling | None) -> tuple[torch.Tensor, torch.Tensor | None]:
-    """Pooled mean and standard deviation of (C, h, w) maps; the latter None where it is the same small constant everywhere."""
+    """Pooled mean and standard deviation of (C, h, w) maps; the deviation is None where no window is wider than a pixel."""
     if pooling is None:
         return maps, None
     mean = pooling.mean(maps)
@@ -230,7 +234,10 @@ def _statistics(maps: torch.Tensor, pooling: Pooling | None) -> tuple[torch.Tens
 
 
 def _poolings(widths: np.ndarray, size: tuple[int, int], like: torch.Tensor) -> list[Pooling | None]:
-    """Of each level with bands; None where no window is wider than a pixel: a pixel is its mean and has no deviation."""
+    """The pooling of each level that has bands.
+
+    It is None where no window is wider than a pixel: the mean is then the pixel itself and there is no deviation.
+    """
     whole = _resized(torch.from_numpy(widths)[None, None], size) if widths.ndim else None
     poolings: list[Pooling | None] = []
     for scale in (2**level for level in range(LEVELS - 1)):
@@ -244,14 +251,15 @@ def _poolings(widths: np.ndarray, size: tuple[int, int], like: torch.Tensor) -> 
 
 
 def _ycrcb(rgb: torch.Tensor) -> torch.Tensor:
-    """(3, H, W) of the same: ITU-R BT.601 luma and scaled colour differences, without the offsets, which cancel here."""
+    """Converts (3, H, W) RGB to ITU-R BT.601 luma and scaled colour differences, without the offsets, which would cancel
+    here."""
     red, green, blue = rgb
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     return torch.stack([luma, 0.713 * (red - luma), 0.564 * (blue - luma)])
 
 
 def _resized(images: torch.Tensor, size: Sequence[int]) -> torch.Tensor:
-    """Bilinear, (1, C, H, W) to the size; itself where it has it."""
+    """Bilinear resizing of (1, C, H, W) to a size; returns the argument itself where it already has that size."""
     if tuple(images.shape[2:]) == tuple(size):
         return images
     return interpolate(images, size=tuple(size), mode="bilinear", align_corners=False)

@@ -1,4 +1,4 @@
-"""Errors of whole images: what the field reports, and what the golden renderer is held to."""
+"""Errors of whole images: the numbers that the field reports, and those that the golden renderer must keep."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from skimage.metrics import structural_similarity
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float:
-    """Peak signal-to-noise ratio in dB, as reported against photographs; inf for equal images.
+    """Peak signal-to-noise ratio in dB, as it is reported against photographs; inf for equal images.
 
     Args:
-        image, reference: (H, W, 3), both uint8 (peak 255) or both float (peak 1), compared as they are.
+        image, reference: (H, W, 3), both uint8 (peak 255) or both float (peak 1). Values are not clamped.
 
     Raises:
         ValueError: shapes or dtypes differ.
@@ -23,7 +23,7 @@ def psnr(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity (Wang et al. 2004) as reported: scikit-image's, with the paper's 11x11 Gaussian window.
+    """Structural similarity (Wang et al. 2004) as it is reported: scikit-image's, with that paper's 11x11 Gaussian window.
 
     Args:
         image, reference: (H, W, 3), at least 11x11 pixels, both uint8 (peak 255) or both float (peak 1).
@@ -48,18 +48,18 @@ def psnr_vs(image: np.ndarray, reference: np.ndarray) -> float:
     """PSNR in dB of two float renderings as a display shows them: clamped to [0, 1], peak 1, before 8-bit rounding.
 
     Args:
-        image, reference: (H, W, 3) floats, any range.
+        image, reference: (H, W, 3) floats of any range.
     """
     return psnr(np.clip(image, 0.0, 1.0), np.clip(reference, 0.0, 1.0))
 
 
 def max_abs_error(image: np.ndarray, reference: np.ndarray) -> float:
-    """Largest difference of any channel of any pixel, both images clamped to [0, 1]."""
+    """Largest difference in any channel of any pixel after both images are clamped to [0, 1]."""
     return float(np.abs(np.clip(image, 0.0, 1.0) - np.clip(reference, 0.0, 1.0)).max())
 
 
 def _peak(image: np.ndarray, reference: np.ndarray) -> float:
-    """The largest value of the images' common dtype."""
+    """The largest value that the images' common dtype stands for."""
     if image.shape != reference.shape:
         raise ValueError(f"images must have one shape, not {image.shape!r} and {reference.shape!r}")
     floats = [np.issubdtype(a.dtype, np.floating) for a in (image, reference)]

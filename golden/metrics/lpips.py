@@ -1,4 +1,4 @@
-"""LPIPS (Zhang et al. 2018), as the field reports it beside PSNR and SSIM; needs the package `lpips` and its weights."""
+"""LPIPS (Zhang et al. 2018), which the field reports beside PSNR and SSIM. It needs the package `lpips` and its weights."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import torch
 from spec.errors import InputError
 
 NETWORKS = ("vgg", "alex")
-"""The trunks in use: 3DGS and its followers report vgg."""
+"""The accepted backbone networks; 3DGS and its followers report vgg."""
 
 
 class Lpips:
-    """The learned distance of two images, lower is better. Its network is loaded once."""
+    """The learned distance between two images; lower is better. The network is loaded once."""
 
     def __init__(self, network: str = "vgg") -> None:
-        """Load the package and the network's weights; the first time, torchvision downloads them.
+        """Loads the package and the network's weights; the first time, torchvision downloads the weights.
 
         Args:
             network: one of NETWORKS.
 
         Raises:
-            InputError: another network, the package is not installed, or the weights cannot be had.
+            InputError: the network is none of these, the package is not installed, or the weights cannot be loaded.
         """
         if network not in NETWORKS:
             raise InputError(f"LPIPS network {network!r} is not accepted: {' or '.join(NETWORKS)} is")
@@ -36,16 +36,16 @@ class Lpips:
             raise InputError(message) from error
 
     def __call__(self, image: torch.Tensor, reference: torch.Tensor) -> float:
-        """The distance of two images.
+        """The distance between two images.
 
         Args:
-            image, reference: (H, W, 3) floats in 0..1, of one size.
+            image, reference: (H, W, 3) floats in 0..1, of the same size.
 
         Raises:
-            ValueError: shapes differ or are not those of images.
+            ValueError: the shapes differ or are not (H, W, 3).
         """
         if image.shape != reference.shape or image.ndim != 3 or image.shape[2] != 3:
             raise ValueError(f"images must both be (H, W, 3), not {tuple(image.shape)} and {tuple(reference.shape)}")
         with torch.no_grad():
             pair = [picture.detach().float().cpu().permute(2, 0, 1)[None] for picture in (image, reference)]
-            return float(self._distance(*pair, normalize=True))  # normalize: ours are 0..1, the network's -1..1
+            return float(self._distance(*pair, normalize=True))  # maps our 0..1 to the -1..1 that the network takes

@@ -1,7 +1,8 @@
-"""Means over the windows of spatial pooling: boxes of fractional width around every pixel, one size or one a pixel.
+"""Means over pooling windows: boxes of fractional width around every pixel, of one size for all pixels or one for each.
 
-A box of width w around a pixel covers its neighbours in part: a neighbour counts by the share that lies in the box, so
-the mean is continuous in w and is the pixel itself up to w = 1. At the image's edges only what lies inside counts.
+A box of width w around a pixel covers some neighbours only in part. Each neighbour is weighted by the share of it that lies in
+the box, so the mean is continuous in w, and up to w = 1 it is the pixel itself. At the image's edges only what lies inside the
+image counts.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from golden.metrics.banded import Banded, separable
 
 
 class Pooling(Protocol):
-    """A linear map from planes (P, h, w) to the means over each pixel's window (P, h, w)."""
+    """A linear map from planes (P, h, w) to the means over each pixel's window, (P, h, w)."""
 
     def mean(self, planes: torch.Tensor) -> torch.Tensor:
-        """The means, of the planes' dtype."""
+        """The means, in the planes' dtype."""
 
     def adjoint(self, planes: torch.Tensor) -> torch.Tensor:
         """The transposed map."""
 
 
 class UniformPooling:
-    """Boxes of one width, as products with two banded matrices."""
+    """Boxes that all have the same width, computed as products with two banded matrices."""
 
     def __init__(self, width_px: float, size: tuple[int, int], like: torch.Tensor) -> None:
-        """Prepare the matrices.
+        """Prepares the matrices.
 
         Args:
             width_px: width of the box in pixels.
@@ -47,17 +48,17 @@ class UniformPooling:
 
 
 class MapPooling:
-    """Boxes of a width for each pixel, from the integral image in float64, interpolated where a box ends in a pixel.
+    """Boxes with a width for each pixel, from the integral image in float64, interpolated where a box ends inside a pixel.
 
-    For judging, not for training: it keeps 256 bytes a pixel and takes an order of magnitude longer than one width for
-    all. On CUDA the adjoint's sums have no fixed order.
+    It is meant for judging, not for training: it keeps 256 bytes a pixel and takes ten times as long as one width for all. On
+    CUDA the sums of the adjoint have no fixed order.
     """
 
     def __init__(self, width_px: np.ndarray, like: torch.Tensor) -> None:
-        """Prepare the boxes' corners.
+        """Prepares the boxes' corners.
 
         Args:
-            width_px: (h, w) widths in pixels; below 1 counts as 1, which is the same.
+            width_px: (h, w) widths in pixels; a width below 1 acts as 1.
             like: a tensor of the planes' device.
         """
         self.size = width_px.shape
@@ -68,7 +69,7 @@ class MapPooling:
             ends.append((np.maximum(centre - half, 0.0), np.minimum(centre + half, n)))
         (top, bottom), (left, right) = ends
         area = (bottom - top) * (right - left)
-        # Each corner of the box lies between four points of the integral image: 16 terms a pixel.
+        # Each of the box's four corners lies between four points of the integral image, which makes 16 terms a pixel.
         terms = [
             (row * (self.size[1] + 1) + column, (weight_y * weight_x / area).ravel())
             for y, sign_y in ((top, -1), (bottom, 1))

@@ -1,8 +1,8 @@
-"""A steerable pyramid of six orientations, filtered in space (Simoncelli and Freeman 1995).
+"""A steerable pyramid of six orientations, filtered in the spatial domain (Simoncelli and Freeman 1995).
 
-The taps are those published for order 5 (`sp5Filters` of matlabPyrTools, also in pyrtools), cut to their central 5x5 and
-the low-pass scaled back to its sum before the cut, 0.99918, as the field's metamer losses do. The high-pass sums to
--0.029 after the cut, so a uniform offset leaves 3 % of itself there; the bands are odd and pass none.
+The taps are those published for order 5 (`sp5Filters` of matlabPyrTools, also in pyrtools). As in the field's metamer losses,
+they are cut to their central 5x5, and the low-pass is scaled back to its sum before the cut, 0.99918. The high-pass sums to
+-0.029 after the cut, so 3 % of a uniform offset remain in it. The bands are odd functions and pass nothing of an offset.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ import torch
 from torch.nn.functional import avg_pool2d, conv2d, pad
 
 LEVELS = 5
-"""Pyramid levels: four of bands, each half the size of the one before, and the low-pass."""
+"""Number of pyramid levels: four with bands, each half the size of the one before, and the low-pass."""
 
 ORIENTATIONS = 6
 MULTIPLE = 2**LEVELS
-"""Sizes are multiples of this, so that every level halves exactly and is at least 2 pixels."""
+"""Image sizes must be multiples of this, so that every level halves exactly and is at least 2 pixels wide and high."""
 
 REACH = 2
-"""Pixels that a filter reaches each way."""
+"""Number of pixels that a filter reaches to each side."""
 
-# A quadrant of the symmetric filters, from the centre outwards.
+# One quadrant of each symmetric filter, from the centre outwards.
 _HIGH = ((0.813802, -0.11435863, -0.00981051), (-0.11435863, -0.07027679, -0.00673482), (-0.00981051, -0.00673482, -0.00290081))
 _LOW = ((0.4030415, 0.1592557, -0.03848215), (0.1592557, 0.05586982, -0.01551246), (-0.03848215, -0.01551246, 0.00341614))
 
-# Of the odd bands, the rows above the centre and the centre's left half; the rest is their negative, turned by half a turn.
+# The rows above the centre and the left half of the centre's row, for the odd bands; the rest is the negative of these,
+# rotated by 180 degrees.
 _VERTICAL = (
     (-0.00893064, -0.03075356, 0.0, 0.03075356, 0.00893064),
     (0.01189859, -0.08226445, 0.0, 0.08226445, -0.01189859),
@@ -41,16 +42,16 @@ _OBLIQUE = (
 def filters() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(5, 5) high-pass, (5, 5) low-pass and (6, 5, 5) band taps, float64, applied as correlations."""
     vertical, oblique = _odd(_VERTICAL), _odd(_OBLIQUE)
-    # The six are two and their turns and reflections: 30 degrees are not a symmetry of the grid, 60 about a diagonal are.
+    # All six come from two by rotation and reflection. Two are needed because a 30 degree rotation is no symmetry of the grid.
     bands = [vertical, oblique, -oblique.T, -vertical.T, np.rot90(oblique), oblique[:, ::-1]]
     return _symmetric(_HIGH), _symmetric(_LOW), np.stack(bands)
 
 
 class SteerablePyramid:
-    """The maps of an image: one high-pass, six bands on each of four levels, one low-pass."""
+    """Computes the maps of an image: one high-pass, six bands on each of four levels, one low-pass."""
 
     def __init__(self, like: torch.Tensor) -> None:
-        """Prepare the filters.
+        """Prepares the filters.
 
         Args:
             like: a tensor of the images' device and dtype.
@@ -59,12 +60,13 @@ class SteerablePyramid:
         self._high, self._low, self._bands = (torch.from_numpy(taps.reshape(shape)).to(like) for taps in filters())
 
     def __call__(self, planes: torch.Tensor) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor]:
-        """High-pass (C, H, W), per level the bands (6C, h, w), and low-pass (C, H / 16, W / 16) of (C, H, W) planes.
-
-        Halving is bilinear: the mean of 2x2. Beyond the edges the image is mirrored.
+        """Computes the maps. Halving takes the mean of 2x2 pixels (bilinear); beyond its edges the image is mirrored.
 
         Args:
-            planes: H and W multiples of 32.
+            planes: (C, H, W), H and W multiples of 32.
+
+        Returns:
+            The high-pass (C, H, W), for each level the bands (6C, h, w), and the low-pass (C, H / 16, W / 16).
         """
         images = planes[:, None]
         high = _filtered(images, self._high)
@@ -77,12 +79,12 @@ class SteerablePyramid:
 
 
 def _filtered(images: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
-    """Correlation at the images' size."""
+    """The correlation with the taps, of the images' size."""
     return _Correlation.apply(pad(images, (REACH,) * 4, mode="reflect"), taps)
 
 
 class _Correlation(torch.autograd.Function):
-    """conv2d whose derivative is a conv2d too: on CPUs several times faster than the library's own backward pass."""
+    """conv2d whose derivative is a conv2d too; on CPUs this is several times faster than torch's own backward pass."""
 
     @staticmethod
     def forward(ctx: object, images: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
@@ -96,13 +98,13 @@ class _Correlation(torch.autograd.Function):
 
 
 def _symmetric(quadrant: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    """The filter that mirrors a quadrant at its first row and column."""
+    """The filter that results from mirroring a quadrant at its first row and column."""
     right = np.array(quadrant)
     lower = np.concatenate([right[:, :0:-1], right], axis=1)
     return np.concatenate([lower[:0:-1], lower])
 
 
 def _odd(first_half: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    """The 5x5 filter f(-x) = -f(x) of the taps before its centre."""
+    """The 5x5 odd filter, f(-x) = -f(x), from the taps before its centre."""
     half = np.concatenate([np.array(row) for row in first_half])
     return np.concatenate([half, [0.0], -half[::-1]]).reshape(2 * REACH + 1, 2 * REACH + 1)

@@ -1,4 +1,4 @@
-"""HVSQ of finished pictures by region around the gaze, arrays in, numbers out: for whoever has no tensors."""
+"""HVSQ of finished pictures by region around the gaze, with numpy arrays in and numbers out, for callers without tensors."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from golden.metrics.hvsq import foveated
 
 
 class RegionHvsq:
-    """HVSQ to one reference, of the whole frame and of each ring of eccentricity; every pixel pools as its own does."""
+    """HVSQ against one reference, of the whole frame and of each ring of eccentricity; each pixel pools by its own
+    eccentricity."""
 
     def __init__(self, reference: np.ndarray, eccentricity_deg: np.ndarray, starts_deg: Sequence[float]) -> None:
         """Prepares the reference.
 
         Args:
             reference: (H, W, 3) floats of range 1.
-            eccentricity_deg: (H, W).
-            starts_deg: ascending, of the rings; the last is open.
+            eccentricity_deg: (H, W) degrees from the gaze.
+            starts_deg: ascending starts of the rings in degrees; the last ring has no end.
         """
         ring = np.searchsorted(np.asarray(starts_deg), eccentricity_deg, side="right") - 1
         self._masks = {i: torch.from_numpy(ring == i) for i in range(len(starts_deg)) if (ring == i).any()}
@@ -28,7 +29,11 @@ class RegionHvsq:
         self._hvsq = foveated(torch.from_numpy(np.ascontiguousarray(reference, np.float64)), eccentricity_deg)
 
     def __call__(self, image: np.ndarray) -> tuple[float, list[float | None]]:
-        """HVSQ of the frame and of each ring; None where the frame has no pixel of it."""
+        """HVSQ of the frame and of each ring; None for a ring in which the frame has no pixel.
+
+        Args:
+            image: (H, W, 3) floats, clamped to [0, 1] here.
+        """
         shown = torch.from_numpy(np.clip(image, 0.0, 1.0))
         with torch.no_grad():
             values = self._hvsq.regions(shown, [torch.ones(shown.shape[:2]), *self._masks.values()]).tolist()
@@ -44,6 +49,6 @@ def _limit_threads() -> None:
 def region_hvsq(
     image: np.ndarray, reference: np.ndarray, eccentricity_deg: np.ndarray, starts_deg: Sequence[float],
 ) -> tuple[float, list[float | None]]:
-    """HVSQ of one picture, see `RegionHvsq`; on one thread, as callers run side by side."""
+    """HVSQ of one picture, see `RegionHvsq`. It uses one thread, because callers run several processes side by side."""
     _limit_threads()
     return RegionHvsq(np.clip(reference, 0.0, 1.0), eccentricity_deg, starts_deg)(image)

@@ -1,4 +1,4 @@
-"""Errors by eccentricity: how far off an image is in each ring around the gaze."""
+"""Errors by eccentricity: how large an image's error is in each ring around the gaze."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from spec.constants import REGION_START_DEG
 
 @dataclass(frozen=True)
 class RingError:
-    """The error of the pixels with start_deg <= eccentricity < end_deg.
+    """The error over the pixels with start_deg <= eccentricity < end_deg.
 
     Attributes:
         start_deg, end_deg: degrees; the last ring ends at inf.
-        pixels: their number.
-        psnr_db: PSNR, clamped to [0, 1], peak 1; inf where equal, nan where the ring has no pixel.
-        max_abs_error: largest difference of any channel; nan where the ring has no pixel.
+        pixels: number of these pixels.
+        psnr_db: PSNR of the images clamped to [0, 1], peak 1; inf where they are equal, nan where the ring has no pixel.
+        max_abs_error: largest difference in any channel; nan where the ring has no pixel.
     """
 
     start_deg: float
@@ -32,7 +32,7 @@ class RingError:
 def ring_errors(
     image: np.ndarray, reference: np.ndarray, eccentricity: np.ndarray, starts_deg: Sequence[float] = REGION_START_DEG
 ) -> list[RingError]:
-    """The error in each eccentricity ring.
+    """The error in each ring of eccentricity.
 
     Args:
         image, reference: (H, W, 3) floats.

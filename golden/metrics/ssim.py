@@ -1,4 +1,4 @@
-"""Differentiable SSIM for training, equal to the one reported (`golden.metrics.image.ssim`)."""
+"""Differentiable SSIM for training; its value equals the reported one (`golden.metrics.image.ssim`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from golden.metrics.banded import Banded, separable
 
 RADIUS = 5
-"""Pixels each side of the window's centre: 11x11, as in Wang et al. 2004."""
+"""Number of pixels to each side of the window's centre: windows are 11x11, as in Wang et al. 2004."""
 
 SIGMA = 1.5
 C1, C2 = 0.01**2, 0.03**2
@@ -16,21 +16,21 @@ C1, C2 = 0.01**2, 0.03**2
 
 
 class Ssim:
-    """Structural similarity (Wang et al. 2004) to one reference, differentiable in the image.
+    """Structural similarity (Wang et al. 2004) against one reference, differentiable in the image.
 
-    Equal to scikit-image's as `golden.metrics.image.ssim` calls it: Gaussian 11x11 window of sigma 1.5, population
-    covariances, range 1, mean over the pixels whose window lies inside the image. The reference's statistics are
-    computed once; an object holds three copies of it (its pixels, means and variances): 36 bytes a pixel in float32.
+    It equals scikit-image's as `golden.metrics.image.ssim` calls it: Gaussian 11x11 window of sigma 1.5, population
+    covariances, range 1, mean over the pixels whose window lies inside the image. The reference's statistics are computed once.
+    An object holds the reference's pixels, means and variances, which take 36 bytes a pixel in float32.
     """
 
     def __init__(self, reference: torch.Tensor) -> None:
-        """Prepare the statistics.
+        """Prepares the statistics of the reference.
 
         Args:
             reference: (H, W, 3) floats of range 1, at least 11x11; its device and dtype are those of all results.
 
         Raises:
-            ValueError: not such an image.
+            ValueError: the reference has the wrong shape or dtype.
         """
         if reference.ndim != 3 or reference.shape[2] != 3 or min(reference.shape[:2]) <= 2 * RADIUS:
             raise ValueError(f"a reference must be (H, W, 3) with H and W at least 11, not {tuple(reference.shape)}")
@@ -43,25 +43,26 @@ class Ssim:
         self._variance = separable(self._pixels**2, *self._window) - self._mean**2
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        """Mean SSIM, a scalar, 1 for equal images.
+        """Mean SSIM, a scalar tensor; 1 for equal images.
 
         Args:
-            image: (H, W, 3), the reference's size.
+            image: (H, W, 3), of the reference's size.
 
         Raises:
-            ValueError: another size.
+            ValueError: the image has another size.
         """
         return self.map(image).mean()
 
     def map(self, image: torch.Tensor) -> torch.Tensor:
-        """(H - 10, W - 10, 3) SSIM around each pixel whose window lies inside the image, by channel."""
+        """(H - 10, W - 10, 3) SSIM of each channel around each pixel whose window lies inside the image."""
         if image.shape != self.shape:
             raise ValueError(f"image must have the reference's shape {tuple(self.shape)}, not {tuple(image.shape)}")
         return _SsimMap.apply(_planes(image), self._pixels, self._mean, self._variance, self._window).permute(1, 2, 0)
 
 
 class _SsimMap(torch.autograd.Function):
-    """(3, H - 10, W - 10) SSIM of planes, with its derivative in closed form: three blurs each way, no tape between."""
+    """(3, H - 10, W - 10) SSIM of planes, with its derivative in closed form: three blurs in each direction, no autograd in
+    between."""
 
     @staticmethod
     def forward(
@@ -98,7 +99,7 @@ def _planes(image: torch.Tensor) -> torch.Tensor:
 
 
 def _window_matrix(n: int) -> np.ndarray:
-    """(n - 10, n) float64: row i weights the inputs i..i+10 by the normalised Gaussian."""
+    """(n - 10, n) float64: row i holds the normalised Gaussian weights of the inputs i..i+10."""
     offset = np.arange(n)[None, :] - np.arange(n - 2 * RADIUS)[:, None] - RADIUS
     weight = np.where(abs(offset) <= RADIUS, np.exp(-(offset**2) / (2 * SIGMA**2)), 0.0)
     return weight / weight.sum(axis=1, keepdims=True)

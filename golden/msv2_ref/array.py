@@ -1,7 +1,8 @@
-"""The volume rendering array: ordered entries to pixels, as docs/array.md defines it.
+"""The volume rendering array: intersections in rendering order to pixels, as docs/array.md defines it.
 
-Organised for a CPU: one pass over a tile's entries per level bank, rows of 16 pixels as vectors of int32, and rows that
-the splat cannot reach skipped by a conservative test (`array_kernel`). None of that changes a bit.
+The code is organised for a CPU: one pass over a tile's intersections for each of its levels, rows of 16 pixels as vectors of
+int32, and rows that the splat cannot reach skipped by a conservative test (`array_kernel`). None of this changes a bit of the
+result.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from spec.constants import TILE
 
 
 class ArraySplats(NamedTuple):
-    """Splats as the array reads them, one row per splat.
+    """Splats as the array reads them, one row for each splat.
 
     Attributes:
         mean2d: (N, 2) int32, raw `mean2d`.
@@ -48,14 +49,14 @@ class Pixels(NamedTuple):
 
 
 class TileWork(NamedTuple):
-    """What the array does for a frame, entries in rendering order.
+    """The array's work for a frame: tiles, and their intersections in rendering order.
 
     Attributes:
         header: (tiles, 5) int64: tile_x, tile_y, index of the tile's level in the splats' arrays, outer, blend.
         plane: (tiles, 3) int64, raw `plane`.
-        start: (tiles + 1,) int64, first entry of each tile.
-        order: (entries,) int32, row of each entry's splat.
-        use: (entries,) uint8, bit 0: the tile's level uses the splat, bit 1: the next one does.
+        start: (tiles + 1,) int64, first intersection of each tile.
+        order: (E,) int32, row of each intersection's splat.
+        use: (E,) uint8, bit 0: the tile's level uses the splat; bit 1: the next level does.
     """
 
     header: np.ndarray
@@ -67,7 +68,7 @@ class TileWork(NamedTuple):
 
 @cache
 def _mantissas(config: AcceleratorConfig) -> np.ndarray:
-    """(2 * LANES,) int32: the exponential's segments as `array_kernel` wants them, negated bases and then slopes.
+    """(2 * LANES,) int32: the exponential's segments as `array_kernel` needs them, negated bases and then slopes.
 
     Raises:
         ValueError: the number of segments is no power of two or more than a vector's lanes.
@@ -75,13 +76,21 @@ def _mantissas(config: AcceleratorConfig) -> np.ndarray:
     count, (base, slope) = config.formats.exp2_segments, tables.exp2_segments(config.formats)
     if count not in (1, 2, 4, 8, LANES):
         raise ValueError(f"exp2_segments must be a power of two up to {LANES}, not {count!r}")
-    return np.concatenate([np.resize(-base, LANES), np.resize(slope, LANES)]).astype(np.int32)  # repeated: indices wrap
+    return np.concatenate([np.resize(-base, LANES), np.resize(slope, LANES)]).astype(np.int32)  # repeated to fill all lanes
 
 
 def render(
     config: AcceleratorConfig, splats: ArraySplats, work: TileWork, background: np.ndarray, rendered: np.ndarray | None = None,
 ) -> Pixels:
-    """Every tile's pixels. `background` is (3,) raw `colour`; of tiles not `rendered` (bool, without entries) all are 0."""
+    """Renders all tiles.
+
+    Args:
+        config: the machine.
+        splats: the splats.
+        work: the tiles and their intersections.
+        background: (3,) raw `colour`.
+        rendered: (tiles,) bool: tiles to render. The others have no intersections, and their pixels are 0. None: all tiles.
+    """
     if rendered is not None:
         start = np.append(work.start[:-1][rendered], work.start[-1])
         some = render(config, splats, work._replace(header=work.header[rendered], plane=work.plane[rendered], start=start),
@@ -115,12 +124,12 @@ def decode_conic(config: AcceleratorConfig, bits: np.ndarray) -> tuple[np.ndarra
 
 
 def render_tiles(config: AcceleratorConfig, headers: np.ndarray, entries: np.ndarray, background: np.ndarray) -> Pixels:
-    """The array on its own input records.
+    """Runs the array on its own input records.
 
     Args:
         config: the machine.
-        headers: (tiles,) of `spec.records.tile_header`'s dtype; `count` says how many entries each takes.
-        entries: (sum of counts,) of `spec.records.array_entry`'s dtype, in order.
+        headers: (tiles,) records of `spec.records.tile_header`'s dtype; `count` is the number of a tile's intersections.
+        entries: (sum of counts,) records of `spec.records.array_entry`'s dtype, in order.
         background: (3,) raw `colour`.
 
     Raises:
@@ -133,7 +142,7 @@ def render_tiles(config: AcceleratorConfig, headers: np.ndarray, entries: np.nda
     splats = ArraySplats(
         entries["mean2d"].astype(np.int32), significand, exponent, entries["log2_opacity"].astype(np.int32),
         entries["colour"].reshape(-1, 2, 3).astype(np.int32), entries["depth"].astype(np.int32))
-    level = np.zeros(len(headers), np.int64)  # entries carry the tile's own level first
+    level = np.zeros(len(headers), np.int64)  # in these records, the tile's own level always comes first
     header = np.stack([headers["tile_x"], headers["tile_y"], level, headers["outer"], headers["blend"]], 1)
     use = (entries["use"] @ np.array([1, 2])).astype(np.uint8)
     order = np.arange(len(entries), dtype=np.int32)

@@ -1,7 +1,8 @@
 """The array's kernels: tiles of int32 pixels, as docs/array.md defines them; one with depth sums, one without.
 
-Pairs of a splat and a tile are set up in blocks, in float64, which LLVM makes vectors of; the pixels then go by rows of 16,
-each one vector. A tile's `state` is flat int32: for each row its transmittance, three colour sums and depth sum, side by side.
+Intersections are set up in blocks, in float64, which LLVM vectorises. The pixels are then processed in rows of 16, each row one
+vector. A tile's `state` is a flat int32 array: for each row its transmittance, three colour sums and depth sum, one after the
+other.
 """
 
 from __future__ import annotations
@@ -21,16 +22,17 @@ _PLANES = 5
 _T, _RED, _GREEN, _BLUE, _FAR = range(0, _PLANES * TILE, TILE)
 _STATE = TILE * _PLANES * TILE
 
-_BLOCK = 32  # pairs, one a column, set up at once; a tile is asked this often whether it has stopped
+_BLOCK = 32  # intersections set up at once, one in each column; after each block it is checked whether the tile has stopped
 _PAIR_ROWS = 20
 (_L1, _L2, _L3, _DX, _DY, _FALLOFF, _OPACITY, _CUT, _PAIR_RED, _PAIR_GREEN, _PAIR_BLUE, _PAIR_DEPTH, _FIRST, _LAST, _CORNER,
  _SLOPE_X, _SLOPE_Y, _XX, _XY, _YY) = range(0, _PAIR_ROWS * _BLOCK, _BLOCK)
 
-_ROW_MARGIN = 0.05  # added to the falloff limit of the row test; rounding of the exponent stays below 0.01
+_ROW_MARGIN = 0.05  # added to the falloff limit in the row test; the exponent's rounding error stays below 0.01
 
 
 class ArrayConstants(NamedTuple):
-    """Integer constants of one configuration, as the kernels take them: `*_frac` are fraction bits, the rest raw values."""
+    """Integer constants of one configuration, as the kernels take them: `*_frac` are numbers of fraction bits, the rest raw
+    values."""
 
     mean_frac: int
     sig_bits: int
@@ -47,12 +49,12 @@ class ArrayConstants(NamedTuple):
     t_max: int
     t_stop: int
     weight_drop: int
-    depth_drop: int  # of the depth sums' weight
+    depth_drop: int  # as `weight_drop`, for the weight of the depth sums
     colour_shift: int
     depth_shift: int
     plane_frac: int
     blend_frac: int
-    segment_shift: int  # of the exponential's argument: what is above tells the segment, what is below the place in it
+    segment_shift: int  # bits of the exponential's argument from here on select the segment, those below the place in it
     segment_rest: int
     slope_shift: int
 
@@ -91,7 +93,7 @@ def _power(exponent):
 
 @compiled(inline="always", error_model="numpy")
 def _row_range(falloff, v, k3, k):
-    """First and last row (inclusive) where v^2 alone stays within `falloff` (raw, fraction of the cut); v is at row 8."""
+    """First and last row (inclusive) where v^2 alone is within `falloff` (raw, with the fraction of `cut`); `v` is at row 8."""
     reach = np.sqrt(max(falloff * _power(-k.cut_frac) + _ROW_MARGIN, 0.0)) * _power(k.offset_frac)
     step = max(k3, 1.0) * _power(k.offset_frac - k.factor_frac)
     first, last = np.ceil((-reach - v) / step) + TILE // 2, np.floor((reach - v) / step) + TILE // 2
@@ -100,11 +102,11 @@ def _row_range(falloff, v, k3, k):
 
 @compiled(error_model="numpy")
 def _set_up(pairs, k):
-    """Setup steps 1-6 for the _BLOCK columns of `pairs`: from L1..FALLOFF what FIRST..YY hold.
+    """Setup steps 1-6 of docs/array.md for the _BLOCK columns of `pairs`: computes FIRST..YY from L1..FALLOFF.
 
-    Float64 holds every value exactly: integers below 2^53, and products of a significand and a distance, of at most 42 bits,
-    which the addition of one half rounds only where the result is 0 in any case. Dropped pairs get no rows, and u and v that
-    overflow nothing.
+    Float64 holds every value exactly: integers below 2^53, and products of a significand and a distance, of at most 42 bits.
+    Adding one half to such a product rounds only where the result is 0 in any case. An intersection that is dropped gets an
+    empty range of rows, and its u and v are clamped so that nothing overflows.
     """
     to_offset, to_grid = _power(k.offset_frac - k.mean_frac), _power(k.grid - k.offset_frac - k.factor_frac)
     to_curve, to_falloff = _power(k.grid - 2 * k.factor_frac), _power(k.grid - 2 * k.offset_frac)
@@ -133,10 +135,12 @@ def _set_up(pairs, k):
 
 @compiled
 def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
-    """Fills columns of `pairs` with the entries from `taken` on that `bank` uses: their number, and the entries then taken.
+    """Fills columns of `pairs` with those intersections from `taken` on that `bank` uses.
 
-    All reads of splats are here, where none waits for another's cache miss, and of arrays taken out of the tuple: within the
-    loop, numba would count references to them.
+    All reads of splats are in this loop, so that their cache misses overlap. The arrays are taken out of the tuple before it,
+    because inside a loop numba would count references to them.
+
+    Returns the number of columns filled, and `taken` after the last intersection.
     """
     mean2d, conic, conic_exp, colour, depth = splats.mean2d, splats.conic, splats.conic_exp, splats.colour, splats.depth
     log2_opacity, count = splats.log2_opacity, 0
@@ -157,10 +161,10 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
 
 @compiled(inline="always")
 def _composite(state, pairs, j, least, segments, k, far):
-    """Pair `j` over the rows of pixels it reaches; `least` is the least of 1 - alpha, which is `through`; `far`: depth, too.
+    """Composites intersection `j` over the rows of pixels that it reaches; with `far`, also into the depth sums.
 
-    `segments` give the mantissa negated, so that shifting it right rounds alpha up. What `through` is before it is masked, in
-    pixels that are not active or have t >= 0, is of no account.
+    `through` is 1 - alpha, and `least` is its smallest value. `segments` hold the mantissa negated, so that shifting it right
+    rounds alpha up. In pixels that are not active or have t >= 0, `through` has no meaning until it is masked.
     """
     one, half, to_cut = 1 << k.alpha_frac, 1 << (k.alpha_frac - 1), k.grid - k.cut_frac
     red, green, blue = np.int32(pairs[_PAIR_RED + j]), np.int32(pairs[_PAIR_GREEN + j]), np.int32(pairs[_PAIR_BLUE + j])
@@ -195,7 +199,7 @@ def _composite(state, pairs, j, least, segments, k, far):
 
 @compiled(inline="always")
 def _add(state, at, product, shift):
-    """Adds rs(product, shift) to the row at `at`."""
+    """Adds `product`, shifted right by `shift` and rounded, to the row at `at`."""
     store(state, at, load(state, at) + (product + (1 << shift >> 1) >> shift))
 
 
@@ -210,7 +214,7 @@ def _composite_background(state, background, k):
 
 @compiled
 def _stopped(state, k):
-    """Whether no pixel of the tile takes more light."""
+    """Whether every pixel of the tile has stopped."""
     for at in range(0, _STATE, _PLANES * TILE):
         if any_lane(load(state, at + _T) >= k.t_stop):
             return False
@@ -219,7 +223,7 @@ def _stopped(state, k):
 
 @compiled(inline="always")
 def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, far):
-    """The pass of one level bank over one tile, into `state`. `pairs` is room for a block, finite numbers to begin with."""
+    """Composites one level of one tile into `state`. `pairs` is memory for a block and must hold finite numbers at first."""
     rows = state.reshape(TILE, _PLANES * TILE)
     rows[:] = 0
     rows[:, _T : _T + TILE] = k.t_max
@@ -247,7 +251,7 @@ def _flat_bank(splats, order, use, bank, level, outer, tile_x, tile_y, backgroun
 
 @compiled(inline="always")
 def _blend_weight(t, smoothstep, k):
-    """Weight of the outer level from the raw blend parameter."""
+    """Weight of the tile's second level, from the raw blend parameter."""
     if t < 0:
         return np.int64(0)
     if t >= 1 << k.plane_frac:
@@ -257,7 +261,7 @@ def _blend_weight(t, smoothstep, k):
 
 @compiled
 def _blend(rows, outer_rows, plane, smoothstep, k):
-    """Blends the second bank's rows into the first's."""
+    """Blends the rows of the second level into those of the first."""
     for y in range(TILE):
         for x in range(TILE):
             weight = _blend_weight(plane[0] + x * plane[1] + y * plane[2], smoothstep, k)
@@ -284,11 +288,11 @@ def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smo
 
 @compiled(nogil=True)
 def render_tiles(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
-    """Tiles begin..end of `work`, a `vrc_array.TileWork`, into colour, depth and transmittance, as `vrc_array.Pixels`."""
+    """Renders tiles begin..end of `work`, an `array.TileWork`, into colour, depth and transmittance as in `array.Pixels`."""
     _render_tiles(_deep_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)
 
 
 @compiled(nogil=True)
 def render_tiles_flat(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
-    """The same without depth sums, which are 0."""
+    """As `render_tiles`, without depth sums, which are 0."""
     _render_tiles(_flat_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)

@@ -1,8 +1,9 @@
-"""Colour conversion of the survivors: spherical harmonics of degree 0-3, one colour a level.
+"""Colour of the surviving splats: spherical harmonics of degree 0-3, one colour for each level.
 
-Fixed point throughout: the offset from the camera is aligned to its largest component, scaled to a length by a table and one
-step of Newton, its harmonics are rounded products (`spec.harmonics`), and the sum over the coefficients is exact. Numbers
-are raw integers held in float64, which they never exceed; their fraction is that of `sh_basis` unless said otherwise.
+Everything is fixed-point. The offset from the camera is shifted so that its largest component uses all bits, and scaled to a
+fixed length with a table and one Newton step. The harmonics are rounded products (`spec.harmonics`), and the sum over the
+coefficients is exact. Numbers are raw integers held in float64, which never exceed what it can represent. Their fraction is
+that of `sh_basis` unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -55,13 +56,13 @@ _EXPONENT = 0x7FF << 52
 
 @operation
 def _product(a, b, k):
-    """a * b, rounded HALF_UP."""
+    """a * b in the fraction of `sh_basis`, rounded HALF_UP."""
     return np.floor(a * b * k.ulp + 0.5)
 
 
 @operation
 def _scaled_root(n, k):
-    """DIRECTION_SCALE / sqrt(n) for a squared length n in [1, 16); anything finite for 0."""
+    """DIRECTION_SCALE / sqrt(n) for a squared length n in [1, 16); for 0, any finite number."""
     large = n >= 4.0 * k.one
     m = np.floor(n * 0.25) if large else n
     whole = np.int64(m)
@@ -75,7 +76,7 @@ def _scaled_root(n, k):
 
 @compiled(error_model="numpy")
 def _directions(block, k):
-    """Offsets in rows X, Y and Z of the block to scaled directions; zero stays zero."""
+    """Converts the offsets in rows X, Y and Z of the block to scaled directions; a zero offset stays zero."""
     for j in range(_BLOCK):
         x, y, z = block[_X + j], block[_Y + j], block[_Z + j]
         exponent = np.float64(max(abs(x), abs(y), abs(z))).view(np.int64) & _EXPONENT
@@ -87,7 +88,7 @@ def _directions(block, k):
 
 @compiled(error_model="numpy")
 def _basis(block, degree, k):
-    """The basis functions beyond the first, in 3DGS order, from row BASIS of the block on."""
+    """Writes the basis functions beyond the first, in 3DGS order, from row BASIS of the block on."""
     f = k.factor
     for j in range(_BLOCK):
         x, y, z, at = block[_X + j], block[_Y + j], block[_Z + j], _BASIS + j
@@ -119,7 +120,7 @@ def _basis(block, degree, k):
 
 @compiled(nogil=True, error_model="numpy")
 def _colours(_slice, begin, end, rows, mean, dc, rest, position, degree, k, colour):
-    """Blocks of splats: every loop over j is over the splats of a block, for LLVM to make vectors of."""
+    """Colours of the splats `rows[begin:end]`, in blocks; LLVM vectorises the loops over j, the splats of a block."""
     V = k.to_view
     block, coefficient, total = np.ones(_BLOCK_ROWS * _BLOCK), np.zeros(_BLOCK), np.zeros((3, _BLOCK))
     px, py, pz = position[0], position[1], position[2]
@@ -147,7 +148,7 @@ def _colours(_slice, begin, end, rows, mean, dc, rest, position, degree, k, colo
 
 
 def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, rows: np.ndarray) -> np.ndarray:
-    """(len(rows), levels, 3) int32 raw `colour` of the Gaussians at `rows`; negative sums clamp to 0 after the sum."""
+    """(len(rows), levels, 3) int32 raw `colour` of the Gaussians at `rows`; negative colours become 0 after the whole sum."""
     colour = np.empty((len(rows), words.levels, 3), np.int32)
     rest = words.colour["rest"] if words.sh_degree else np.zeros((len(words.colour), 1), np.int16)
     for_slices(_colours, len(rows), rows, words.decoded.mean, words.colour["dc"], rest, registers.position, words.sh_degree,
@@ -158,17 +159,17 @@ def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: Fr
 def survivor_views(
     config: AcceleratorConfig, survivors: np.ndarray, records: np.ndarray, sh_degree: int, view_shift: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the unit writes for a frame, in order: a view for every level of every splat.
+    """The splat records that the colour unit writes for a frame, in order: one for each level that each splat is used at.
 
     Args:
         config: the machine.
         survivors: (N,) SurvivingSplat records without the `end`.
         records: (N,) their GaussianColour records, of at least that degree.
-        sh_degree: degree in use.
-        view_shift: views of a Gaussian are 1 << view_shift.
+        sh_degree: the degree in use.
+        view_shift: there are 1 << view_shift places for splat records of each Gaussian.
 
     Returns:
-        (M,) SplatView records and (M,) int64 their beats, from the base of the views.
+        (M,) SplatView records, and (M,) int64 the beat of each, counted from the base of the region `views`.
     """
     colour, offset = np.empty((len(survivors), MAX_LEVELS, 3), np.int32), config.formats.view.to_float(survivors["offset"])
     rest = records["rest"] if sh_degree else np.zeros((len(records), 1), np.int16)

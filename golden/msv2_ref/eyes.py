@@ -1,4 +1,5 @@
-"""A frame of two eyes: the source rendered, its pixels warped, the target's fovea and holes rendered over them."""
+"""A frame of two eyes: the source eye is rendered and its pixels are warped into the target eye; then the target's central
+tiles and the tiles with holes are rendered over them."""
 
 from __future__ import annotations
 
@@ -29,8 +30,8 @@ from spec.stereo import (
 )
 
 RENDERED, RERENDERED, WARPED, BACKGROUND, FILLED = range(5)
-"""Where a pixel of the target comes from: a tile that had to be rendered, one rendered for its holes, the source, the source's
-background, its neighbours."""
+"""Where a pixel of the target comes from: a tile that may not be warped and was rendered, a tile that was rendered because of
+its holes, a pixel of the source, the source's background, or, in a filled hole, its neighbours."""
 
 KINDS = {"rendered": RENDERED, "rerendered": RERENDERED, "warped": WARPED, "background": BACKGROUND, "filled": FILLED}
 
@@ -43,13 +44,13 @@ class StereoFrame:
         pair: the cameras.
         registers: what the host wrote for the second eye.
         source: the source eye's frame.
-        warped: what the warp unit made of it.
+        warped: the warp unit's result for it.
         rendered: (tiles,) bool, tiles of the target that were rendered.
-        target: the target eye's frame, of those tiles alone.
+        target: the target eye's frame, with those tiles only.
         gaze: the source's and the target's gaze in pixels.
         foveation: the target's tile levels and planes.
         threshold_deg: eccentricity beyond which tiles may be warped.
-        warnings: what the user should know.
+        warnings: messages for the user.
     """
 
     pair: StereoPair
@@ -70,7 +71,7 @@ class StereoFrame:
 
     @cached_property
     def target_pixels(self) -> np.ndarray:
-        """(H, W) DisplayPixel records of the target eye: rendered tiles over warped ones."""
+        """(H, W) DisplayPixel records of the target eye: the rendered tiles over the warped frame."""
         return np.where(self._per_pixel(self.rendered), display_pixels(self.target), self.warped.pixels)
 
     @cached_property
@@ -83,7 +84,7 @@ class StereoFrame:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of the target's pixels of each kind, and of its tiles that are rendered."""
+        """The share of the target's pixels of each kind, and of its tiles that are rendered."""
         counts = np.bincount(self.origin.reshape(-1), minlength=len(KINDS)) / self.origin.size
         return {**{name: float(counts[kind]) for name, kind in KINDS.items()},
                 "tiles_foveal": float((self.registers.warp == 0).mean()),
@@ -91,13 +92,13 @@ class StereoFrame:
 
     @property
     def images(self) -> tuple[np.ndarray, np.ndarray]:
-        """(H, W, 3) uint8 of the left and of the right eye."""
+        """(H, W, 3) uint8 images of the left and of the right eye."""
         pictures = (pixels["colour"].astype(np.uint8) for pixels in (self.source_pixels, self.target_pixels))
         return self.pair.left_right(*pictures)
 
     @property
     def events(self) -> dict[str, int]:
-        """What the machine counts of stereo, by the names of `spec.registers.STEREO_EVENTS`."""
+        """The machine's counts for stereo, by the names of `spec.registers.STEREO_EVENTS`."""
         return {**self.warped.events, "target_tiles": int(self.rendered.sum())}
 
     def _per_pixel(self, tiles: np.ndarray) -> np.ndarray:
@@ -107,7 +108,8 @@ class StereoFrame:
 
 
 def _warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> list[str]:
-    """Of a source frame whose depth is of no use, or that is too narrow for its disparities."""
+    """Warnings about a source frame that has no usable depth, or whose disparities are too large for the frame or the
+    machine."""
     n, t = frame.config.formats, frame_pixels(frame)["transmittance"]
     solid, background = t <= solid_transmittance(n), t >= background_transmittance(n)
     found = []
@@ -132,22 +134,22 @@ def render_stereo(
     gaze_target: tuple[float, float] | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     beta: int | None = None, obb: bool = False, source: pipeline.Frame | None = None,
 ) -> StereoFrame:
-    """Renders a frame of two eyes.
+    """Renders a frame of two eyes with the integer renderer.
 
     Args:
         model: the Gaussians, or their words when several frames share them.
         pair: the eyes.
         config: a machine with stereo.
         foveation: the source eye's tile levels and planes; None renders level 1 everywhere, in both eyes.
-        threshold_deg: tiles with all pixels beyond may be warped.
-        gaze: where the source eye looks, where `foveation` does not say it; None: at the frame's centre.
-        gaze_target: where the target eye looks; None: at the same point, by the depth there.
+        threshold_deg: tiles whose pixels all have at least this eccentricity may be warped.
+        gaze: where the source eye looks, if `foveation` has no gaze; None: at the frame's centre.
+        gaze_target: where the target eye looks; None: at the same point as the source, found from the depth there.
         background, beta, obb: see `pipeline.render`.
-        source: the source eye's frame, where it is there already.
+        source: the source eye's frame, if it has been rendered already.
 
     Raises:
-        ValueError: a machine without stereo.
-        InputError: as `pipeline.render`; a gaze off-screen, or a threshold out of range.
+        ValueError: the machine has no stereo.
+        InputError: as for `pipeline.render`, or a gaze is off-screen, or the threshold is out of range.
     """
     if not config.stereo:
         raise ValueError(f"config must be a machine with stereo, not {config!r}")
@@ -157,7 +159,7 @@ def render_stereo(
     check_gaze(f"{pair.source_eye} (source)", gaze, camera)
     if gaze_target is not None:
         check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
-    warpable_tiles(display, gaze, threshold_deg)  # refuses the threshold before anything is rendered
+    warpable_tiles(display, gaze, threshold_deg)  # raises for a bad threshold before anything is rendered
     words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
     source = source or pipeline.render(
         words, camera, config=config, foveation=foveation, background=background, beta=beta, obb=obb,
@@ -185,14 +187,14 @@ def render_request(
     args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, beta: int | None = None,
     words: GaussianWords | None = None, foveation: FoveationMap | None = None,
 ) -> StereoFrame:
-    """The frame behind a request; warnings go to stderr.
+    """Renders the frame of two eyes that a request describes; warnings go to stderr.
 
     Args:
-        args: the command line's.
-        request: the resolved rest of it.
-        config: the machine, which gets stereo.
+        args: the command line's arguments.
+        request: the request resolved from them.
+        config: the machine, to which stereo is added.
         beta: as in `pipeline.render`.
-        words, foveation: the request's Gaussians and tiles as a plan of effects wants them; None: as they came.
+        words, foveation: the request's Gaussians and tiles as a plan of effects prepared them; None: those of the request.
 
     Raises:
         InputError: see `golden.scenes.stereo`.
@@ -210,12 +212,12 @@ def render_request(
 
 
 def stereo_warnings(frame: StereoFrame, assumed: str | None) -> list[str]:
-    """All that the user should know, what was assumed of the scene's scale first."""
+    """All warnings for the user; the one about an assumed scale of the scene comes first."""
     return [*([assumed] if assumed else []), *frame.warnings]
 
 
 def stereo_statistics(args: argparse.Namespace, request: Request, frame: StereoFrame) -> dict[str, object]:
-    """What stats.json says of the second eye, under "stereo"."""
+    """The part of stats.json about the second eye, under "stereo"."""
     units, assumed = scene_scale(request.model.name, args.units_per_metre)
     gaze = dict(zip((frame.pair.source_eye, frame.pair.target_eye), map(list, frame.gaze), strict=True))
     return {
@@ -227,7 +229,8 @@ def stereo_statistics(args: argparse.Namespace, request: Request, frame: StereoF
 
 
 def save_pictures(out: Path, frame: StereoFrame) -> None:
-    """left.png, right.png, anaglyph.png, depth.png, and the target's kinds: right_source.png or left_source.png."""
+    """Writes left.png, right.png, anaglyph.png, depth.png and, for the kinds of the target's pixels, right_source.png or
+    left_source.png."""
     left, right = frame.images
     target = right if frame.pair.target_eye == "right" else left
     pictures = {

@@ -10,13 +10,16 @@ from spec.constants import MAX_LEVELS
 
 @compiled
 def find_misses(index: np.ndarray, level: np.ndarray, lines: int, ways: int, keep_used: bool, fold: bool) -> np.ndarray:
-    """Which of the accesses, in order, miss in a cache that is empty before; bool each.
+    """Which of the accesses, in order, miss in a splat cache that is empty at the start.
 
     Args:
-        index, level: what is wanted, int64.
-        lines, ways: of the cache, powers of two.
-        keep_used: what was used longest ago is replaced instead of what came first.
-        fold: the set is the whole index folded together instead of its low bits.
+        index, level: (N,) int64, Gaussian and level of the splat record that each access reads.
+        lines, ways: number of lines and ways of the cache, powers of two.
+        keep_used: replace the least recently used line instead of the one that was loaded first.
+        fold: choose the set by the whole index, its parts combined by XOR, instead of its low bits.
+
+    Returns:
+        (N,) bool, True for a miss.
     """
     sets = lines // ways
     tags, misses = np.full((sets, ways), -1, np.int64), np.empty(len(index), np.bool_)
@@ -32,7 +35,7 @@ def find_misses(index: np.ndarray, level: np.ndarray, lines: int, ways: int, kee
             way += 1
         missed = way == ways
         misses[i] = missed
-        if missed or keep_used:  # the newest first
+        if missed or keep_used:  # the newest line moves to the front
             for j in range(min(way, ways - 1), 0, -1):
                 line[j] = line[j - 1]
             line[0] = key

@@ -1,4 +1,4 @@
-"""What a frame leaves in memory: the array's views of its splats, and its pixels."""
+"""What a frame leaves in memory: the splat records that the array reads, and the pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec.memory import display_pixel, frame_pixel, splat_view
 
 
 def splat_views(frame: Frame, levels: int) -> np.ndarray:
-    """(Gaussians, levels) SplatView records, by tile level; those of Gaussians that are not visible mean nothing."""
+    """(Gaussians, levels) SplatView records by tile level; the records of invisible Gaussians have no meaning."""
     s = frame.splats
     level = np.arange(levels)
     both = np.minimum(np.stack([level, level + 1], 1), s.log2_opacity.shape[1] - 1)
@@ -34,7 +34,7 @@ def frame_pixels(frame: Frame) -> np.ndarray:
 
 
 def displayed(config: AcceleratorConfig, pixels: np.ndarray) -> np.ndarray:
-    """DisplayPixel records of FramePixel records, of the same shape."""
+    """Converts FramePixel records to DisplayPixel records of the same shape."""
     n, out = config.formats, np.zeros(pixels.shape, display_pixel(config).dtype)
     out["colour"] = np.minimum(_bytes(pixels["colour"], n.accumulator), 255)
     out["coverage"] = 255 - _bytes(pixels["transmittance"], n.transmittance)
@@ -47,6 +47,6 @@ def display_pixels(frame: Frame) -> np.ndarray:
 
 
 def _bytes(raw: np.ndarray, number: Fixed) -> np.ndarray:
-    """255 times the value, rounded half up."""
+    """255 times the value, rounded HALF_UP."""
     one = 1 << number.frac_bits
     return (510 * raw.astype(np.int64) + one) // (2 * one)

@@ -1,4 +1,4 @@
-"""One frame through the integer renderer, stage by stage, with every arrow at hand."""
+"""One frame through the integer renderer, stage by stage, with the output of every stage."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from spec.errors import InputError
 from spec.records import array_entry, splat2d, tile_header
 
 STAGES = ("gaussians", "splats", "entries", "pixels")
-"""Arrows that a frame can dump."""
+"""The stage outputs that a frame can dump."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A rendered frame and every arrow on the way to it.
+    """A rendered frame and the output of every stage that led to it.
 
     Attributes:
         config: the machine.
         registers: what the host wrote.
         words: the DRAM image.
-        projected: culling's result, one row per Gaussian.
-        entries: tile lists in rendering order.
+        projected: the projection's result, one row for each Gaussian.
+        entries: the intersections of each tile, in rendering order.
         groups: (tiles,) group of each tile after merging.
-        splats: the array's view of every Gaussian (colours are filled for the visible).
+        splats: every Gaussian as the array reads it; only visible ones have colours.
         pixels: finished pixels by tile, raw.
         seconds: wall time by stage.
-        rendered: (tiles,) bool: tiles with entries and pixels, the others' pixels are 0; None: all tiles.
+        rendered: (tiles,) bool: which tiles were rendered; the pixels of the others are 0. None: all tiles.
     """
 
     config: AcceleratorConfig
@@ -52,7 +52,7 @@ class Frame:
     rendered: np.ndarray | None = None
 
     def untiled(self, tiled: np.ndarray) -> np.ndarray:
-        """(height, width, ...) of a field of `pixels`."""
+        """A field of `pixels`, which is stored by tile, as (height, width, ...)."""
         r = self.registers
         grid = tiled.reshape(r.tiles_y, r.tiles_x, TILE, TILE, *tiled.shape[3:]).swapaxes(1, 2)
         return grid.reshape(r.tiles_y * TILE, r.tiles_x * TILE, *tiled.shape[3:])[: r.height, : r.width]
@@ -64,7 +64,7 @@ class Frame:
 
     @property
     def transmittance(self) -> np.ndarray:
-        """(height, width) float64, what is left of the light at the end."""
+        """(height, width) float64, the background's weight in each pixel."""
         return self.config.formats.transmittance.to_float(self.untiled(self.pixels.transmittance))
 
     @property
@@ -72,7 +72,7 @@ class Frame:
         """(height, width) float64 z in world units, NaN where the coverage is below one half."""
         n, r, weight = self.config.formats, self.registers, self.config.depth_weight
         drop = n.transmittance.frac_bits - weight.frac_bits
-        weights = (n.transmittance.raw_max >> drop) - (self.untiled(self.pixels.transmittance) >> drop)  # all that a pixel gave
+        weights = (n.transmittance.raw_max >> drop) - (self.untiled(self.pixels.transmittance) >> drop)  # sum of the weights
         total = n.depth_accumulator.to_float(self.untiled(self.pixels.depth)) * r.depth_far
         mean = total / weight.to_float(np.maximum(weights, 1))
         return np.where(1 - self.transmittance >= COVERAGE_VALID, mean, np.nan)
@@ -116,7 +116,7 @@ class Frame:
         return out
 
     def stage(self, name: str) -> dict[str, np.ndarray]:
-        """The named arrow (one of STAGES) as arrays ready for `numpy.savez`."""
+        """The output of the named stage (one of STAGES) as arrays for `numpy.savez`."""
         arrows = {
             "gaussians": lambda: {"geometry": self.words.geometry, "colour": self.words.colour, "origin": self.words.origin},
             "splats": lambda: {"splats": self.splats2d, "reason": self.projected.reason},
@@ -132,20 +132,21 @@ def render(
     foveation: FoveationMap | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0), beta: int | None = None,
     obb: bool = False, baseline_px: float | None = None,
 ) -> Frame:
-    """Renders one frame.
+    """Renders one frame with the integer renderer.
 
     Args:
         model: the Gaussians, or their words when several frames share them.
-        camera: the view; at most `config.row_width` wide.
+        camera: the camera; its frame may be at most `config.row_width` wide and high.
         config: the machine.
         foveation: tile levels and blend planes; None renders level 1 everywhere.
-        background: r, g, b in [0, 1].
-        beta: tile merge threshold; None chooses it from the counts.
-        obb: bounding boxes instead of the exact tile test.
-        baseline_px: of a frame that is to be warped; the depth scale alone depends on it (`registers.depth_far`).
+        background: red, green, blue in [0, 1].
+        beta: tile merge threshold; None chooses it from the tiles' counts.
+        obb: test tiles against bounding boxes instead of the exact ellipse.
+        baseline_px: for a frame that is to be warped, see `golden.host.registers.frame_registers`; only the depth scale
+            depends on it.
 
     Raises:
-        InputError: the frame is wider than the machine's rows or the model has more levels than it supports.
+        InputError: the frame is larger than the machine's rows, or more levels are asked for than machine and model have.
     """
     if not (1 <= camera.width <= config.row_width and 1 <= camera.height <= config.row_width):
         size = f"{camera.width}x{camera.height}"
@@ -171,7 +172,7 @@ def render_frame(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, beta: int | None = None, obb: bool = False,
     rendered: np.ndarray | None = None, seconds: dict[str, float] | None = None,
 ) -> Frame:
-    """The machine's part of a frame.
+    """The machine's part of rendering a frame, after the host has written the registers.
 
     Args:
         config: the machine.
@@ -179,7 +180,7 @@ def render_frame(
         registers: what the host wrote.
         beta, obb: see `render`.
         rendered: (tiles,) bool: tiles to render; None renders all.
-        seconds: of the stages before; this function's are added.
+        seconds: wall time of the stages before this; the times of this function's stages are added.
     """
     seconds, clock = {} if seconds is None else seconds, work_clock
     begin = clock()

@@ -1,7 +1,8 @@
-"""The plan of a frame's effects carried out: its data without what is absent, neutral where an effect is forced; its rendering.
+"""Carries out the plan of a frame's effects: prepares the data that the plan needs and renders the frame.
 
-Neutral data makes an effect work without any bit of the image changing: coefficients of 0, levels like the first, blend
-parameters below 0.
+The data lacks what an absent effect would use. Where an effect is forced that the frame does not need, the data is neutral, so
+that the effect works without changing any bit of the image: SH coefficients of 0, levels that equal the first, blend parameters
+below 0.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from spec.effects import EffectPlan
 from spec.records import gaussian_colour
 
 _NOT_YET = (-1.0, 0.0, 0.0)
-"""A blend plane before its band: weight 0."""
+"""A blend plane whose tile lies before its blend band, so that all weights are 0."""
 
 
 def with_sh_degree(words: GaussianWords, degree: int) -> GaussianWords:
-    """The words with colour records of `degree`: coefficients beyond are dropped, missing ones 0."""
+    """The words with colour records of SH degree `degree`: coefficients beyond it are dropped, missing ones are 0."""
     if degree == words.sh_degree:
         return words
     colour = np.zeros(len(words.colour), gaussian_colour(words.config, degree).dtype)
@@ -43,18 +44,18 @@ def with_sh_degree(words: GaussianWords, degree: int) -> GaussianWords:
 def prepare(
     plan: EffectPlan, config: AcceleratorConfig, words: GaussianWords, foveation: FoveationMap,
 ) -> tuple[GaussianWords, FoveationMap]:
-    """Words and tiles of a frame for `plan.machine(config)`.
+    """Words and tiles of a frame for the machine `plan.machine(config)`.
 
     Args:
         plan: the effects.
-        config: the machine that has them all; its levels are those in use where levels are forced.
+        config: the machine with all effects; where levels are forced, as many are used as it has.
         words: the Gaussians.
-        foveation: of the frame.
+        foveation: the frame's tile levels and planes.
     """
     words = with_sh_degree(words, min(plan.sh_degree, config.sh_degree))
     if "levels" not in plan.active:
         return replace(words, levels=1), foveation
-    if "levels" not in plan.called:  # every level is the first: all points are in all
+    if "levels" not in plan.called:  # every level equals the first, so every point belongs to all levels
         words = _all_levels(words, config.levels)
         foveation = replace(foveation, levels=config.levels)
     if "blend" in plan.active and "blend" not in plan.called:
@@ -74,15 +75,15 @@ def _all_levels(words: GaussianWords, levels: int) -> GaussianWords:
 
 @dataclass(frozen=True)
 class Work:
-    """A request as its plan wants it rendered.
+    """A request together with the plan, machine and data to render it with.
 
     Attributes:
         request: what was asked for.
-        plan: its effects.
-        config: the machine that has what is active.
+        plan: the plan of its effects.
+        config: the machine that has the active effects.
         words: the Gaussians for it.
         foveation: the tiles for it.
-        prepare_s: seconds that the words took.
+        prepare_s: seconds that preparing the words took.
     """
 
     request: Request
@@ -94,32 +95,31 @@ class Work:
 
     @property
     def second_eye_forced(self) -> bool:
-        """One eye is asked for, two are rendered."""
+        """Whether two eyes are rendered although one is asked for."""
         return "stereo" in self.plan.active - self.plan.called
 
     def render(self, *, beta: int | None = None) -> pipeline.Frame:
-        """The frame of one eye. `beta` as in `pipeline.render`."""
+        """Renders the frame of one eye. `beta` is as in `pipeline.render`."""
         return pipeline.render(self.words, self.request.camera, config=self.config, foveation=self.foveation,
                                background=self.request.background, beta=beta)
 
     def add_eye(self, frame: pipeline.Frame, *, beta: int | None = None) -> StereoFrame:
-        """A frame of two eyes whose source is `frame`, unchanged."""
+        """A frame of two eyes whose source is `frame`, which is not changed."""
         pair = stereo_pair(self.request.camera, ipd_metres=IPD_METRES, units_per_metre=1.0)
         return render_stereo(self.words, pair, config=self.config, foveation=self.foveation,
                              background=self.request.background, beta=beta, source=frame)
 
 
-def work_for(
-    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False, full: bool = False,
-) -> Work:
-    """Probes the request, prints the plan, prepares the data.
+def plan_for(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False,
+) -> EffectPlan:
+    """Finds out what the request calls for, and prints it.
 
     Args:
-        args: `effects`, `depth` and `stereo` of the command line.
-        request: the resolved rest of it.
+        args: the command line's arguments; `effects`, `depth` and `stereo` are read.
+        request: the request resolved from the other arguments.
         config: the machine.
-        contention: a memory with limits is simulated.
-        full: the machine has all of `config`, what is not active idles; otherwise that is left out.
+        contention: whether a memory of limited bandwidth is simulated.
 
     Raises:
         InputError: see `spec.effects.choose_plan`.
@@ -129,9 +129,28 @@ def work_for(
     print("\n".join(plan.lines()))
     if plan.sh_degree > config.sh_degree:
         print(f"config {config.name!r} has harmonics up to degree {config.sh_degree}: those beyond are left out")
+    return plan
+
+
+def planned_machine(plan: EffectPlan, config: AcceleratorConfig, *, full: bool = False) -> AcceleratorConfig:
+    """`config` with what is active and no more; `full`: all of it, where what is not active idles."""
+    machine = plan.machine(config)
+    return config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth) if full else machine
+
+
+def planned_work(request: Request, plan: EffectPlan, config: AcceleratorConfig, *, full: bool = False) -> Work:
+    """The request's data as the plan wants it, for `planned_machine`."""
     begin = work_clock()
     words, foveation = prepare(plan, config, quantise_model(config, request.model), request.foveation)
-    machine = plan.machine(config)
-    if full:
-        machine = config.with_(stereo=machine.stereo, fine_depth=machine.fine_depth)
-    return Work(request, plan, machine, words, foveation, work_clock() - begin)
+    return Work(request, plan, planned_machine(plan, config, full=full), words, foveation, work_clock() - begin)
+
+
+def work_for(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, *, contention: bool = False, full: bool = False,
+) -> Work:
+    """The work of a request: `plan_for` and `planned_work`, whose arguments these are.
+
+    Raises:
+        InputError: see `spec.effects.choose_plan`.
+    """
+    return planned_work(request, plan_for(args, request, config, contention=contention), config, full=full)

@@ -1,10 +1,12 @@
-"""Culling and conversion: Gaussian words to projected splats, in the machine's small floats.
+"""Projection: Gaussian words to projected splats, in the machine's small floats.
 
-Every `rnd` is one operation rounded to V, the `view` format, or W, the `work` format, or a value of one brought to another:
-the dataflow the unit implements. The conic leaves as its upper Cholesky factor, in the log2 domain, so that the falloff is
-u^2 + v^2 >= 0 whatever the rounding, and needles lose no precision to cancellation. Focal lengths and EXPONENT_SCALE cost the
-unit nothing: the host has multiplied its rotation by the one and divided it by the other, so that slopes come out in pixels
-and covariances in units in which the inverse root of a variance is a factor of the conic.
+Every `rnd` is one operation rounded to V (the `view` format) or to W (the `work` format), or the conversion of a value from one
+to the other. This is the dataflow that the hardware unit implements.
+
+The result is the conic's upper Cholesky factor, in the log2 domain. So the falloff is u^2 + v^2 >= 0 whatever the rounding, and
+needle-shaped splats lose no precision to cancellation. Multiplying by the focal lengths and dividing by EXPONENT_SCALE cost the
+unit nothing, because the host has applied both to the rotation that it writes: slopes come out in pixels, and covariances in
+units in which the inverse root of a variance is a factor of the conic.
 """
 
 from __future__ import annotations
@@ -26,17 +28,17 @@ from spec.records import projected_splat
 
 VISIBLE, NEAR, FAINT, OUTSIDE = 0, 1, 2, 3
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
-"""Why a Gaussian was culled: at or behind the near plane, too faint for an alpha of 1/255, or off the frame."""
+"""Why a Gaussian was culled: it lies at or behind the near plane, is too faint for an alpha of 1/255, or is off the frame."""
 
 class Projected(NamedTuple):
-    """Culling's result per Gaussian.
+    """The projection's result for each Gaussian.
 
     Attributes:
         reason: (N,) uint8, VISIBLE or why it was culled.
         mean2d: (N, 2) int32 raw `mean2d`.
         conic: (N, 3) float64 values of the `conic` format.
         depth, depth_key: (N,) int32 raw.
-        box: (N, 4) int16 first and last tile column, first and last tile row of the footprint's bounding box.
+        box: (N, 4) int16, first and last tile column, first and last tile row of the footprint's bounding box.
     """
 
     reason: np.ndarray
@@ -69,7 +71,8 @@ class CullingConstants(NamedTuple):
 
 @cache
 def culling_constants(config: AcceleratorConfig) -> CullingConstants:
-    """The constants of `config`; `faintest` and `widest` are raw with the fraction of `cut`, which `log2_opacity` shares."""
+    """The constants of `config`; `faintest` and `widest` are raw numbers with the fraction bits of `cut`, which are
+    `log2_opacity`'s."""
     n = config.formats
     support = tables.support_exponent(config)
     return CullingConstants(
@@ -97,7 +100,8 @@ class _Camera(NamedTuple):
 
 @operation
 def falloff_limit(opacity, k):
-    """Largest u^2 + v^2 (a real number) at which an opacity (raw log2) still shows; negative: nowhere."""
+    """Largest u^2 + v^2 (a real number) at which a splat of this opacity (raw log2) is still visible; negative if it never
+    is."""
     return min(opacity - k.faintest, k.widest) * k.cut_ulp
 
 
@@ -115,7 +119,7 @@ def _rotation_columns(w, x, y, z, W):
 
 @operation
 def _jacobian_row(slope, along, forward, W):
-    """One row of J R times z: focal * R_axis - clamped slope * R_z, the slope in pixels."""
+    """One row of J R times z: focal * R_axis - clamped slope * R_z, with the slope in pixels."""
     s = rnd(slope, W)
     return (rnd(along[0] - rnd(s * forward[0], W), W), rnd(along[1] - rnd(s * forward[1], W), W),
             rnd(along[2] - rnd(s * forward[2], W), W))
@@ -123,7 +127,7 @@ def _jacobian_row(slope, along, forward, W):
 
 @operation
 def _splatted_axis(a, b, column, scale, rz, W):
-    """One scaled axis of the ellipsoid on the image plane, along x and along y."""
+    """One scaled axis of the ellipsoid projected onto the image plane: its components along x and y."""
     length = rnd(scale * rz, W)
     return (rnd(dot3(W, a[0], a[1], a[2], column[0], column[1], column[2]) * length, W),
             rnd(dot3(W, b[0], b[1], b[2], column[0], column[1], column[2]) * length, W))
@@ -131,7 +135,7 @@ def _splatted_axis(a, b, column, scale, rz, W):
 
 @operation
 def _conic(first, second, third, k):
-    """Cholesky factors l1, l2, l3 and the 2D variances of the splatted axes, low-pass included."""
+    """Cholesky factors l1, l2, l3 and the 2D variances of the projected axes, including the low-pass."""
     W, C = k.to_work, k.to_conic
     (p0, t0), (p1, t1), (p2, t2) = first, second, third
     bare_xx, bare_yy = dot3(W, p0, p1, p2, p0, p1, p2), dot3(W, t0, t1, t2, t0, t1, t2)
@@ -140,11 +144,11 @@ def _conic(first, second, third, k):
     m01 = rnd(rnd(p0 * t1, W) - rnd(p1 * t0, W), W)
     m02 = rnd(rnd(p0 * t2, W) - rnd(p2 * t0, W), W)
     m12 = rnd(rnd(p1 * t2, W) - rnd(p2 * t1, W), W)
-    # Cauchy-Binet: the determinant as a sum of squares neither cancels nor underflows.
+    # Cauchy-Binet: the determinant as a sum of squares suffers from neither cancellation nor underflow.
     det = rnd(dot3(W, m01, m02, m12, m01, m02, m12) + rnd(k.low_pass * rnd(bare_xx + cov_yy, W), W), W)
     root_yy = rnd(1.0 / np.sqrt(cov_yy), W)
     factor = rnd(root_yy * rnd(1.0 / np.sqrt(det), W), W)
-    # A footprint too wide for the format is as good as flat: its factors stay at the smallest number, never zero.
+    # A footprint that is too wide for the format is practically flat: its factors are the smallest number, never zero.
     l1 = max(rnd(rnd(cov_yy * factor, W), C), C.smallest)
     l2 = rnd(-rnd(cov_xy * factor, W), C)
     l3 = max(rnd(root_yy, C), C.smallest)
@@ -153,9 +157,9 @@ def _conic(first, second, third, k):
 
 @operation
 def _extent(variance, limit, k):
-    """Reach of the footprint along an axis in ulps of `mean2d`, an integer, rounded so that it is never too small.
+    """Half extent of the footprint along an axis in ulps of `mean2d`, an integer that rounding never makes too small.
 
-    The root's error of 2^-9 is outweighed by the share of 2^-8 that is added; what fixed point drops, by the margin.
+    The share of 2^-8 that is added exceeds the root's error of 2^-9, and the margin exceeds what fixed point truncates.
     """
     root = rnd(np.sqrt(rnd(variance * limit, k.to_work)), k.to_extent)
     raw = min(np.floor(root * k.mean_one + 0.5), k.mean_max * 2 + 1)
@@ -164,7 +168,7 @@ def _extent(variance, limit, k):
 
 @operation
 def _tile_range(mean, extent, size, k):
-    """First and last tile along one axis whose pixel centres lie within `extent` of the mean; first > last: none."""
+    """First and last tile along one axis whose pixel centres lie within `extent` of the mean; 1, 0 if there is none."""
     first, last = np.ceil((mean - extent) / k.mean_one - 0.5), np.floor((mean + extent) / k.mean_one - 0.5)
     if first > last or first > size - 1 or last < 0:
         return 1, 0
@@ -173,7 +177,8 @@ def _tile_range(mean, extent, size, k):
 
 @operation
 def _to_pixels(slope, centre, k):
-    """Raw `mean2d` of a perspective slope in pixels, rounded HALF_UP with a bit more, plus the principal point."""
+    """Raw `mean2d` of a perspective slope in pixels, rounded HALF_UP with one bit more than `mean2d`, plus the principal
+    point."""
     raw = min(max(np.floor(slope * k.mean_one + 0.5), 2 * k.mean_min), 2 * k.mean_max + 1)
     return min(max(raw + centre, k.mean_min), k.mean_max)
 
@@ -186,7 +191,7 @@ def _relative(x, y, z, px, py, pz, V):
 
 @compiled(nogil=True, error_model="numpy")
 def _view_depth(_slice, begin, end, mean, cam, k, depth):
-    """Camera z of every Gaussian."""
+    """Writes the camera z of the Gaussians begin..end."""
     V, rot = k.to_view, cam.rotation
     r0, r1, r2 = rot[2, 0], rot[2, 1], rot[2, 2]
     px, py, pz = cam.position[0], cam.position[1], cam.position[2]
@@ -202,7 +207,7 @@ _BLOCK_ROWS = 19
 
 @compiled(error_model="numpy")
 def _project_block(block, cam, k):
-    """Mean, conic, extent and depth of _BLOCK Gaussians: one array and no branches, so that LLVM makes it vectors."""
+    """Mean, conic, extent and depth of _BLOCK Gaussians. One array and no branches, so that LLVM vectorises the loop."""
     V, W = k.to_view, k.to_work
     rot, turn, limits, position = cam.rotation, cam.turn, cam.limits, cam.position
     a0, a1, a2, b0, b1, b2 = rot[0, 0], rot[0, 1], rot[0, 2], rot[1, 0], rot[1, 1], rot[1, 2]
@@ -239,7 +244,7 @@ def _project_block(block, cam, k):
 def _project(
     _slice, begin, end, rows, view_depth, mean, scale, quat, opacity, cam, k, reason, mean2d, conic, depth, depth_key, box,
 ):
-    """Blocks of the Gaussians at `rows`: gathered, projected, scattered."""
+    """Gathers the Gaussians at `rows` in blocks, projects each block and scatters the results."""
     block = np.ones(_BLOCK * _BLOCK_ROWS)
     for start in range(begin, end, _BLOCK):
         count = min(end - start, _BLOCK)
@@ -266,7 +271,7 @@ def _project(
 
 
 def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> Projected:
-    """Projects every Gaussian: near test before the division, then mean, conic, footprint and depth."""
+    """Projects every Gaussian: first the near test, which needs no division, then mean, conic, footprint and depth."""
     count, r, k = len(words.geometry), registers, culling_constants(config)
     out = Projected(
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
@@ -284,7 +289,8 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
 
 
 def projected_splats(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> np.ndarray:
-    """(visible + 1,) ProjectedSplat records in index order, as they leave the projection; the last one is the frame's `end`."""
+    """(visible + 1,) ProjectedSplat records in index order, as the projection unit emits them; the last one is the frame's
+    `end`."""
     n, g, projected = config.formats, words.geometry, project(config, words, registers)
     rows = np.flatnonzero(projected.reason == VISIBLE)
     out = np.zeros(len(rows) + 1, projected_splat(config).dtype)

@@ -1,4 +1,4 @@
-"""What hardware counts of saturated values, read off a frame's records."""
+"""The counts of saturated values that the hardware would report, computed from a frame's records."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from spec.saturations import SATURATIONS, Saturation, limits
 
 
 def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
-    """(records, ...) raw values of the field that a saturation is counted by, of the records that its stream transfers."""
-    if saturation.stream == "splats":  # as `culling.projected_splats` makes them
+    """(records, ...) raw values of the field that a saturation watches, in the records that its stream transfers."""
+    if saturation.stream == "splats":  # as `projection.projected_splats` makes them
         return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
     tile = np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))
     pairs = np.unique(np.stack([frame.entries.splat, frame.registers.header[tile, 0]], 1), axis=0)
@@ -22,11 +22,11 @@ def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
 
 
 def count_saturated(config: AcceleratorConfig, saturation: Saturation, values: np.ndarray) -> int:
-    """Records, one a row of (records, ...) raw values, with a number at a limit."""
+    """Number of records, each one row of the (records, ...) raw values, that hold a number at a limit of its format."""
     at_limit = np.isin(values, limits(saturation.field_of(config).format))
     return int(at_limit.reshape(len(values), -1).any(axis=1).sum()) if len(values) else 0
 
 
 def frame_saturations(frame: Frame) -> dict[str, int]:
-    """The counters of `spec.saturations` after a frame, or after an eye's pass."""
+    """The counters of `spec.saturations` after a frame, or after the pass of one eye."""
     return {s.name: count_saturated(frame.config, s, transferred(frame, s)) for s in SATURATIONS}

@@ -1,4 +1,4 @@
-"""Tile entries in memory: which page and beat each goes to, and how they come back (`spec.memory`, "Pages")."""
+"""Tile lists in memory: to which page and beat each intersection goes, and how they are read back (`spec.memory`, "Pages")."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from spec.records import chunk_entry, tile_entry
 
 @dataclass(frozen=True)
 class TileLists:
-    """Where a frame's entries lie.
+    """Where a frame's intersections lie in memory.
 
     Attributes:
-        tiles: tiles of the frame.
-        tile: (entries,) int64 tile of each entry, in the order of arrival.
-        written: (entries,) bool: it lies in memory. False outside the frame, and from the first one on that found no room.
-        full: an entry found no room.
-        number: (entries,) int64 place of each entry in memory relative to the entries' base, in entries; 0 where not written.
-        page_tile, page_slot, page_beat: (pages,) int64, the pages beyond first ones in the order in which they were handed out:
-            tile, slot of its directory, first beat relative to the entries' base.
+        tiles: number of tiles in the frame.
+        tile: (E,) int64 tile of each intersection, in the order of arrival.
+        written: (E,) bool: whether it lies in memory. False outside the frame, and from the first one on for which no page was
+            left.
+        full: whether an intersection found no page.
+        number: (E,) int64 place of each intersection relative to the base of the region, in intersections; 0 where not written.
+        page_tile, page_slot, page_beat: (pages,) int64, the pages beyond the first ones in the order in which they were handed
+            out: the page's tile, its slot in that tile's directory, and its first beat relative to the region's base.
     """
 
     tiles: int
@@ -38,17 +39,18 @@ class TileLists:
 
     @property
     def beats(self) -> int:
-        """Beats handed out, first pages included."""
+        """Number of beats that were handed out, including first pages."""
         return FIRST_PAGE_BEATS * (self.tiles + int((2 << self.page_slot).sum()))
 
     @property
     def hits(self) -> np.ndarray:
-        """Tile of each entry that is passed on to the tile merge unit: all but those of the frame that found no room."""
+        """The tile of each intersection that is passed on to the tile merge unit: all except those in the frame that were
+        not written."""
         return self.tile[self.written | (self.tile >= self.tiles)]
 
 
 def rank_in_tile(tile: np.ndarray) -> np.ndarray:
-    """(entries,) int64: how many entries of the same tile came before."""
+    """(E,) int64: for each intersection, how many of the same tile came before it."""
     order = np.argsort(tile, kind="stable")
     starts = np.flatnonzero(np.diff(tile[order], prepend=-1))
     rank = np.empty(len(tile), np.int64)
@@ -57,13 +59,13 @@ def rank_in_tile(tile: np.ndarray) -> np.ndarray:
 
 
 def tile_lists(tile: np.ndarray, tiles: int, entries_beats: int, slots: int = DIRECTORY_SLOTS) -> TileLists:
-    """Pages for entries.
+    """Assigns pages and places to intersections.
 
     Args:
-        tile: (entries,) tile of each entry, in the order of arrival; those of `tiles` or more are outside the frame.
-        tiles: tiles of the frame.
-        entries_beats: room for entries.
-        slots: pages that a tile may have beyond its first.
+        tile: (E,) tile of each intersection, in the order of arrival; numbers from `tiles` on are outside the frame.
+        tiles: number of tiles in the frame.
+        entries_beats: number of beats reserved for the pages.
+        slots: number of pages that a tile may have beyond its first.
     """
     tile = np.asarray(tile, np.int64)
     inside, rank = tile < tiles, rank_in_tile(tile)
@@ -92,12 +94,13 @@ def entry_words(config: AcceleratorConfig, entries: np.ndarray) -> np.ndarray:
 
 
 def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a frame leaves in memory: (beats, WORDS) uint32 of pages and of the directory; 0 where nothing was written.
+    """What the tile lists of a frame leave in memory: pages and directory, (beats, WORDS) uint32 each; 0 where nothing was
+    written.
 
     Args:
         config: the machine.
-        lists: where the entries lie.
-        entries: (entries,) TileEntry records in the order of arrival.
+        lists: where the intersections lie.
+        entries: (E,) TileEntry records in the order of arrival.
     """
     pages = np.zeros((lists.beats, BEAT_ENTRIES, WORDS // BEAT_ENTRIES), np.uint32)
     pages.reshape(-1, WORDS // BEAT_ENTRIES)[lists.number[lists.written]] = entry_words(config, entries)[lists.written]
@@ -107,12 +110,12 @@ def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarra
 
 
 def grouped_entries(config: AcceleratorConfig, entries: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """(entries,) ChunkEntry records by group and tile, in a tile in the order of arrival; groups without entries give none.
+    """(E,) ChunkEntry records by group and tile, within a tile in the order of arrival. Groups without intersections give none.
 
     Args:
         config: the machine.
-        entries: (entries,) TileEntry records in the order of arrival.
-        groups: (tiles,) TileGroup records whose counts are theirs.
+        entries: (E,) TileEntry records in the order of arrival.
+        groups: (tiles,) TileGroup records with the counts of these intersections.
     """
     rows = np.zeros(len(entries), chunk_entry(config).dtype)
     ordered = entries[np.argsort(entries["tile"], kind="stable")]

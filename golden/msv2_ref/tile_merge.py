@@ -1,4 +1,4 @@
-"""Tile merging: counts of intersections to groups of tiles (paper section 6.2, "Tile Merging")."""
+"""Tile merging: forms groups of tiles from the tiles' counts of intersections (paper section 6.2, "Tile Merging")."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from spec.records import COUNT_BITS, tile_group
 
 
 def auto_beta(counts: np.ndarray, config: AcceleratorConfig) -> int:
-    """Twice the mean count of the frame's non-empty tiles, capped by half of the double buffer."""
+    """The automatic merge threshold: twice the mean count of the frame's non-empty tiles, at most half of the double buffer."""
     filled = counts[counts > 0]
     mean = float(filled.mean()) if len(filled) else 0.0
     return max(1, min(round(2 * mean), config.sort_chunk))
@@ -18,13 +18,13 @@ def auto_beta(counts: np.ndarray, config: AcceleratorConfig) -> int:
 def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
     """Group id of every tile, (tiles,) int64, consecutive from 0.
 
-    A non-empty tile closes a non-empty open group when total + count >= beta; after adding, a group with total >= beta
-    closes at once; empty tiles join the open group or open one; the end of a tile row flushes. `beta` 0 means 1.
+    A non-empty tile closes a non-empty open group when total + count >= beta. After a tile is added, a group with total >= beta
+    closes at once. An empty tile joins the open group, or opens one. A group ends with its tile row. A `beta` of 0 means 1.
 
     Args:
-        counts: (tiles,) entries of each tile, row-major.
-        tiles_x: tiles in a row.
-        beta: merge threshold in entries.
+        counts: (tiles,) number of intersections of each tile, row-major.
+        tiles_x: number of tiles in a row.
+        beta: merge threshold in intersections.
 
     Raises:
         ValueError: beta is negative.
@@ -44,12 +44,15 @@ def merge_tiles(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarray:
 
 
 def count_tiles(hits: np.ndarray, tiles: int, count_bits: int = COUNT_BITS) -> tuple[np.ndarray, bool, bool]:
-    """Entries of each tile as the unit's counters hold them: (tiles,) int64, whether one is full, whether a hit lies outside.
+    """Number of intersections of each tile as the unit's counters hold them.
 
     Args:
-        hits: (entries,) tile of each entry, in any order; those outside 0..tiles - 1 are not counted.
-        tiles: tiles of the frame.
-        count_bits: bits of a counter; it stays at its largest value.
+        hits: (intersections,) tile of each intersection, in any order; those outside 0..tiles - 1 are not counted.
+        tiles: number of tiles in the frame.
+        count_bits: number of bits of a counter; a counter stays at its largest value.
+
+    Returns:
+        (tiles,) int64 counts, whether a counter overflowed, and whether an intersection lies outside the frame.
     """
     inside = (hits >= 0) & (hits < tiles)
     counts, full = np.bincount(hits[inside], minlength=tiles), (1 << count_bits) - 1
@@ -57,7 +60,7 @@ def count_tiles(hits: np.ndarray, tiles: int, count_bits: int = COUNT_BITS) -> t
 
 
 def tile_groups(config: AcceleratorConfig, counts: np.ndarray, tiles_x: int, beta: int | None) -> np.ndarray:
-    """(tiles,) TileGroup records, as the merge unit emits them; `beta` None chooses it by `auto_beta`."""
+    """(tiles,) TileGroup records as the merge unit emits them; if `beta` is None, `auto_beta` chooses it."""
     rows = np.zeros(len(counts), tile_group(config).dtype)
     groups = merge_tiles(counts, tiles_x, auto_beta(counts, config) if beta is None else beta)
     rows["tile"], rows["count"], rows["group"] = np.arange(len(counts)), counts, groups

@@ -1,11 +1,12 @@
-"""The culling unit's last step: which tiles a projected Gaussian touches, and the foveation filter.
+"""Tile test: which tiles a projected splat touches, and which of these the foveation filter rejects.
 
-For one row of tiles the ellipse's reach along x is an interval (the projection of a convex set), so the exact
-ellipse-rectangle test costs two square roots a row and yields a run of columns. Both ends are widened by the margins of
-`spec.constants`, so that rounding never loses a tile in which a pixel would change: the falloff's by that of the limit, a
-length's, five roundings to the `view` format, by that of edges up to 4,096 pixels.
+Within one row of tiles, the ellipse's extent along x is an interval (the projection of a convex set). So the exact
+ellipse-rectangle test costs two square roots for each row of tiles and gives a run of columns. Both ends are widened by the
+margins of `spec.constants`, so that rounding never loses a tile in which a pixel would change. TILE_REACH_MARGIN on the limit
+covers the rounding of the falloff. TILE_EDGE_MARGIN covers the rounding of lengths, which are rounded to the `view` format five
+times, for edges up to 4,096 pixels.
 
-Every `rnd` is one operation of the unit; what lies between is arithmetic of fixed-point numbers, exact.
+Every `rnd` is one operation of the unit. Everything between is exact fixed-point arithmetic.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from spec.records import entry_item, surviving_splat
 
 
 class TileEntries(NamedTuple):
-    """Tile entries grouped by tile, in the order of the splat list inside each tile.
+    """Intersections grouped by tile; within a tile they are in the order of the splat list.
 
     Attributes:
-        start: (tiles + 1,) int64, first entry of each tile.
-        splat: (entries,) int32, row of the entry's Gaussian.
-        use: (entries,) uint8, bit 0: the tile's level uses it (always), bit 1: the blend tile's next level does.
-        filtered: pairs that touch but that the foveation filter rejects, or whose tile is not rendered.
+        start: (tiles + 1,) int64, first intersection of each tile.
+        splat: (E,) int32, row of each intersection's Gaussian.
+        use: (E,) uint8, bit 0: the tile's level uses the splat (always 1); bit 1: a blend tile's next level does.
+        filtered: number of (splat, tile) pairs that touch but that the foveation filter rejects, or whose tile is not rendered.
     """
 
     start: np.ndarray
@@ -41,7 +42,8 @@ class TileEntries(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """What the tile test reads of the splats and of the frame; `plain`: all tiles are of level 1 and rendered, none blends."""
+    """What the tile test reads of the splats and the frame. `plain` says that all tiles have level 1 and are rendered, and
+    none blends."""
 
     mean2d: np.ndarray
     conic: np.ndarray
@@ -58,13 +60,14 @@ class _Scene(NamedTuple):
 
     @classmethod
     def of(cls, *fields: object) -> _Scene:
-        """With `plain`, from all others."""
+        """Makes a scene from all other fields and computes `plain`."""
         scene = cls(*fields, False)
         return scene._replace(plain=bool(scene.rendered.all()) and not scene.header[:, :2].any())
 
 
-# A run is the stretch of a tile row, within a Gaussian's box, in which the tiles see it with one opacity. Runs go in blocks,
-# one a column: `block` holds what the ellipse test reads and the tile columns it finds, `runs` (4, _BLOCK) where the run is.
+# A run is a part of a tile row, within a Gaussian's box, whose tiles all use the Gaussian with the same opacity. Runs are
+# handled in blocks, one run in each column: `block` holds the inputs of the ellipse test and the tile columns that it finds,
+# and `runs` (4, _BLOCK) says where each run is.
 _BLOCK = 64
 _BLOCK_ROWS = 9
 _MX, _MY, _L1, _L2, _L3, _LIMIT, _ROW, _FIRST, _LAST = range(0, _BLOCK_ROWS * _BLOCK, _BLOCK)
@@ -73,7 +76,10 @@ _SPLAT, _TILES, _BEGIN, _END = range(4)  # the Gaussian, the first tile of the t
 
 @operation
 def _shape(l1, l2, l3, k):
-    """Of the ellipse u^2 + v^2 <= limit: 1 / l1, and its reach along y and its leftmost point's y as factors of sqrt(limit)."""
+    """Three numbers of the ellipse u^2 + v^2 <= limit.
+
+    They are 1 / l1, and, as factors of sqrt(limit), its half extent along y and the y of its leftmost point.
+    """
     W = k.to_work
     hypotenuse = rnd(rnd(l2 * l2, W) + rnd(l3 * l3, W), W)
     turn = rnd(l2 * rnd(1.0 / np.sqrt(hypotenuse), W), W)
@@ -83,7 +89,7 @@ def _shape(l1, l2, l3, k):
 
 @operation
 def _reach(y, narrow, l2, l3, limit, k):
-    """The ellipse's reach to the left at height y, and to the right at -y, in ulps of `reach`."""
+    """How far the ellipse reaches to the left at height y, and by symmetry to the right at -y, in ulps of `mean2d`."""
     W, V = k.to_work, k.to_view
     v = rnd(l3 * y, W)
     u = rnd(np.sqrt(max(rnd(limit - rnd(v * v, W), W), 0.0)), W)
@@ -93,9 +99,9 @@ def _reach(y, narrow, l2, l3, limit, k):
 
 @compiled(error_model="numpy")
 def _columns(block, scene, k):
-    """First and last tile column whose pixel centres the ellipse meets in its tile row, for a whole block; 1, 0: none.
+    """For each run of a block, the first and last tile column whose pixel centres the ellipse meets; 1, 0 if there is none.
 
-    One array and no branches, so that LLVM makes it vectors. Integers, ulps of `mean2d`, are float64 here.
+    One array and no branches, so that LLVM vectorises the loop. Integers (ulps of `mean2d`) are held in float64.
     """
     W, V, one, margin, half = k.to_work, k.to_view, k.mean_one, TILE_EDGE_MARGIN * k.mean_one, 0.5 * k.mean_one
     right_edge, height = scene.width - 1.0, float(scene.height)
@@ -116,10 +122,10 @@ def _columns(block, scene, k):
         block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
 
 
-# The arrays are taken out of `scene` outside the loops: within, numba would count references to them.
+# The arrays are taken out of `scene` before the loops, because inside a loop numba would count references to them.
 @compiled
 def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered):
-    """The entries of `count` runs, from `at` on; gives the place after them."""
+    """Writes the intersections of `count` runs from position `at` on and returns the position after them."""
     header, bound, rendered, obb = scene.header, scene.bound, scene.rendered, scene.obb
     if not obb:
         _columns(block, scene, k)
@@ -147,7 +153,7 @@ def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, cou
 
 @compiled(nogil=True, error_model="numpy")
 def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, counts, passed, filtered):
-    """Entries of a slice of the splats, in their order, from `room[begin]` on."""
+    """Writes the intersections of a slice of the splats, in the splats' order, from `room[begin]` on."""
     header, opacity, bound, box, mean2d, conic = scene.header, scene.opacity, scene.bound, scene.box, scene.mean2d, scene.conic
     block, runs = np.ones(_BLOCK_ROWS * _BLOCK), np.empty((4, _BLOCK), np.int64)
     at, count = room[begin], 0
@@ -181,7 +187,7 @@ def _visit(part, begin, end, splats, room, scene, k, tile_of, splat_of, use_of, 
 
 @compiled(nogil=True)
 def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor, splat, use):
-    """The slice's entries to their tiles' places; a slice's cursors follow those of the slices before it."""
+    """Moves a slice's intersections to their tiles' places; its cursors start where those of the slices before it end."""
     for e in range(room[begin], room[begin] + passed[part]):
         at = cursor[part, tile_of[e]]
         cursor[part, tile_of[e]] += 1
@@ -189,7 +195,8 @@ def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor,
 
 
 def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> TileEntries:
-    """The entries of `splats`, int32 rows of the scene in any order, grouped by tile; the order stays inside each tile."""
+    """The intersections of `splats`, int32 rows of the scene in any order, grouped by tile; within a tile they keep that
+    order."""
     k, tiles = culling_constants(config), len(scene.header)
     counts = np.zeros((SLICES, tiles), np.int64)
     passed, filtered = np.zeros(SLICES, np.int64), np.zeros(SLICES, np.int64)
@@ -209,17 +216,17 @@ def tile_entries(
     config: AcceleratorConfig, projected: Projected, opacity: np.ndarray, bound: np.ndarray, registers: FrameRegisters,
     splats: np.ndarray, *, obb: bool = False, rendered: np.ndarray | None = None,
 ) -> TileEntries:
-    """The entries of `splats` (int32 rows, any order), grouped by tile, keeping that order inside each tile.
+    """The intersections of `splats` (int32 rows in any order), grouped by tile; within a tile they keep that order.
 
     Args:
         config: the machine.
-        projected: culling's result.
+        projected: the projection's result.
         opacity: (N, 4) raw `log2_opacity`.
         bound: (N,) quality bound m - 1.
-        registers: the frame's.
-        splats: visible rows in the order wanted: by index it is the unit's stream, by depth key the sorted lists.
-        obb: the bounding box's tiles instead of the exact test.
-        rendered: (tiles,) bool: the others' pairs are dropped; None: all tiles are rendered.
+        registers: the frame's registers.
+        splats: rows of the visible splats in the wanted order: by index for the unit's stream, by depth key for sorted lists.
+        obb: take all tiles of the bounding box instead of testing them exactly.
+        rendered: (tiles,) bool: intersections with other tiles are dropped; None: all tiles are rendered.
     """
     rendered = np.ones(len(registers.header), bool) if rendered is None else rendered
     return _entries(config, _Scene.of(
@@ -228,13 +235,13 @@ def tile_entries(
 
 
 class TileTest(NamedTuple):
-    """A frame through the unit: its streams, `end` included, and its counts of (splat, tile) pairs.
+    """A frame through the tile test unit: its streams, including `end`, and its counts of (splat, tile) pairs.
 
     Attributes:
-        entries: EntryItem records, splat by splat as they came, each by tile row, then by column.
-        survivors: SurvivingSplat records of the splats with an entry, in the order they came.
-        touched: pairs that touch.
-        filtered: those of them that the foveation filter rejects, or whose tile is not rendered; the others are the entries.
+        entries: EntryItem records, one for each intersection: splat by splat in their order, then by tile row, then by column.
+        survivors: SurvivingSplat records of the splats with an intersection, in their order.
+        touched: number of pairs that touch.
+        filtered: number of these that the foveation filter rejects, or whose tile is not rendered; the others are `entries`.
     """
 
     entries: np.ndarray
@@ -247,15 +254,15 @@ def tile_test(
     config: AcceleratorConfig, splats: np.ndarray, levels: np.ndarray, width: int, height: int, *, obb: bool = False,
     rendered: np.ndarray | None = None,
 ) -> TileTest:
-    """What the unit makes of a frame.
+    """The output of the unit for a frame.
 
     Args:
         config: the machine.
         splats: (N,) ProjectedSplat records without the `end`.
-        levels: (tiles, 2) level and blend of each tile, row-major.
-        width, height: of the frame in pixels.
-        obb: the bounding box's tiles instead of the exact test.
-        rendered: (tiles,) bool: the others' pairs are dropped; None: all tiles are rendered.
+        levels: (tiles, 2) level and blend flag of each tile, row-major.
+        width, height: size of the frame in pixels.
+        obb: take all tiles of the bounding box instead of testing them exactly.
+        rendered: (tiles,) bool: intersections with other tiles are dropped; None: all tiles are rendered.
     """
     rendered = np.ones(len(levels), bool) if rendered is None else rendered
     box = np.stack([splats[name] for name in ("first_x", "last_x", "first_y", "last_y")], 1)

@@ -1,7 +1,7 @@
-"""A row of a tile as one LLVM vector of 16 int32, for numba kernels: wrapping arithmetic, whatever vectors the machine has.
+"""A row of a tile as one LLVM vector of 16 int32, for numba kernels. Arithmetic wraps around, whatever vectors the CPU has.
 
-Numba's own integers widen to int64, and its loops become vectors only if LLVM finds them to be worth it; a table lookup it
-turns into 16 loads. Here `+ - * & >>` and `>=` work on whole rows, an integer beside a row standing for 16 of it.
+Numba widens its own integers to int64, vectorises a loop only if LLVM judges it worthwhile, and turns a table lookup into 16
+loads. Here `+ - * & >>` and `>=` work on whole rows, and an integer operand beside a row stands for 16 copies of it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _RowModel(models.PrimitiveModel):
 
 
 def _spread(builder, value, kind):
-    """A row as it is, an integer 16 times."""
+    """A row unchanged, or an integer copied into all 16 lanes."""
     if isinstance(kind, Row):
         return value
     lane = builder.trunc(value, _LANE) if value.type.width > _LANE.width else value
@@ -45,7 +45,7 @@ def _spread(builder, value, kind):
 
 
 def _binary(operation, generate) -> None:
-    """Gives rows the operator `operation`; `generate` takes an IR builder and two vectors."""
+    """Defines the operator `operation` for rows; `generate` takes an IR builder and two vectors."""
 
     @infer_global(operation)
     class _Typing(AbstractTemplate):
@@ -90,7 +90,7 @@ def load(_context, array, at):
 
 @intrinsic
 def store(_context, array, at, value):
-    """Puts a row at element `at` of a flat int32 array."""
+    """Stores a row at element `at` of a flat int32 array."""
 
     def generate(context, builder, sig, args):
         builder.store(args[2], _pointer(context, builder, sig.args[0], *args[:2]), align=4)
@@ -101,7 +101,7 @@ def store(_context, array, at, value):
 
 @intrinsic
 def ramp(_context):
-    """0, 1 .. 15."""
+    """The row 0, 1 .. 15."""
     return row(), lambda *_: ir.Constant(_VECTOR, list(range(LANES)))
 
 
@@ -118,7 +118,7 @@ def choose(_context, mask, a, b):
 
 @intrinsic
 def any_lane(_context, mask):
-    """Whether `mask` is true anywhere."""
+    """Whether `mask` is true in any lane."""
 
     def generate(_, builder, __, args):
         bits = builder.bitcast(_true(builder, args[0]), ir.IntType(LANES))
@@ -129,7 +129,7 @@ def any_lane(_context, mask):
 
 @intrinsic
 def lookup(_context, table, index):
-    """table[index], both rows, indices 0..15: one permutation where the machine has it."""
+    """table[index] for two rows, with indices 0..15; a single permutation where the CPU has one."""
 
     def generate(_, builder, __, args):
         table, index = args

@@ -1,6 +1,7 @@
 """The warp unit: the source eye's pixels to strips of the target eye's frame, as docs/stereo.md defines it.
 
-Everything is an integer. Stages: `warp_pixels` (disparity and column), `scatter` (nearest wins), `fill` (holes).
+Everything is an integer. The steps are `warp_pixels` (disparity and target column), `scatter` (the nearest pixel wins) and
+`fill` (holes).
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ warped here; where none was, the rest means nothing."""
 
 @dataclass(frozen=True)
 class WarpedFrame:
-    """What the warp unit makes of a frame.
+    """The result of the warp unit for a whole frame.
 
     Attributes:
         moved: (H, W) MOVED_PIXEL records of the source's pixels.
         strips: (H, W) STRIP_PIXEL records of the target before its holes are filled.
-        pixels: (H, W) DisplayPixel records of the target: the strips with filled holes; all 0 where one is left.
+        pixels: (H, W) DisplayPixel records of the target: the strips with holes filled; all 0 where a hole is left.
         origin: (H, W) uint8 of the target: HOLE, WARPED, BACKGROUND or FILLED.
-        invalid: (tiles,) bool: a hole is left in the tile.
+        invalid: (tiles,) bool: whether a hole is left in the tile.
     """
 
     moved: np.ndarray
@@ -58,14 +59,17 @@ class WarpedFrame:
 
     @property
     def events(self) -> dict[str, int]:
-        """What the unit counts of the frame, by the names of `spec.registers.STEREO_EVENTS`."""
+        """The unit's counts for the frame, by the names of `spec.registers.STEREO_EVENTS`."""
         return {"warped": int((self.strips["valid"] == 1).sum()), "filled": int((self.origin == FILLED).sum()),
                 "invalid_tiles": int(self.invalid.sum())}
 
 
 def raw_disparity(config: AcceleratorConfig, transmittance: np.ndarray, depth: np.ndarray, scale: int) -> np.ndarray:
-    """int64 raw `disparity` of raw transmittances and depth sums (same shape): floor(S w / d), saturating, at d = 0 too."""
-    weight = config.formats.transmittance.raw_max - transmittance.astype(np.int64)  # all that a pixel gave
+    """int64 raw `disparity` of raw transmittances and depth sums of the same shape: floor(S w / d).
+
+    It saturates at the largest number of the format, also where d is 0.
+    """
+    weight = config.formats.transmittance.raw_max - transmittance.astype(np.int64)  # sum of the pixel's weights
     most = disparity(config).raw_max
     numerator = scale * weight >> disparity_drop(config.formats)
     return np.where(depth > 0, np.minimum(numerator // np.maximum(depth.astype(np.int64), 1), most), most)
@@ -78,7 +82,7 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
         config: the machine.
         pixels: (H, W) FramePixel records of the source eye.
         scale: the setting `disparity_scale`.
-        source_right: the setting of that name.
+        source_right: whether the source is the right eye.
     """
     width, t = pixels.shape[1], pixels["transmittance"]
     background, solid = t >= background_transmittance(config.formats), t <= warped_transmittance(config)
@@ -97,7 +101,10 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
 
 @compiled
 def _scatter(x, key, keep, source):
-    """The column of the source pixel that each of the target's shows, -1: none. Equal keys move equally: they never meet."""
+    """Finds the column of the source pixel that each target pixel shows; -1 for none.
+
+    Pixels with equal keys move by the same distance, so they never meet at one target pixel.
+    """
     for row in range(x.shape[0]):
         for column in range(x.shape[1]):
             if keep[row, column]:
@@ -108,7 +115,7 @@ def _scatter(x, key, keep, source):
 
 
 def scatter(moved: np.ndarray) -> np.ndarray:
-    """(H, W) STRIP_PIXEL records of (H, W) MOVED_PIXEL records: the largest key at each place."""
+    """(H, W) STRIP_PIXEL records of (H, W) MOVED_PIXEL records: each place keeps the pixel with the largest key."""
     source = np.full(moved.shape, -1, np.int64)
     columns = (np.ascontiguousarray(moved[name], np.int64) for name in ("x", "key", "keep"))
     _scatter(*columns, source)
@@ -122,7 +129,7 @@ def scatter(moved: np.ndarray) -> np.ndarray:
 
 @compiled
 def _fill(colour, valid, filled, majority):
-    """Fills holes in `colour`, whose neighbours are looked at only where `valid`; marks them in `filled`."""
+    """Fills holes in `colour` from those of their neighbours that are `valid`, and marks them in `filled`."""
     height, width = valid.shape
     around = np.empty((3, 8), np.int64)
     for y in range(height):
@@ -145,7 +152,7 @@ def _fill(colour, valid, filled, majority):
 
 
 def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Holes filled where enough neighbours in their strip are warped, as `warp_fill` says: the lower-middle median by channel.
+    """Fills each hole that has enough valid neighbours in its strip (`warp_fill` says how many) with their lower-middle median.
 
     Args:
         config: the machine.
@@ -167,14 +174,14 @@ def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def tiles_with(mask: np.ndarray) -> np.ndarray:
-    """(tiles,) bool, row-major: some pixel of the tile is marked."""
+    """(tiles,) bool, row-major: whether some pixel of the tile is marked."""
     for axis in (0, 1):
         mask = np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], TILE), axis=axis)
     return mask.reshape(-1)
 
 
 def warp(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> WarpedFrame:
-    """The unit's work on a whole frame; arguments as `warp_pixels`."""
+    """Runs the unit on a whole frame; the arguments are those of `warp_pixels`."""
     moved = warp_pixels(config, pixels, scale, source_right)
     strips = scatter(moved)
     return WarpedFrame(moved, strips, *fill(config, strips))

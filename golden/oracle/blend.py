@@ -1,4 +1,4 @@
-"""Compositing: each pixel goes through its tile's splats front to back, once per level it shows."""
+"""Compositing: each pixel goes through its tile's splats front to back, once for each level that it shows."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ def blend_tiles(
     alpha_max: Sequence[float],
     background: Sequence[float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Render every tile; in blend tiles both levels go through the same list, each with its own transmittance.
+    """Renders every tile. In blend tiles both levels go through the same list, each with its own transmittance.
 
     Args:
+        splats: the projected splats.
+        lists: the splats of each tile, front to back.
+        foveation: level and blend flag of each tile.
         weight: (height, width) float64 in 0..1, share of the tile's second level in each pixel.
-        support_sigma: Mahalanobis radius that bounds a splat's support, or None.
-        alpha_max: alpha's upper bound for each level.
-        background: red, green, blue, weighted by the final transmittance.
+        support_sigma: Mahalanobis radius that bounds a splat's support, or None for no such bound.
+        alpha_max: upper bound of alpha for each level.
+        background: red, green, blue; weighted by the final transmittance.
 
     Returns:
         Image (height, width, 3), sum of T alpha z (height, width) and transmittance (height, width), all float64.
@@ -74,9 +77,10 @@ def _blend(start, entries, tile_level, blend, tile, weight, alpha_max, backgroun
 
 @compiled
 def _composite(x, y, entries, level, alpha_max, mean2d, factor, depth, opacity, colour, quality_bound, q_support):
-    """One level of one pixel, centre (x, y): sums of T alpha times red, green, blue and depth, and the final T.
+    """Composites one level of one pixel with centre (x, y).
 
-    A splat is composited before the pixel stops, so that an alpha of 1 still shows its colour; 3DGS stops before.
+    Returns the sums of T alpha times red, green, blue and depth, and the final transmittance T. A splat is composited before
+    the pixel stops, so that an alpha of 1 still shows its colour; 3DGS stops before compositing it.
     """
     red = green = blue = depth_sum = 0.0
     transmittance = 1.0

@@ -1,7 +1,7 @@
-"""A splat's footprint against a rectangle: the exact test, and GSCore's oriented bounding box.
+"""Tests whether a splat's footprint meets a rectangle: the exact test, and GSCore's oriented bounding box.
 
-A splat's falloff exponent is kept as a sum of two squares, q = (u^2 + v^2) / 2 with u = f0 dx + f1 dy, v = f2 dy and
-(f0, f1, f2) the triangular factor of the conic: it cannot turn negative by rounding, however thin the ellipse.
+A splat's falloff exponent is computed as a sum of two squares, q = (u^2 + v^2) / 2 with u = f0 dx + f1 dy and v = f2 dy, where
+(f0, f1, f2) is the triangular factor of the conic. So rounding cannot make it negative, however thin the ellipse is.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from golden.kernels import compiled
 
 SLACK = 1e-7
-"""Added to the exponent's bound in the rectangle tests, which round otherwise than a pixel's own test does: they may
-let through an ellipse that passes a hair's breadth beside the rectangle, never miss one that meets it."""
+"""Added to the exponent's bound in the rectangle tests, because they round differently from a pixel's own test. They may
+accept an ellipse that passes very close to the rectangle, but they never miss one that meets it."""
 
 
 @compiled
@@ -27,10 +27,10 @@ def exponent(dx: float, dy: float, factor: np.ndarray) -> float:
 
 @compiled
 def smallest_exponent(x0: float, y0: float, x1: float, y1: float, factor: np.ndarray) -> float:
-    """Smallest q over the closed rectangle [x0, x1] x [y0, y1], given relative to the splat's mean.
+    """Smallest q over the closed rectangle [x0, x1] x [y0, y1], whose corners are given relative to the splat's mean.
 
-    q grows away from the mean, so the minimum is at the mean or on an edge that faces it; along an edge q is a
-    parabola, whose vertex is clamped to the edge.
+    q grows away from the mean, so the minimum is at the mean or on an edge that faces it. Along an edge q is a parabola, whose
+    vertex is clamped to the edge.
     """
     dx = min(max(0.0, x0), x1)
     dy = min(max(0.0, y0), y1)
@@ -48,7 +48,7 @@ def smallest_exponent(x0: float, y0: float, x1: float, y1: float, factor: np.nda
 
 @compiled
 def ellipse_meets(x0: float, y0: float, x1: float, y1: float, factor: np.ndarray, q_max: float) -> bool:
-    """Whether the ellipse q <= q_max meets the closed rectangle, given relative to the splat's mean. Exact."""
+    """Whether the ellipse q <= q_max meets the closed rectangle, given relative to the splat's mean. The test is exact."""
     return smallest_exponent(x0, y0, x1, y1, factor) <= q_max + SLACK
 
 
@@ -56,14 +56,15 @@ def ellipse_meets(x0: float, y0: float, x1: float, y1: float, factor: np.ndarray
 def box_meets(x0: float, y0: float, x1: float, y1: float, cov2d: np.ndarray, factor: np.ndarray, q_max: float) -> bool:
     """Whether the ellipse's oriented bounding box meets the rectangle (GSCore, Lee et al. 2024, section 4.1).
 
-    Separating axes: the rectangle's two and the box's two. Conservative: the box's corners lie outside the ellipse.
+    The separating axes are the rectangle's two and the box's two. The test is conservative, because the box's corners lie
+    outside the ellipse.
     """
     a, b, c = cov2d
-    angle = 0.5 * math.atan2(2 * b, a - c)  # of the major axis; 0 for a circle
+    angle = 0.5 * math.atan2(2 * b, a - c)  # angle of the major axis; 0 for a circle
     cosine, sine = math.cos(angle), math.sin(angle)
     determinant = 1 / (factor[0] * factor[2]) ** 2
     major_variance = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-    minor_variance = determinant / major_variance  # the difference of the roots would cancel for needles
+    minor_variance = determinant / major_variance  # the formula with a difference would cancel for needle-shaped splats
     radius = math.sqrt(2 * (q_max + SLACK))
     major, minor = radius * math.sqrt(major_variance), radius * math.sqrt(minor_variance)
 
@@ -85,7 +86,7 @@ def box_meets(x0: float, y0: float, x1: float, y1: float, cov2d: np.ndarray, fac
 def meets_frame(
     mean2d: np.ndarray, factor: np.ndarray, q_max: np.ndarray, width: int, height: int
 ) -> np.ndarray:
-    """(N,) bool: the ellipse q <= q_max (N,) meets the rectangle that the frame's pixel centres span."""
+    """(N,) bool: whether the ellipse q <= q_max (N,) meets the rectangle that the frame's pixel centres span."""
     meets = np.empty(len(mean2d), np.bool_)
     for i in range(len(mean2d)):
         x0, y0 = 0.5 - mean2d[i, 0], 0.5 - mean2d[i, 1]

@@ -12,8 +12,8 @@ from spec.harmonics import basis_beyond_dc
 def colour_per_level(model: GaussianModel, index: np.ndarray, eye: np.ndarray) -> np.ndarray:
     """(N, levels, 3) float64 colours of the points `index` (N,), seen from `eye` (3,) in world units.
 
-    Level l's colour is max(0, C0 dc[l] + rest(direction) + 0.5): only the DC term differs between levels, and the
-    clamp follows the whole sum.
+    The colour of level l is max(0, C0 dc[l] + rest(direction) + 0.5): only the DC term differs between levels, and the whole
+    sum is clamped.
     """
     colour = model.sh_dc[index] * SH_C0 + 0.5
     rest = model.sh_rest[index]

@@ -18,18 +18,18 @@ from spec.constants import ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS
 
 @dataclass(frozen=True)
 class Splats:
-    """The projected Gaussians that may touch the frame, in the model's order: N splats of K levels.
+    """The projected Gaussians that may touch the frame, in the model's order: N splats with K levels each.
 
     Attributes:
         index: (N,) int64, the Gaussian in the model.
         mean2d: (N, 2) float64, pixels.
         cov2d: (N, 3) float64, px^2: xx, xy, yy of the covariance, low-pass included.
-        factor: (N, 3) float64, 1/px: triangular factor of the conic, see `ellipse`.
+        factor: (N, 3) float64, 1/px: triangular factor of the conic, see `golden.oracle.ellipse`.
         depth: (N,) float64, camera z in world units.
         opacity: (N, K) float64, amplified opacity.
         colour: (N, K, 3) float64, >= 0.
-        q_max: (N, K) float64, largest falloff exponent the level covers; -inf where it covers nothing or lies
-            beyond the quality bound.
+        q_max: (N, K) float64, largest falloff exponent at which the level still covers a pixel; -inf where it covers none or
+            the level lies beyond the quality bound.
         quality_bound: (N,) int64 in 1..K.
     """
 
@@ -48,20 +48,20 @@ class Splats:
 
 
 def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -> tuple[Splats, dict[str, int]]:
-    """Project every Gaussian of `model` and cull those that cannot change a pixel.
+    """Projects every Gaussian of `model` and culls those that cannot change a pixel.
 
     Args:
         model: the Gaussians.
-        camera: the view.
-        support_sigma: Mahalanobis radius that bounds the support, or None for 3DGS's alpha bound alone.
+        camera: the camera, with the frame's size.
+        support_sigma: Mahalanobis radius that bounds the support, or None for 3DGS's bound on alpha alone.
 
     Returns:
-        The surviving splats, and the number culled by reason; a point counts under the first that applies:
-        `non_finite` (a field of the input; or a zero quaternion), `near` (z <= camera.near), `overflow` (position or
-        extent on the screen beyond float64), `transparent` (alpha below 1/255 even at the centre, at every level that
-        uses the point), `outside` (the footprint misses the rectangle of the frame's pixel centres).
+        The surviving splats, and the number of culled points by reason. A point counts under the first reason that applies:
+        `non_finite` (an input field is not finite, or the quaternion is zero), `near` (z <= camera.near), `overflow`
+        (position or extent on the screen exceed float64), `transparent` (alpha is below 1/255 even at the centre, at every
+        level that uses the point), `outside` (the footprint misses the rectangle of the frame's pixel centres).
     """
-    with np.errstate(all="ignore"):  # what is not finite here is culled by name below
+    with np.errstate(all="ignore"):  # points that are not finite here are culled below
         point = model.means @ camera.rotation.T + camera.translation
         mean2d = point[:, :2] / point[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
         cov2d, determinant = project_covariance(model, point, camera)
@@ -95,14 +95,15 @@ def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -
 
 
 def finite_input(model: GaussianModel) -> np.ndarray:
-    """(N,) bool: every field finite, but for a log scale of -inf, which is a degenerate axis, and the quaternion not 0."""
+    """(N,) bool: whether every field is finite and the quaternion is not 0. A log scale of -inf, a degenerate axis, is
+    accepted."""
     fields = (model.means, model.quats, model.opacity, model.sh_dc, model.sh_rest)
     finite = [np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in fields]
     return np.logical_and.reduce([*finite, (model.log_scales < np.inf).all(axis=1), model.quats.any(axis=1)])
 
 
 def rotation_matrices(quats: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of the wxyz quaternions (N, 4), normalised first."""
+    """(N, 3, 3) rotations of the wxyz quaternions (N, 4), which are normalised first."""
     w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -123,10 +124,10 @@ def project_covariance(model: GaussianModel, point: np.ndarray, camera: Camera) 
         determinant is |m0 x m1|^2 + 0.3 (|m0|^2 + |m1|^2) + 0.09: a sum of squares, which cannot cancel.
     """
     x, y, z = point.T
-    # The local affine approximation fails towards the frustum's sides: evaluate it no farther out than the margin.
+    # The local affine approximation is poor towards the frustum's sides, so it is evaluated no farther out than the margin.
     left, right = -FRUSTUM_MARGIN * camera.cx / camera.fx, FRUSTUM_MARGIN * (camera.width - camera.cx) / camera.fx
     top, bottom = -FRUSTUM_MARGIN * camera.cy / camera.fy, FRUSTUM_MARGIN * (camera.height - camera.cy) / camera.fy
-    x = np.clip(x, left * z, right * z)  # inside, x itself and not (x / z) * z
+    x = np.clip(x, left * z, right * z)  # inside the margin this gives x itself, without the rounding of (x / z) * z
     y = np.clip(y, top * z, bottom * z)
     zero = np.zeros_like(z)
     jacobian = np.array([[camera.fx / z, zero, -camera.fx * x / z**2], [zero, camera.fy / z, -camera.fy * y / z**2]])
@@ -140,7 +141,8 @@ def project_covariance(model: GaussianModel, point: np.ndarray, camera: Camera) 
 
 
 def conic_factor(cov2d: np.ndarray, determinant: np.ndarray) -> np.ndarray:
-    """(N, 3) float64 (f0, f1, f2), the conic being the inverse of the covariance: see `ellipse`."""
+    """(N, 3) float64 (f0, f1, f2), the triangular factor of the conic (the covariance's inverse): see
+    `golden.oracle.ellipse`."""
     _, xy, yy = cov2d.T
     f0 = np.sqrt(yy / determinant)
     return np.stack([f0, -f0 * xy / yy, 1 / np.sqrt(yy)], axis=1)
@@ -149,7 +151,7 @@ def conic_factor(cov2d: np.ndarray, determinant: np.ndarray) -> np.ndarray:
 def largest_exponent(model: GaussianModel, support_sigma: float | None) -> np.ndarray:
     """(N, levels) float64: the largest q with o_amp exp(-q) >= 1/255 and a Mahalanobis radius <= support_sigma.
 
-    -inf where the opacity stays below 1/255, and at levels beyond the point's quality bound.
+    It is -inf where the opacity is below 1/255, and at levels beyond the point's quality bound.
     """
     support = np.inf if support_sigma is None else support_sigma**2 / 2
     q_max = np.minimum(np.log(model.opacity / ALPHA_MIN), support)

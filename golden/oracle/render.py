@@ -1,4 +1,4 @@
-"""The float64 reference renderer: one eye, foveated or not, written to be read rather than to be fast."""
+"""The float64 reference renderer for one eye, with or without foveation. It is written to be read rather than to be fast."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from spec.constants import ALPHA_MAX_L1, COVERAGE_VALID, SUPPORT_SIGMA
 from spec.errors import InputError
 
 ALPHA_MAX = (ALPHA_MAX_L1, 1.0, 1.0, 1.0)
-"""Alpha's upper bound per level: 3DGS's for the first, none for the amplified ones (paper section 4.4)."""
+"""Upper bound of alpha for each level: that of 3DGS for level 1; none (that is, 1) for the amplified levels (paper section
+4.4)."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,13 @@ class OracleFrame:
     Attributes:
         image: (H, W, 3) float64, background included, not clamped: colours may exceed 1.
         depth: (H, W) float64, alpha-weighted mean depth in world units, nan where coverage < 0.5.
-        transmittance: (H, W) float64 in 0..1, what is left for the background.
-        foveation: what each tile rendered.
+        transmittance: (H, W) float64 in 0..1, the background's weight.
+        foveation: which levels each tile rendered.
         tile_entries: (tiles_y, tiles_x) int64, length of each tile's list.
-        visible: splats on at least one tile's list.
-        culled: points that are on no list, by reason: see `project.project`, and `no_tile` (between pixel centres, or
-            beyond the quality bound in every tile met). Together with `visible` they add up to the model.
+        visible: number of splats on at least one tile's list.
+        culled: number of points that are on no list, by reason: those of `project.project`, and `no_tile` (the footprint lies
+            between pixel centres, or every tile that it meets has a level beyond the quality bound). Together with `visible`
+            they add up to the model.
     """
 
     image: np.ndarray
@@ -50,7 +52,7 @@ class OracleFrame:
 
     @property
     def entries(self) -> int:
-        """(splat, tile) pairs of the frame."""
+        """Number of intersections, that is (splat, tile) pairs, in the frame."""
         return int(self.tile_entries.sum())
 
 
@@ -67,23 +69,24 @@ def render(
     alpha_max: Sequence[float] = ALPHA_MAX,
     tile_test: str = "exact",
 ) -> OracleFrame:
-    """Render `model` from `camera` (paper sections 2.2, 4 and 5.1).
+    """Renders `model` as `camera` sees it (paper sections 2.2, 4 and 5.1).
 
     Args:
-        model: the Gaussians; its number of levels is the number in use.
-        camera: the view.
+        model: the Gaussians; all of the model's levels are used.
+        camera: the camera, with the frame's size.
         display: the display that defines eccentricity; by default as large as the frame and 90 degrees wide.
         gaze: gazed point in pixels of the display; None renders level 1 everywhere.
-        foveation: a map made before, instead of `display` and `gaze`.
+        foveation: a ready foveation map, instead of `display` and `gaze`.
         weights: blend weights from each pixel's `exact` eccentricity, or from the tile's `plane` as in hardware.
         background: red, green, blue behind everything.
-        support_sigma: Mahalanobis radius that bounds a splat's support; None for 3DGS's alpha bound alone.
-        alpha_max: alpha's upper bound for each level.
+        support_sigma: Mahalanobis radius that bounds a splat's support; None for 3DGS's bound on alpha alone.
+        alpha_max: upper bound of alpha for each level.
         tile_test: `exact` or `obb` (oriented bounding box); the image is the same, the lists are not.
 
     Raises:
         InputError: the gaze is off the display, the display or map does not fit the frame, or the map uses levels
             that the model lacks.
+        ValueError: `weights` or `tile_test` is none of the accepted words, or `alpha_max` lacks a level.
     """
     if foveation is None:
         display = display or Display(camera.width, camera.height)
@@ -111,7 +114,7 @@ def render(
 
 
 def _check_fit(foveation: FoveationMap, model: GaussianModel, camera: Camera) -> None:
-    """Raise InputError unless the map suits the frame and the model."""
+    """Raises InputError unless the map suits the frame and the model."""
     display = foveation.display
     if (display.width_px, display.height_px) != (camera.width, camera.height):
         raise InputError(

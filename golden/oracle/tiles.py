@@ -1,4 +1,4 @@
-"""Which splats each tile renders, and in which order."""
+"""Decides which splats each tile renders, and in which order."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ TILE_TESTS = ("exact", "obb")
 
 @dataclass(frozen=True)
 class TileLists:
-    """The tiles' splats, front to back: tile t (row-major) renders entries[start[t]:start[t + 1]].
+    """The splats of each tile, front to back: tile t (row-major) renders entries[start[t]:start[t + 1]].
 
     Attributes:
         start: (tiles + 1,) int64.
-        entries: (E,) int64, positions in `Splats`, sorted by (tile, depth, Gaussian index).
+        entries: (E,) int64, one for each of E intersections: positions in `Splats`, sorted by (tile, depth, Gaussian index).
     """
 
     start: np.ndarray
@@ -29,14 +29,19 @@ class TileLists:
 
 
 def tile_lists(splats: Splats, foveation: FoveationMap, tile_test: str = "exact") -> TileLists:
-    """List every (splat, tile) pair that the level filter passes and in which a pixel might change (paper section 6.2).
+    """Lists every intersection, that is every (splat, tile) pair in which a pixel might change (paper section 6.2).
 
-    A pair passes if the tile's level is within the splat's quality bound and the splat's footprint, at the largest
-    opacity among the levels that the tile renders and the bound allows, meets the rectangle of the tile's pixel
-    centres, clipped to the frame and closed.
+    A pair is an intersection if the tile's level is within the splat's quality bound, and the splat's footprint meets the
+    closed rectangle of those of the tile's pixel centres that lie in the frame. The footprint is that of the largest opacity
+    among the levels that the tile renders and the bound allows.
 
     Args:
+        splats: the projected splats.
+        foveation: level and blend flag of each tile.
         tile_test: `exact`, or `obb` for the footprint's oriented bounding box.
+
+    Raises:
+        ValueError: the test is neither.
     """
     if tile_test not in TILE_TESTS:
         raise ValueError(f"tile_test must be one of {TILE_TESTS}, not {tile_test!r}")
@@ -58,7 +63,7 @@ def tile_lists(splats: Splats, foveation: FoveationMap, tile_test: str = "exact"
 def _visit(
     order, mean2d, cov2d, factor, q_max, tile_level, blend, tile, width, height, exact, slot, entries
 ) -> None:
-    """Advance slot[tile] for every pair, in depth order; write the splat there if `entries` has room for all."""
+    """Advances slot[tile] for every intersection, in depth order; writes the splat there unless `entries` is empty."""
     tiles_y, tiles_x = tile_level.shape
     for i in order:
         x, y = mean2d[i]
@@ -72,7 +77,7 @@ def _visit(
                 bound = q_max[i, level]
                 if blend[ty, tx]:
                     bound = max(bound, q_max[i, level + 1])
-                if bound < 0:  # beyond the quality bound, or transparent at the tile's levels
+                if bound < 0:  # the splat is beyond its quality bound or transparent at the tile's levels
                     continue
                 x0, x1 = tx * tile + 0.5 - x, min((tx + 1) * tile, width) - 0.5 - x
                 if exact:
@@ -88,7 +93,7 @@ def _visit(
 
 @compiled
 def _tile_range(centre: float, reach: float, tile: int, count: int) -> tuple[int, int]:
-    """First and last tile, along one axis, that [centre - reach, centre + reach] overlaps; clipped to the frame."""
+    """First and last tile along one axis that [centre - reach, centre + reach] overlaps, clipped to the frame."""
     first = math.floor(max((centre - reach) / tile, 0.0))
     last = math.floor(min((centre + reach) / tile, count - 1.0))
     return first, last

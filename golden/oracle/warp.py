@@ -1,7 +1,7 @@
-"""Warping a frame into the other eye's, in float64: the definition, pixel by pixel.
+"""Warps a frame into the other eye's, in float64: the definition, pixel by pixel.
 
-Independent of the integer renderer: depth and coverage come as real numbers, disparities are never rounded before the
-column is. Written to be read; a frame of 640x360 takes some seconds.
+It is independent of the integer renderer: depth and coverage are real numbers, and nothing is rounded before a pixel's target
+column is. It is written to be read; a frame of 640x360 takes some seconds.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from spec.constants import COVERAGE_VALID, COVERAGE_VISIBLE, TILE
 from spec.stereo import FILL_NEIGHBOURS
 
 HOLE, WARPED, BACKGROUND, FILLED = range(4)
-"""Where a pixel of the target comes from."""
+"""The values of `OracleWarp.origin`: where a pixel of the target comes from."""
 
 
 @dataclass(frozen=True)
 class OracleWarp:
-    """A frame warped into the other eye's.
+    """A frame that was warped into the other eye.
 
     Attributes:
-        image: (H, W, 3) float64 of the target, 0 in holes.
+        image: (H, W, 3) float64, the target eye's image; 0 in holes.
         origin: (H, W) uint8: HOLE, WARPED, BACKGROUND or FILLED.
-        source_x: (H, W) int64: column of the source pixel that is seen here; -1 in holes and where filled.
-        disparity: (H, W) float64 of the source: signed, in pixels; NaN where a pixel is not warped, 0 in the background.
-        tiles: (tiles_y, tiles_x) bool of the target: a hole is left, so the tile must be rendered.
+        source_x: (H, W) int64: column of the source pixel that is seen here; -1 in holes and filled holes.
+        disparity: (H, W) float64, signed disparity of each source pixel in pixels; NaN where the pixel is not warped, 0 in the
+            background.
+        tiles: (tiles_y, tiles_x) bool: whether a hole is left in this tile of the target, so that it must be rendered.
     """
 
     image: np.ndarray
@@ -40,14 +41,15 @@ class OracleWarp:
 def signed_disparity(
     depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int, veiled: bool = False,
 ) -> np.ndarray:
-    """(H, W) float64: how far each pixel moves to the right.
+    """(H, W) float64: the number of columns by which each pixel moves to the right.
 
     Args:
         depth: (H, W) z in world units.
-        coverage: (H, W) accumulated alpha. Below 1/255 a pixel is background and stays; below 1/2 it has no depth: NaN.
-        baseline_px: distance between the eyes, world units, times the focal length in pixels.
+        coverage: (H, W) accumulated alpha. A pixel below 1/255 is background and gets 0. A pixel below 1/2 has no depth and
+            gets NaN.
+        baseline_px: distance between the eyes in world units, times the focal length in pixels.
         sign: -1 where the source is the left eye, +1 where it is the right.
-        veiled: pixels of a coverage below 1/2 have a depth too.
+        veiled: pixels with a coverage below 1/2 have a depth too.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = sign * baseline_px / depth
@@ -58,13 +60,13 @@ def warp(
     image: np.ndarray, depth: np.ndarray, coverage: np.ndarray, baseline_px: float, sign: int, *, veiled: bool = False,
     majority: bool = True, reach: float = math.inf,
 ) -> OracleWarp:
-    """The target eye's frame, its holes filled as far as they may be, and the tiles in which some are left.
+    """The target eye's frame, with its holes filled where the rules allow it, and the tiles in which holes are left.
 
     Args:
         image: (H, W, 3) float64 of the source eye.
         depth, coverage, baseline_px, sign, veiled: see `signed_disparity`.
-        majority: a hole is filled where more than half of its neighbours in strip and frame are warped; else where five are.
-        reach: most columns that a pixel moves by; those that would move further are dropped.
+        majority: a hole is filled if more than half of its neighbours in strip and frame are valid; without it, if five are.
+        reach: largest number of columns by which a pixel may move; pixels that would move farther are dropped.
     """
     height, width = coverage.shape
     disparity = signed_disparity(depth, coverage, baseline_px, sign, veiled)
@@ -78,10 +80,10 @@ def warp(
                 continue
             background = coverage[y, x] < COVERAGE_VISIBLE
             moved = x + disparity[y, x] + 0.5
-            if not 0 <= moved < width or abs(math.floor(moved) - x) > reach:  # infinite disparities too
+            if not 0 <= moved < width or abs(math.floor(moved) - x) > reach:  # also true for infinite disparities
                 continue
             to, closeness = math.floor(moved), -1.0 if background else abs(disparity[y, x])
-            if closeness > nearest[to]:  # ties stay with the lower x, which came first
+            if closeness > nearest[to]:  # at equal depth the lower x wins, which came first
                 nearest[to] = closeness
                 warped[y, to], source_x[y, to] = image[y, x], x
                 origin[y, to] = BACKGROUND if background else WARPED
@@ -93,7 +95,7 @@ def warp(
 
 
 def _fill(warped: np.ndarray, origin: np.ndarray, majority: bool) -> np.ndarray:
-    """The image with each hole that has enough warped neighbours in its strip filled by their median; marks `origin`."""
+    """Fills each hole that has enough valid neighbours in its strip with their median; marks these pixels in `origin`."""
     height, width = origin.shape
     filled, holes = warped.copy(), origin == HOLE
     for y, x in np.argwhere(holes):

@@ -1,4 +1,4 @@
-"""The camera every renderer takes: OpenCV axes, world-to-camera, pixel centres at integers + 0.5."""
+"""The camera that every renderer takes: OpenCV axes, world to camera, pixel centres at integers + 0.5."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ class Camera:
 
     @property
     def position(self) -> np.ndarray:
-        """(3,) the camera's centre in world units."""
+        """(3,) float64, the camera's centre in world units."""
         return -self.rotation.T @ self.translation
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same view at another frame size: the intrinsics scale with the axes."""
+        """The same camera with a frame of `width` by `height` pixels: focal lengths and principal point scale with the
+        frame."""
         sx, sy = width / self.width, height / self.height
         return replace(self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height)

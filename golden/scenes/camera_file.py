@@ -1,4 +1,4 @@
-"""One camera in a small JSON file, for `--camera FILE`."""
+"""Reads and writes one camera as a small JSON file, for `--camera FILE`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output, read_json
 from spec.errors import InputError
 
-RIGID = 1e-4  # largest deviation of R R^T from the identity: six decimals typed by hand pass, a scaled matrix does not
+RIGID = 1e-4  # largest deviation of R R^T from the identity: a matrix with six decimals passes, a scaled one does not
 
 
 def save_camera(camera: Camera, path: Path | str) -> None:
-    """Write every field of `camera` by its name; `load_camera` returns it exactly.
+    """Writes every field of `camera` under its name; `load_camera` returns it exactly.
 
     Raises:
         InputError: the folder does not exist or is not writable.
@@ -28,18 +28,20 @@ def save_camera(camera: Camera, path: Path | str) -> None:
 
 
 def load_camera(path: Path | str) -> Camera:
-    """The camera in a JSON file: `rotation` (3x3, world to camera, OpenCV axes), `translation`, `fx`, `fy`, `width`, `height`
-    and, with defaults, `cx`, `cy` (the middle), `near` and `name`. Lengths in world units, the rest in pixels.
+    """Loads the camera in a JSON file.
+
+    The file holds `rotation` (3x3, world to camera, OpenCV axes), `translation`, `fx`, `fy`, `width` and `height`. It may hold
+    `cx` and `cy` (by default the middle), `near` and `name`. `translation` and `near` are in world units, the rest in pixels.
 
     Raises:
-        InputError: a missing, unknown or impossible entry.
+        InputError: an entry is missing, unknown or impossible.
     """
     path = Path(path)
     entry = read_json(path)
     unknown = set(entry) - set(Camera.__dataclass_fields__)
     if unknown:
         accepted = ", ".join(Camera.__dataclass_fields__)
-        raise InputError(f"{path}: {sorted(unknown)[0]!r} is no entry of a camera; accepted: {accepted}")
+        raise InputError(f"{path}: {sorted(unknown)[0]!r} is not an entry of a camera; accepted are {accepted}")
     rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
         raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows are needed")

@@ -1,4 +1,5 @@
-"""From a file's fields to a model: checks, counted drops, one set of units."""
+"""Turns the fields that a reader found in a file into a model: checks them, and drops and counts splats that cannot be
+drawn."""
 
 from __future__ import annotations
 
@@ -13,12 +14,12 @@ from golden.scenes.model import GaussianModel
 from spec.errors import InputError
 
 MAX_LOG_SCALE = float(np.log(np.finfo(np.float32).max))  # beyond it a standard deviation is infinite in every 3DGS renderer
-CHECKED_SPLATS = 100  # the one-field checks below need a population; a handful of splats may have any values
+CHECKED_SPLATS = 100  # `check_not_activated` judges a single field by its range only if the file has this many splats
 
 
 @dataclass(frozen=True)
 class Fields:
-    """What a format's reader returns, in the model's units and shapes (see GaussianModel), not yet checked."""
+    """What the reader of a format returns, in the model's units and shapes (see GaussianModel), not yet checked."""
 
     means: np.ndarray
     log_scales: np.ndarray
@@ -30,11 +31,17 @@ class Fields:
 
 
 def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float, float] | np.ndarray) -> GaussianModel:
-    """The model of a file's fields, without the splats no renderer can draw.
+    """The model of a file's fields, without the splats that no renderer can draw.
 
-    A splat is dropped, and counted in `dropped` under the first reason that applies, when a field holds a NaN, when its
-    position, rotation, scale or colour is infinite, or when its quaternion is zero (nothing to normalise). A log scale of -inf
-    is a degenerate axis and stays; an infinite opacity logit has become 0 or 1 and stays.
+    A splat is dropped when a field holds a NaN, when its position, rotation, scale or colour is infinite, or when its
+    quaternion is zero and so cannot be normalised. It is counted in `dropped` under the first reason that applies. A log scale
+    of -inf is a degenerate axis and is kept. An infinite opacity logit has become an opacity of 0 or 1 and is kept.
+
+    Args:
+        fields: the file's fields.
+        path: the file, for messages.
+        name: the model's name.
+        up: (3,) the scene's up direction in world axes.
 
     Raises:
         InputError: no splat is left.
@@ -54,15 +61,16 @@ def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float
 
 
 def concatenate(models: list[GaussianModel], name: str) -> GaussianModel:
-    """One model of several, points in the order of the list, counts of dropped points added, up by the largest part.
+    """One model made of several: points in the order of the list, counts of dropped points added, up taken from the largest
+    model.
 
     Raises:
-        InputError: the parts differ in SH degree or in number of levels.
+        InputError: the models differ in SH degree or in number of levels.
     """
     for key in ("sh_degree", "levels"):
         values = [getattr(model, key) for model in models]
         if len(set(values)) > 1:
-            raise InputError(f"{name}: parts have {key} {values}; one and the same is accepted")
+            raise InputError(f"{name}: the parts have {key} {values}; all must have the same")
     arrays = ("means", "log_scales", "quats", "opacity", "sh_dc", "sh_rest", "quality_bound")
     reasons = dict.fromkeys(reason for model in models for reason in model.dropped)
     return GaussianModel(
@@ -73,14 +81,14 @@ def concatenate(models: list[GaussianModel], name: str) -> GaussianModel:
 
 
 def _usable(fields: Fields) -> tuple[np.ndarray, dict[str, int]]:
-    """Mask (N,) of the splats to keep, and how many are dropped by reason."""
+    """Mask (N,) of the splats to keep, and the number of dropped splats by reason."""
     groups = {
         "position": [fields.means], "scale": [fields.log_scales], "rotation": [fields.quats],
         "colour": [fields.sh_dc, fields.sh_rest],
     }
     bad = {f"nan {name}": _any(np.isnan, arrays) for name, arrays in (groups | {"opacity": [fields.opacity]}).items()}
     for name, arrays in groups.items():
-        # a log scale may be -inf, and one whose exponential overflows is as infinite as +inf
+        # a log scale may be -inf, and one whose exponential overflows counts as infinite
         bad[f"infinite {name}"] = _any((lambda x: x > MAX_LOG_SCALE) if name == "scale" else np.isinf, arrays)
     bad["zero rotation"] = (fields.quats == 0).all(axis=1)
 
@@ -94,20 +102,22 @@ def _usable(fields: Fields) -> tuple[np.ndarray, dict[str, int]]:
 
 
 def _any(test: Callable[[np.ndarray], np.ndarray], arrays: list[np.ndarray]) -> np.ndarray:
-    """(N,) whether any number of a splat in any of the arrays passes the test."""
+    """(N,) bool: whether any number of the splat, in any of the arrays, passes the test."""
     return np.any([test(array).reshape(len(array), math.prod(array.shape[1:])).any(axis=1) for array in arrays], axis=0)
 
 
 def check_not_activated(path: Path, logits: np.ndarray, log_scales: np.ndarray) -> None:
-    """Refuse a file that stores opacities and scales as they are rendered, where their logits and logs belong.
+    """Refuses a file that stores opacities and scales as they are rendered instead of as logits and logs.
 
-    Opacities lie within 0..1 and scales above 0. As a logit and a log, that would be a model whose every splat is 50 to 73 %
-    opaque and longer than one unit along every axis: no training ends so. One of the two alone is suspect only when it also
-    uses its range in a population of splats: opacities from nearly 0 to nearly 1 where trained logits span -5 to +10,
-    or scales within 0..1 over more than a decade, where the logs would make every splat the same size within a factor of e.
-    Scales above 0 alone are a scene in millimetres, equal opacities a fresh or synthetic model: both pass.
+    Rendered opacities lie within 0..1 and rendered scales above 0. If such numbers were a logit and a log, every splat would be
+    50 to 73 % opaque and longer than one unit along every axis, and no training ends like that. If only one of the two fields
+    looks activated, the file is refused only when it has at least CHECKED_SPLATS splats whose values use the range: opacities
+    from nearly 0 to nearly 1, where trained logits span -5 to +10; or scales within 0..1 that span more than a decade, where
+    logs would make all splats the same size within a factor of e. Scales that are merely all above 0 mean a scene in
+    millimetres, and equal opacities mean a fresh or synthetic model: both are accepted.
 
     Args:
+        path: the file, for messages.
         logits: (N,) what the file calls opacity.
         log_scales: (N, 3) what the file calls scale.
 

@@ -1,4 +1,4 @@
-"""COLMAP models (text or binary, with or without rigs and frames) through pycolmap."""
+"""Reads COLMAP models (text or binary, with or without rigs and frames) through pycolmap."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from golden.scenes.files import read_bytes, require_package
 from spec.errors import InputError
 
 PINHOLE = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
-"""Camera models without distortion, with their number of parameters; others are accepted when their distortion is zero."""
+"""Camera models without distortion, with the number of their parameters. Other models are accepted when their distortion is
+zero."""
 FIRST_DISTORTION = {"SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4, "FULL_OPENCV": 4}
 
 
 def find_model(folder: Path) -> Path | None:
-    """The folder of the COLMAP model with images in a data set, or None."""
+    """The folder inside a data set that holds its COLMAP model, or None."""
     for part in ("sparse/0", "sparse", "colmap/sparse/0", "."):
         if any(all((folder / part / f"{table}.{kind}").exists() for table in ("cameras", "images")) for kind in ("bin", "txt")):
             return folder / part
@@ -28,12 +29,14 @@ def find_model(folder: Path) -> Path | None:
 
 
 def load_colmap(folder: Path, model: Path) -> Dataset:
-    """The set whose photographs lie in `folder` and whose COLMAP model in `model`.
+    """Loads the data set whose photographs lie in `folder` and whose COLMAP model lies in `model`.
 
-    Photographs come from `images`, else from the least reduced `images_*`; without a folder of photographs there are none.
+    Photographs come from the subfolder `images`, or else from the `images_N` with the smallest reduction N. Without either, the
+    set has no photographs.
 
     Raises:
-        InputError: a broken model, a distorted camera, a missing photograph, or the extra `models` is not installed.
+        InputError: the model is broken, a camera has distortion, a photograph is missing, or the extra `models` is not
+            installed.
     """
     pycolmap = require_package("pycolmap", f"reading {model}")
     try:
@@ -58,7 +61,7 @@ def load_colmap(folder: Path, model: Path) -> Dataset:
 
 
 def find_images(folder: Path) -> Path | None:
-    """The folder of photographs in a data set: `images`, else the least reduced `images_N`, else None."""
+    """The folder of photographs in a data set: `images`, or else the `images_N` with the smallest N, or else None."""
     if (folder / "images").is_dir():
         return folder / "images"
     reduced = [p for p in folder.glob("images_*") if p.is_dir() and p.name[7:].isdigit()]
@@ -81,7 +84,7 @@ def _camera(model: Path, image: object, intrinsics: object) -> Camera:
 
 
 def _pose_error(image: object, camera: Camera, reconstruction: object) -> float:
-    """Median distance in pixels between a view's keypoints and its points' projections; nan without any."""
+    """Median distance in pixels between an image's keypoints and the projections of their 3D points; nan if it has none."""
     seen = [point for point in image.points2D if point.has_point3D()]
     if not seen:
         return math.nan
@@ -92,10 +95,13 @@ def _pose_error(image: object, camera: Camera, reconstruction: object) -> float:
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) float64 positions and (P, 3) uint8 colours of a lone points3D.bin, for which pycolmap wants a whole model.
+    """Reads a points3D.bin that stands alone; pycolmap would need the whole model.
+
+    Returns:
+        (P, 3) float64 positions and (P, 3) uint8 colours.
 
     Raises:
-        InputError: missing or truncated.
+        InputError: the file is missing or truncated.
     """
     data = read_bytes(path)
     try:

@@ -1,4 +1,4 @@
-"""Posed photographs: one `Dataset` whatever wrote it."""
+"""Posed photographs as one class, `Dataset`, whichever tool wrote them."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from golden.scenes.camera import Camera
 from spec.errors import InputError
 
 UNREADABLE = (OSError, SyntaxError, ValueError)
-"""What Pillow raises on broken files; SyntaxError is its word for a broken PNG."""
+"""The exceptions that Pillow raises on broken files; it raises SyntaxError for a broken PNG."""
 TEST_EVERY = 8
-"""Every 8th view, from the first on, is held out (Mip-NeRF 360, and every 3DGS paper since)."""
+"""Every 8th photograph, from the first on, is held out for tests, as in Mip-NeRF 360 and every 3DGS paper since."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Cameras, their photographs, and the points a reconstruction left.
+    """Cameras, their photographs, and the points that structure from motion (SfM) reconstructed.
 
     Attributes:
-        cameras: one per view, in the order of the photographs' names.
+        cameras: V cameras, in the order of the photographs' names.
         images: the photographs' paths, one per camera, or None where there are none.
         points: (P, 3) float64 SfM points in world units; P may be 0.
         point_colours: (P, 3) uint8 RGB.
         up: (3,) unit vector, world up.
-        name: short name for folders and reports.
-        pose_error: (V,) float64 px at the size of the reconstruction, median distance of each view's keypoints from the points
-            they were taken for, nan where a view has none; None where the data set does not say.
+        name: a short name for folders and reports.
+        pose_error: (V,) float64, for each photograph the median distance between its keypoints and the projections of their 3D
+            points, in pixels at the size of the reconstruction; nan where a photograph has no keypoints. None where the data
+            set has no such numbers.
     """
 
     cameras: tuple[Camera, ...]
@@ -49,19 +50,16 @@ class Dataset:
 
     @property
     def test_views(self) -> tuple[int, ...]:
-        """Indices of the held-out views."""
+        """Indices of the held-out photographs and their cameras."""
         return tuple(range(0, len(self), TEST_EVERY))
 
-    @property
-    def train_views(self) -> tuple[int, ...]:
-        """Indices of the other views."""
-        return tuple(i for i in range(len(self)) if i % TEST_EVERY)
-
     def photograph(self, index: int) -> np.ndarray:
-        """(height, width, 3) float32 in 0..1, sRGB as stored, read from disk at each call; alpha goes over white as in 3DGS.
+        """Reads a photograph from disk (again at each call): (height, width, 3) float32 in 0..1, sRGB as stored.
+
+        A photograph with alpha is composited over white, as 3DGS does.
 
         Raises:
-            InputError: the view has no photograph, or it is unreadable or not of the camera's size.
+            InputError: this camera has no photograph, or it is unreadable or not of the camera's size.
         """
         if self.images is None:
             raise InputError(f"{self.name}: has cameras but no photographs")
@@ -81,7 +79,7 @@ def image_size(path: Path) -> tuple[int, int]:
     """(width, height) from the header of a photograph.
 
     Raises:
-        InputError: missing or not an image.
+        InputError: the file is missing or not an image.
     """
     try:
         with Image.open(path) as image:
@@ -91,16 +89,16 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def fit_to_images(cameras: list[Camera], images: list[Path]) -> tuple[Camera, ...]:
-    """Each camera at its photograph's size: sets are shipped with photographs scaled down, intrinsics are not.
+    """Returns each camera at the size of its photograph: data sets come with photographs scaled down but not their intrinsics.
 
     Raises:
-        InputError: a photograph is missing or unreadable, or not of its camera's proportions.
+        InputError: a photograph is missing or unreadable, or has other proportions than its camera.
     """
     return tuple(_fitted(camera, path) for camera, path in zip(cameras, images, strict=True))
 
 
 def _fitted(camera: Camera, image: Path) -> Camera:
-    """The camera at its photograph's size, which is its own, scaled and rounded up or down to whole pixels."""
+    """The camera at the size of its photograph, which must be the camera's size times one scale, rounded to whole pixels."""
     width, height = image_size(image)
     scale = (width / camera.width + height / camera.height) / 2
     if abs(width - scale * camera.width) > 1 or abs(height - scale * camera.height) > 1:

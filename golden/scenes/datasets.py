@@ -1,4 +1,4 @@
-"""Posed photographs: which reader a path needs."""
+"""Loads posed photographs from a path and chooses the reader that the path needs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from spec.errors import InputError
 
 
 def load_dataset(path: Path | str) -> Dataset:
-    """The data set at a path: a COLMAP, LLFF, nerfstudio or Blender folder, its transforms.json, or gsplat's .npz.
+    """Loads the data set at a path: a COLMAP, LLFF, nerfstudio or Blender folder, its transforms.json, or gsplat's .npz.
 
-    A COLMAP model wins over `poses_bounds.npy` in the same folder, since the latter was made from it.
+    Where a folder holds both a COLMAP model and `poses_bounds.npy`, the model is read, since the other was made from it.
 
     Raises:
-        InputError: no such set, or anything wrong in it; the message names the file, the value and what is accepted.
+        InputError: there is no data set, or anything is wrong in it; the message names the file, the value and what is
+            accepted.
     """
     path = Path(path)
     if not path.exists():
@@ -39,10 +40,13 @@ def load_dataset(path: Path | str) -> Dataset:
 
 
 def cameras_beside_model(path: Path) -> tuple[Camera, ...]:
-    """The cameras that came with a model: `cameras.json` of INRIA's trainer, or the data set the folder also is.
+    """The cameras stored with a model: `cameras.json` of the INRIA trainer, or those of the data set in the same folder.
 
     Args:
-        path: the model's folder or file; of a file in `point_cloud/iteration_*`, the training folder counts.
+        path: the model's folder or file. For a file in `point_cloud/iteration_*` the training folder above it is searched.
+
+    Returns:
+        The cameras; empty where there are none.
 
     Raises:
         InputError: there are cameras and they are malformed.

@@ -1,4 +1,5 @@
-"""Files: output that is never half-written, input whose every failure is an InputError naming the file."""
+"""Reading and writing files: output is never left half-written, and any failure to read is an InputError that names the
+file."""
 
 from __future__ import annotations
 
@@ -13,12 +14,12 @@ from typing import Any, BinaryIO
 from spec.errors import InputError
 
 INSTALL = "make setup, or pip install -e '.[models]'"
-"""How to get the packages of the extra `models`."""
+"""How a user gets the packages of the extra `models`; error messages quote it."""
 
 
 @contextmanager
 def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
-    """A binary file that appears under `path` only once the block has ended without an exception.
+    """Opens a binary file for writing that appears under `path` only when the block has ended without an exception.
 
     Raises:
         InputError: the folder does not exist or is not writable.
@@ -33,7 +34,7 @@ def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
             yield file
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)  # mkstemp's 0600 is for secrets
+        os.chmod(temporary, 0o666 & ~umask)  # mkstemp makes the file unreadable to others, which an output must not be
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -41,10 +42,10 @@ def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file that must exist and not be empty.
+    """Returns the content of a file, which must exist and must not be empty.
 
     Raises:
-        InputError: missing, unreadable, a folder, or empty.
+        InputError: the file is missing, unreadable, a folder, or empty.
     """
     try:
         data = path.read_bytes()
@@ -56,10 +57,10 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file.
+    """Returns the JSON object in a file.
 
     Raises:
-        InputError: missing, empty, not JSON, or not an object.
+        InputError: the file is missing or empty, is not JSON, or holds something other than an object.
     """
     try:
         value = json.loads(read_bytes(path))
@@ -73,10 +74,14 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def require_package(name: str, purpose: str) -> Any:
-    """The imported optional package.
+    """Imports an optional package and returns it.
+
+    Args:
+        name: the package.
+        purpose: what needs it, for the error message.
 
     Raises:
-        InputError: not installed; the message names the extra.
+        InputError: the package is not installed; the message names the extra that has it.
     """
     import importlib
 

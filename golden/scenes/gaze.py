@@ -1,7 +1,7 @@
 """Foveation geometry: eccentricity on a virtual flat display, tile levels, blend bands and their per-tile planes.
 
-This is the host's work, done once per gaze and shared by every renderer (paper sections 4.1 and 6.2): which level a
-tile renders, whether it blends two levels, and the three coefficients from which the hardware makes a pixel's weight.
+The host does this work once per gaze, and every renderer uses the result (paper sections 4.1 and 6.2): which level a tile
+renders, whether it blends two levels, and the three coefficients from which the hardware computes a pixel's blend weight.
 """
 
 from __future__ import annotations
@@ -16,16 +16,19 @@ from spec.constants import BAND_START_DEG, DISPLAY_FOV_DEG, MAX_LEVELS, REGION_S
 from spec.errors import InputError
 
 FIT_RANGE = (-0.25, 1.25)
-"""Pixels whose blend parameter lies outside take no part in a tile's plane: the weight is flat there."""
+"""Only pixels whose blend parameter lies in this range are used to fit a tile's plane: outside it the weight is constant."""
 
 
 @dataclass(frozen=True)
 class Display:
-    """A virtual flat display, seen from in front of its centre; independent of the camera's field of view.
+    """A virtual flat display that the eye sees from in front of its centre; independent of the camera's field of view.
 
     Attributes:
-        width_px, height_px: size in (square) pixels, that of the frame shown on it.
+        width_px, height_px: size in (square) pixels; the frame shown on it has the same size.
         fov_deg: angle that the display's width spans at the eye, in degrees, between 0 and 180.
+
+    Raises:
+        InputError: the size is below one pixel, or the angle is not between 0 and 180 degrees.
     """
 
     width_px: int
@@ -45,10 +48,10 @@ class Display:
         return np.stack([x, y, np.full(x.shape, distance_px)], axis=-1)
 
     def eccentricity(self, gaze_xy: tuple[float, float]) -> np.ndarray:
-        """(height, width) float64 degrees between each pixel centre's direction and the gaze's.
+        """(height, width) float64: the angle in degrees between each pixel centre's direction and the gaze's.
 
         Args:
-            gaze_xy: the gazed point in pixels, x right and y down, (0, 0) the display's top left corner.
+            gaze_xy: the gazed point in pixels, x right and y down; (0, 0) is the display's top left corner.
 
         Raises:
             InputError: the gaze is not on the display.
@@ -63,14 +66,14 @@ class Display:
 
 
 def smoothstep(t: np.ndarray) -> np.ndarray:
-    """3t^2 - 2t^3 of t clamped to 0..1: the blend weight of parameter `t`."""
+    """The blend weight 3t^2 - 2t^3 for a blend parameter t, which is first clamped to 0..1."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * (3 - 2 * t)
 
 
 @dataclass(frozen=True)
 class FoveationMap:
-    """What a frame's tiles render for one gaze. Tiles are row-major; levels are 0-based.
+    """What a frame's tiles render for one gaze. Tiles are in row-major order; levels are 0-based.
 
     The blend parameter of a tile of level L is t = (eccentricity - band_L) / (start_{L+1} - band_L); a pixel shows
     (1 - w) C_L + w C_{L+1} with w = smoothstep(t). `plane` approximates t over a tile by three coefficients.
@@ -81,8 +84,8 @@ class FoveationMap:
         levels: number of levels in use, 1..4.
         tile: tile edge in pixels.
         tile_level: (tiles_y, tiles_x) uint8, the level of the tile's least eccentric pixel.
-        blend: (tiles_y, tiles_x) bool, some pixel of the tile has w > 0.
-        plane: (tiles_y, tiles_x, 3) float64: t at the tile's first pixel, its slope per pixel in x, in y; 0 where
+        blend: (tiles_y, tiles_x) bool, whether some pixel of the tile has w > 0.
+        plane: (tiles_y, tiles_x, 3) float64: t at the tile's first pixel, its slope per pixel in x, and in y; 0 where
             the tile does not blend.
     """
 
@@ -96,12 +99,12 @@ class FoveationMap:
 
     @property
     def tiles_x(self) -> int:
-        """Tiles per row."""
+        """Number of tiles in a row."""
         return self.tile_level.shape[1]
 
     @property
     def tiles_y(self) -> int:
-        """Rows of tiles."""
+        """Number of rows of tiles."""
         return self.tile_level.shape[0]
 
     @cached_property
@@ -115,7 +118,7 @@ class FoveationMap:
 
     @cached_property
     def blend_weights_plane(self) -> np.ndarray:
-        """(height, width) float64 in 0..1: w from the tile's plane, as the hardware makes it."""
+        """(height, width) float64 in 0..1: w from the tile's plane, as the hardware computes it."""
         y, x = np.indices((self.display.height_px, self.display.width_px)) % self.tile
         value, slope_x, slope_y = np.moveaxis(self._per_pixel(self.plane), -1, 0)
         return smoothstep(value + slope_x * x + slope_y * y)
@@ -132,9 +135,9 @@ def region_level(eccentricity: np.ndarray, levels: int = MAX_LEVELS) -> np.ndarr
 
 
 def blend_parameter(eccentricity: np.ndarray, level: np.ndarray, levels: int = MAX_LEVELS) -> np.ndarray:
-    """float64 blend parameter t, unclamped, of each eccentricity (degrees) in a tile of `level`.
+    """float64 blend parameter t, not clamped, of each eccentricity (degrees) in a tile of `level`.
 
-    The last level in use has no farther one to blend with: its t is 0 everywhere.
+    The last level in use has no outer level to blend with, so its t is 0 everywhere.
     """
     band = np.array([*BAND_START_DEG[: levels - 1], math.inf])
     start = np.array([*REGION_START_DEG[1:levels], math.inf])
@@ -148,8 +151,8 @@ def foveation_map(
 ) -> FoveationMap:
     """Tile levels, blend flags and blend planes for one gaze.
 
-    Levels and flags come from exact eccentricities of every pixel; only the planes approximate. With fewer than four
-    levels the regions beyond the last level collapse into it.
+    Levels and flags are computed from the exact eccentricity of every pixel; only the planes are approximations. With fewer
+    than four levels, the regions beyond the last level belong to it.
 
     Args:
         display: the display the frame is shown on.
@@ -174,7 +177,7 @@ def foveation_map(
 
 
 def no_foveation(display: Display, tile: int = TILE) -> FoveationMap:
-    """The map without a gaze: level 0 everywhere, nothing blended."""
+    """The map for a frame without a gaze: level 0 everywhere and nothing blended."""
     shape = (-(-display.height_px // tile), -(-display.width_px // tile))
     return FoveationMap(display, None, 1, tile, np.zeros(shape, np.uint8), np.zeros(shape, bool), np.zeros((*shape, 3)))
 
@@ -187,9 +190,9 @@ def _by_tile(image: np.ndarray, tile: int) -> np.ndarray:
 
 
 def _fit_planes(t: np.ndarray) -> np.ndarray:
-    """(n, 3) least-squares planes of `t` (n, tile, tile) over the pixels within FIT_RANGE; nan pixels take no part.
+    """(n, 3) least-squares planes of `t` (n, tile, tile) over the pixels within FIT_RANGE; nan pixels are left out.
 
-    A tile whose every pixel lies outside the range (a band narrower than a pixel) is fitted over all its pixels.
+    A tile without a pixel in that range (its band is narrower than a pixel) is fitted over all its pixels.
     """
     n, tile, _ = t.shape
     y, x = np.indices((tile, tile))
@@ -198,6 +201,6 @@ def _fit_planes(t: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         use = (t >= FIT_RANGE[0]) & (t <= FIT_RANGE[1])
     use |= ~use.any(axis=1, keepdims=True) & ~np.isnan(t)
-    # The pseudo-inverse gives the smallest slopes where the pixels do not fix them (a row, a column, one pixel).
+    # Where the pixels do not determine the slopes (a row, a column, one pixel), the pseudo-inverse gives the smallest ones.
     inverse = np.linalg.pinv(design * use[:, :, None])
     return np.einsum("nkp,np->nk", inverse, np.where(use, t, 0.0))

@@ -1,4 +1,5 @@
-"""Foveation levels for a model that was trained without: the paper's SMFR baseline, and one with opacity enhancement."""
+"""Foveation levels for a model that was trained without them: the paper's SMFR baseline, and subsets with opacity
+enhancement."""
 
 from __future__ import annotations
 
@@ -14,18 +15,21 @@ from spec.constants import AMP_MAX, MAX_LEVELS, SMFR_FRACTIONS
 def smfr_levels(
     model: GaussianModel, levels: int = MAX_LEVELS, seed: int = 0, counts: Sequence[int] | None = None
 ) -> GaussianModel:
-    """Nested random subsets of a model's points (SMFR, Single-Model FR: paper section 7, variants).
+    """Nested random subsets of a model's points: the SMFR baseline (Single-Model FR, paper section 7, variants).
 
-    One seeded permutation ranks the points; level L uses the first SMFR_FRACTIONS[L] of them, so each level is a subset of the
-    one before and the quality bound is the number of levels a point is in. Opacity and DC of level 1 are copied to each level.
+    One seeded permutation ranks the points. Level L uses the first SMFR_FRACTIONS[L] of them, so each level is a subset of the
+    level before it, and a point's quality bound is the number of levels that it is in. Opacity and DC colour of level 1 are
+    copied to every level.
 
     Args:
-        levels: 1..4.
-        seed: of the permutation.
-        counts: points of each level instead of the fractions; the first must be all, none more than the one before.
+        model: its level 1 is used.
+        levels: number of levels, 1..4.
+        seed: seed of the permutation.
+        counts: the number of points in each level, instead of the fractions; the first must be all points, and none may be
+            larger than the one before.
 
     Raises:
-        ValueError: levels outside 1..4, or counts that do not suit.
+        ValueError: `levels` is outside 1..4, or `counts` breaks the rule above.
     """
     if levels not in range(1, MAX_LEVELS + 1):
         raise ValueError(f"levels must be 1..{MAX_LEVELS}, not {levels!r}")
@@ -46,22 +50,25 @@ def smfr_levels(
 
 
 ENHANCEMENT = (1.0, 4.0, 16.0, 32.0)
-"""Amplification of opacity at each level of `enhanced_levels`: enough for what is left to close the holes."""
+"""Factor on the opacity at each level of `enhanced_levels`; it is large enough for the remaining points to close the holes."""
 
 
 def enhanced_levels(model: GaussianModel, levels: int = MAX_LEVELS) -> GaussianModel:
-    """Nested subsets spread evenly over the scene, with opacity enhancement (paper section 4.4): foveation without training.
+    """Nested subsets that are spread evenly over the scene, with enhanced opacity (paper section 4.4): foveation without
+    training.
 
-    Points are ranked by the van der Corput sequence along a space-filling curve, larger ones earlier, so that every level's
-    prefix covers the scene; fractions are SMFR's. Better than random subsets, no substitute for trained levels.
+    Points are ranked by the van der Corput sequence along a space-filling curve, and larger points come earlier. So every level
+    covers the whole scene. The fractions are those of SMFR. The result is better than random subsets but does not replace
+    trained levels.
 
     Args:
-        levels: 1..4.
+        model: its level 1 is used.
+        levels: number of levels, 1..4.
 
     Raises:
-        ValueError: levels outside 1..4.
+        ValueError: `levels` is outside 1..4.
     """
-    ranked = smfr_levels(model, levels)  # checks `levels`, shapes the arrays
+    ranked = smfr_levels(model, levels)  # checks `levels` and makes arrays of the right shapes
     n = len(model)
     place = np.empty(n, np.int64)
     place[np.argsort(_morton(model.means), kind="stable")] = np.arange(n)
@@ -76,7 +83,8 @@ def enhanced_levels(model: GaussianModel, levels: int = MAX_LEVELS) -> GaussianM
 
 
 def _morton(points: np.ndarray) -> np.ndarray:
-    """(N,) int64 index of each (N, 3) point along a Z-order curve through the bulk of them."""
+    """(N,) int64 index of each of the points (N, 3) along a Z-order curve through the box that holds 98 % of them along each
+    axis."""
     low, high = np.percentile(points, [1, 99], axis=0)
     cell = np.clip((points - low) / np.maximum(high - low, 1e-12) * 1023, 0, 1023).astype(np.int64)
     return sum((cell[:, axis] >> b & 1) << (3 * b + axis) for b in range(10) for axis in range(3))

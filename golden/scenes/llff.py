@@ -1,4 +1,4 @@
-"""LLFF: `poses_bounds.npy` beside a folder of photographs."""
+"""Reads LLFF data sets: `poses_bounds.npy` beside a folder of photographs."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
 
 
 def load_llff(folder: Path) -> Dataset:
-    """The set in an LLFF folder: rows of `poses_bounds.npy` belong to the photographs in name order.
+    """Loads the set in an LLFF folder. The rows of `poses_bounds.npy` belong to the photographs in the order of their names.
 
-    A row is a 3x5 matrix (pose, then height, width and focal length of the full-size photograph), then the scene's nearest and
-    farthest depth, which nothing here needs. Points come from `sparse/0/points3D.bin` where it exists.
+    A row is a 3x5 matrix (the pose, then height, width and focal length of the full-size photograph) followed by the scene's
+    nearest and farthest depth, which nothing here needs. Points come from `sparse/0/points3D.bin` where it exists.
 
     Raises:
-        InputError: malformed poses, no photographs, or another number of them than of poses.
+        InputError: the poses are malformed, or the number of photographs is not that of the poses.
     """
     path = folder / "poses_bounds.npy"
     try:
@@ -39,7 +39,7 @@ def load_llff(folder: Path) -> Dataset:
     photographs = find_images(folder)
     images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
     if len(images) != len(poses):
-        raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; as many needed")
+        raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; one each needed")
     cameras = fit_to_images([_camera(pose, image) for pose, image in zip(poses, images, strict=True)], images)
     lone = folder / "sparse" / "0" / "points3D.bin"
     points, colours = read_points(lone) if lone.exists() else (np.empty((0, 3)), np.empty((0, 3), np.uint8))

@@ -1,4 +1,4 @@
-"""A scene by path or name: the one door through which models come in."""
+"""Loads a scene by path or by name. Every model enters the project through `load_scene` or `load_model`."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ ACCEPTED = "3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a
 
 @dataclass(frozen=True)
 class Scene:
-    """A model and the cameras that came with it.
+    """A model and the cameras that were stored with it.
 
     Attributes:
         model: the Gaussians.
-        cameras: the cameras beside the model, in file order; empty where there are none (then: `orbit.orbit_camera`).
+        cameras: the cameras beside the model, in file order; empty where there are none. `orbit.orbit_camera` then makes one.
     """
 
     model: GaussianModel
@@ -33,13 +33,13 @@ class Scene:
 
 
 def load_scene(name_or_path: Path | str) -> Scene:
-    """The model at a path with the cameras in its folder, or the project's own scene for the name `embedded`.
+    """Loads the model at a path and the cameras in its folder. The name `embedded` stands for the project's own scene.
 
     Raises:
-        InputError: as `load_model`; or the cameras beside the model are malformed.
+        InputError: as for `load_model`, or the cameras beside the model are malformed.
     """
-    if str(name_or_path) == EMBEDDED:  # a folder of that name is ./embedded
-        from golden.scenes.embedded import scene  # compiles a ray tracer
+    if str(name_or_path) == EMBEDDED:  # a folder of that name can still be given as ./embedded
+        from golden.scenes.embedded import scene  # imported only here because it compiles a ray tracer
 
         return Scene(scene.cached_embedded_model(), tuple(scene.embedded_cameras()))
     path = Path(name_or_path)
@@ -47,19 +47,22 @@ def load_scene(name_or_path: Path | str) -> Scene:
 
 
 def load_model(path: Path | str) -> GaussianModel:
-    """The model in a file or folder; its format is told by content first, by extension for .splat, which has no magic number.
+    """Loads the model in a file or folder.
+
+    The file's content tells its format. Only .splat, which has no magic number, is told by its extension.
 
     Args:
-        path: PLY (3DGS of SH degree 0-3, foveated or not; or compressed), SPZ, SOG (bundle, folder or meta.json), .splat; a
-            folder of SOG folders is one scene, concatenated in name order; of a training folder (`point_cloud/iteration_*`) the
-            last iteration; of any other folder its only model file.
+        path: a PLY (3DGS of SH degree 0-3, with or without foveation levels, or PlayCanvas' compressed layout), SPZ, SOG
+            (bundle, folder or meta.json) or .splat file, or a folder. A folder of SOG folders is one scene, concatenated in
+            name order. Of a training folder (`point_cloud/iteration_*`) the last iteration is read. Any other folder must hold
+            exactly one model file.
 
     Returns:
-        The model in the project's conventions; splats that cannot be drawn are dropped and counted in `dropped`.
+        The model in the project's conventions. Splats that cannot be drawn are left out and counted in `dropped`.
 
     Raises:
-        InputError: missing, empty, truncated or mistyped file, or values out of range; the message names file, value and what
-            is accepted.
+        InputError: the file is missing, empty, truncated or of an unknown type, or holds values out of range. The message names
+            the file, the value and what is accepted.
     """
     path = Path(path)
     if path.is_dir():
@@ -72,7 +75,7 @@ def load_model(path: Path | str) -> GaussianModel:
 
 
 def _reader(path: Path) -> Callable[[Path, str], GaussianModel]:
-    """The reader for a file's content."""
+    """The function that reads a file of this content."""
     try:
         with open(path, "rb") as file:
             head = file.read(MAX_HEADER)

@@ -1,4 +1,4 @@
-"""The Gaussian model in memory: what every loader returns and every renderer takes."""
+"""The Gaussian model in memory: every loader returns one and every renderer takes one."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ SH_REST_COUNT = {0: 0, 1: 3, 2: 8, 3: 15}  # coefficients per channel beyond the
 
 @dataclass(frozen=True)
 class GaussianModel:
-    """A set of 3D Gaussians in INRIA conventions (log scales, logit opacity, wxyz quaternions, SH order of 3DGS).
+    """A set of 3D Gaussians in the INRIA trainer's conventions (log scales, wxyz quaternions, SH coefficients in the order of
+    3DGS).
 
-    Foveation levels are versioned: level L (0-based here, L1..L4 in text) has its own amplified opacity and DC
-    colour. A model without levels has `levels == 1` and a quality bound of 1 everywhere.
+    Each foveation level (0-based in code, L1..L4 in text) has its own version of a point's amplified opacity and DC colour.
+    A model without foveation has `levels == 1` and a quality bound of 1 everywhere.
 
     Attributes:
         means: (N, 3) float64, world units.
         log_scales: (N, 3) float64, natural log of the standard deviation in world units; -inf is a degenerate axis.
         quats: (N, 4) float64, wxyz, not necessarily normalised.
-        opacity: (N, levels) float64, amplified opacity o_amp = amp * o per level, activated; >= 0, may exceed 1.
-        sh_dc: (N, levels, 3) float64, SH DC coefficient per level; colour = sh_dc * C0 + 0.5 + rest(direction).
-        sh_rest: (N, K, 3) float64, K = 0, 3, 8 or 15, shared by all levels.
-        quality_bound: (N,) uint8 in 1..levels, the highest level that uses the point (paper section 4.2, m).
-        up: (3,) unit vector, the scene's up direction in world axes, used by the orbit camera.
-        name: short name for folders and reports.
-        dropped: loader's count of dropped points by reason.
+        opacity: (N, levels) float64, amplified opacity o_amp = amp * o of each level: not a logit, >= 0, may exceed 1.
+        sh_dc: (N, levels, 3) float64, SH DC coefficient of each level; colour = sh_dc * C0 + 0.5 + rest(direction).
+        sh_rest: (N, K, 3) float64, the other SH coefficients, K = 0, 3, 8 or 15, shared by all levels.
+        quality_bound: (N,) uint8 in 1..levels, the highest level that uses the point (m in section 4.2 of the paper).
+        up: (3,) unit vector, the scene's up direction in world axes; the orbit camera needs it.
+        name: a short name for folders and reports.
+        dropped: how many points the loader dropped, by reason.
+
+    Raises:
+        ValueError: an array's shape does not suit the others, or the number of levels or of SH coefficients is impossible.
     """
 
     means: np.ndarray
@@ -69,10 +73,10 @@ class GaussianModel:
         return int(np.sqrt(self.sh_rest.shape[1] + 1)) - 1
 
     def select(self, index: np.ndarray) -> GaussianModel:
-        """The points at `index` (boolean mask or integer array), every field alike."""
+        """The model with only the points at `index`, a boolean mask (N,) or an integer array."""
         arrays = ("means", "log_scales", "quats", "opacity", "sh_dc", "sh_rest", "quality_bound")
         return replace(self, **{name: getattr(self, name)[index] for name in arrays})
 
     def with_sh_degree(self, degree: int) -> GaussianModel:
-        """The model with SH coefficients above `degree` dropped."""
+        """The model without the SH coefficients above `degree` (0..3)."""
         return replace(self, sh_rest=self.sh_rest[:, : SH_REST_COUNT[degree]])

@@ -1,8 +1,9 @@
-"""Cameras for models that came without: an orbit that frames what was captured, and which way is up.
+"""Cameras for models that came without any: an orbit that frames what was captured, and an estimate of which way is up.
 
-Captures have no sky box but floaters, a far background that only looks right from inside, and trees before the lens. So nothing
-here trusts extremes: positions are summarised by opacity-weighted percentiles, and the orbit's radius is chosen by how the
-views come out, judged by a coarse estimate of each (`_optical_depth`), not by a bounding box.
+A captured scene has no sky box. It has floaters, a far background that looks right only from inside, and often trees in front
+of the orbiting camera. So nothing here relies on extreme values: positions are summarised by opacity-weighted percentiles, and
+the orbit's radius is chosen by how its images would look according to a coarse estimate (`_optical_depth`), not by a bounding
+box.
 """
 
 from __future__ import annotations
@@ -16,25 +17,27 @@ from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 
 FOV_DEG = 60.0
-"""Default horizontal field of view."""
+"""Default horizontal field of view in degrees."""
 ELEVATION_DEG = 20.0
-"""Default height of the camera above the horizon of what it looks at."""
+"""Default angle, in degrees, of the camera above the horizontal plane through the point that it looks at."""
 RADIUS_STEPS = tuple(0.2 * 1.35**i for i in range(8, -1, -1))
-"""Tried radii, as multiples of the core's half diagonal: from well outside (2.2) to among the things (0.2)."""
+"""Radii that are tried, as multiples of the core's half diagonal: from well outside it (2.2) to inside it (0.2)."""
 PROBES = 8
-"""Views judged per radius, evenly over the orbit."""
+"""Number of cameras judged for each radius, evenly spaced on the orbit."""
 MIN_COVERAGE = 0.65
-"""Estimated mean coverage that a radius must keep: 0.5 is promised, and the estimate was up to 0.12 too high on captures."""
+"""Estimated mean coverage that a radius must keep. The true coverage has to be at least 0.5, and the estimate was up to 0.12
+too high on captures."""
 MAX_OBSTRUCTION = 0.15
-"""Estimated share of the views hidden by things nearer than NEAR_SHARE of the way to the focus. On captures of an object
-it is up to 0.10 at a good radius (the object's own near side); in a garden it passes 0.2 once trees are before the lens."""
+"""Largest estimated share of the images that may be hidden by splats nearer than NEAR_SHARE of the distance to the focus. On
+captures of an object the estimate is up to 0.10 at a good radius (the object's own near side); in a garden it passes 0.2
+once trees stand in front of the camera."""
 NEAR_SHARE = 0.6
 SAMPLE = 30_000
-"""Splats used for the estimates; larger models are thinned evenly and each splat counts for several."""
+"""Number of splats used for the estimates. Larger models are thinned evenly, and each remaining splat counts for several."""
 GRID = (32, 64)
-"""Rows and columns of the finest grid of the estimate."""
+"""Rows and columns of the finest grid on which coverage is estimated."""
 GRID_LEVELS = 6
-"""Grids of the pyramid, halved each time: the coarsest is 1 x 2."""
+"""Number of grids in the pyramid; each has half the rows and columns of the one before, and the coarsest is 1 x 2."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,12 @@ class Orbit:
     """A circle of cameras around a model.
 
     Attributes:
-        focus: (3,) the point looked at, world units.
+        focus: (3,) the point that the cameras look at, world units.
         up: (3,) unit vector.
         radius: distance from focus to camera, world units.
-        elevation_deg: angle of the camera above the focus' horizon.
-        start_deg: azimuth of the first view.
-        coverage: estimated mean coverage of the probed views, 0..1.
+        elevation_deg: angle of the cameras above the horizontal plane through the focus.
+        start_deg: azimuth of the first camera.
+        coverage: estimated mean coverage of the probed cameras' images, 0..1.
     """
 
     focus: np.ndarray
@@ -58,7 +61,7 @@ class Orbit:
     coverage: float
 
     def camera(self, index: int, count: int, width: int, height: int, fov_deg: float = FOV_DEG) -> Camera:
-        """View `index` of `count`, evenly spaced in azimuth."""
+        """Camera `index` of `count` cameras that are evenly spaced in azimuth."""
         azimuth = math.radians(self.start_deg + 360.0 * index / count)
         elevation = math.radians(self.elevation_deg)
         east, north = _horizontal_axes(self.up)
@@ -71,13 +74,14 @@ def orbit_camera(
     model: GaussianModel, index: int, count: int, width: int, height: int, *, up: np.ndarray | None = None,
     fov_deg: float = FOV_DEG, elevation_deg: float = ELEVATION_DEG, radius: float | None = None,
 ) -> Camera:
-    """View `index` of an orbit of `count` around a model; the same arguments give the same camera.
+    """Camera `index` of an orbit of `count` cameras around a model; the same arguments give the same camera.
 
     Args:
         width, height: frame size in pixels.
         up: (3,) world up; the model's own by default.
         fov_deg: horizontal field of view.
-        radius: world units; by default the largest whose views stay covered and unobstructed (`plan_orbit`).
+        elevation_deg: angle above the horizontal plane through the focus.
+        radius: world units; by default the largest at which the images stay covered and unobstructed (`plan_orbit`).
 
     Raises:
         ValueError: count below 1.
@@ -92,19 +96,19 @@ def plan_orbit(
     model: GaussianModel, *, up: np.ndarray | None = None, fov_deg: float = FOV_DEG, elevation_deg: float = ELEVATION_DEG,
     aspect: float = 9 / 16, radius: float | None = None,
 ) -> Orbit:
-    """The orbit whose radius is the largest that keeps the views covered and unobstructed, or, where none does, the best.
+    """Chooses the largest radius at which the images stay covered and unobstructed, or the best radius if there is none.
 
-    The first view is the probed one with the most coverage and least obstruction.
+    The first camera is the probed one with the most coverage and the least obstruction.
 
     Args:
-        aspect: frame height over width; the rest as in `orbit_camera`.
+        aspect: frame height over frame width. The other arguments are those of `orbit_camera`.
     """
     up = _unit(model.up if up is None else np.asarray(up, np.float64))
     discs = _Discs.of(model)
     middle, subject, size = _foci(discs, up)
     best = None
     for candidate in [radius] if radius is not None else [step * size for step in RADIUS_STEPS]:
-        focus = subject if candidate > size else middle  # from among the things, look at the open place between them
+        focus = subject if candidate > size else middle  # a camera inside the core looks at the open place in its middle
         orbit = Orbit(focus, up, candidate, elevation_deg, 0.0, 0.0)
         seen = np.array([_judge(discs, orbit.camera(i, PROBES, 64, max(1, round(64 * aspect)), fov_deg), candidate)
                          for i in range(PROBES)])
@@ -113,7 +117,7 @@ def plan_orbit(
         if best is None or merit > best[0]:
             start = int(np.argmax(seen[:, 0] - 2 * seen[:, 1]))
             best = merit, replace(orbit, start_deg=360.0 * start / PROBES, coverage=float(coverage))
-        if merit == MIN_COVERAGE - MAX_OBSTRUCTION:  # both limits kept, and this is the largest such radius
+        if merit == MIN_COVERAGE - MAX_OBSTRUCTION:  # both limits are kept, and this is the largest such radius
             break
     return best[1]
 
@@ -122,7 +126,7 @@ def look_at(
     position: np.ndarray, target: np.ndarray, up: np.ndarray, width: int, height: int, fov_deg: float, *,
     near: float = Camera.near, name: str = "camera",
 ) -> Camera:
-    """A camera at `position` that looks at `target`, upright; principal point in the middle, square pixels.
+    """An upright camera at `position` that looks at `target`, with the principal point in the middle and square pixels.
 
     Args:
         fov_deg: horizontal field of view.
@@ -136,11 +140,11 @@ def look_at(
 
 
 def estimate_up(model: GaussianModel) -> GaussianModel:
-    """The model with `up` set to the axis that stands on the ground, if there is ground.
+    """Returns the model with `up` set to the axis that is perpendicular to the ground, if the scene has a ground.
 
-    Ground is a thin, dense layer across one axis, and things stand on one side of it: along that axis a slab of 5 % of the
-    robust extent holds the most opacity, and the extent beyond the slab is larger upwards. The model keeps its `up` unless
-    another axis' slab holds clearly more.
+    The ground is a thin, dense layer across one axis, and objects stand on one side of it. So a slab of 5 % of the robust
+    extent along that axis holds the most opacity, and the extent beyond the slab is larger upwards. The model keeps its `up`
+    unless the slab of another axis holds clearly more (1.5 times).
     """
     weights = model.opacity[:, 0]
     share, direction = zip(*(_ground_slab(model.means[:, axis], weights) for axis in range(3)), strict=True)
@@ -152,7 +156,7 @@ def estimate_up(model: GaussianModel) -> GaussianModel:
 
 
 def _ground_slab(x: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
-    """Share of the weight in the densest slab along one axis, and the sign of the side on which things stand."""
+    """Share of the weight in the densest slab along one axis, and the sign of the side on which objects stand."""
     low, high = _weighted_percentiles(x, weights, (1, 99))
     counts, edges = np.histogram(x, bins=20, range=(low, max(high, low + 1e-12)), weights=weights)
     slab = int(np.argmax(counts))
@@ -162,9 +166,13 @@ def _ground_slab(x: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Discs:
-    """A thinned model, as far as the estimates need it: means (n, 3), opacity (n,), and (n, 2) the two larger axes' deviations.
+    """A thinned model with only what the estimates need.
 
-    `count` is how many splats each one stands for.
+    Attributes:
+        means: (n, 3), world units.
+        opacity: (n,), in 0..1.
+        sigma: (n, 2), standard deviations along the two larger axes, world units.
+        count: the number of the model's splats that each of these stands for.
     """
 
     means: np.ndarray
@@ -182,8 +190,9 @@ class _Discs:
 def _foci(discs: _Discs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The middle of the core, the point to look at from outside, and the core's half diagonal.
 
-    The core lies between the 10th and 90th percentiles along each axis. What stands on its ground counts by its height, up to
-    a limit that lamp posts and tree tops do not pass: the subject of a capture stands, its surroundings lie.
+    The core lies between the 10th and 90th percentiles along each axis. To find the point to look at, each splat on the core's
+    ground area counts by its height, because the subject of a capture stands upright while its surroundings are flat. The
+    height is limited, so that lamp posts and tree tops do not dominate.
     """
     axes = np.stack([*_horizontal_axes(up), up])
     local = discs.means @ axes.T
@@ -195,18 +204,18 @@ def _foci(discs: _Discs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]
     if standing.sum() > 0:
         subject[:2] = standing @ local[:, :2] / standing.sum()
     size = float(np.linalg.norm(bounds[:, 2] - bounds[:, 0])) / 2
-    return middle @ axes, subject @ axes, size or 3 * float(discs.sigma.max()) or 1.0  # one splat: its own extent
+    return middle @ axes, subject @ axes, size or 3 * float(discs.sigma.max()) or 1.0  # a single splat has its own extent
 
 
 def _judge(discs: _Discs, camera: Camera, distance: float) -> tuple[float, float]:
-    """Estimated mean coverage of a view, and the share that things much nearer than `distance` hide."""
+    """Estimated mean coverage of a camera's image, and the share that is hidden by splats much nearer than `distance`."""
     points = discs.means @ camera.rotation.T + camera.translation
     seen = points[:, 2] > camera.near
     points, sigma = points[seen], discs.sigma[seen] / points[seen, 2:]
     place = points[:, :2] / points[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     place *= [GRID[1] / camera.width, GRID[0] / camera.height]
     sigma *= math.sqrt(camera.fx * camera.fy * GRID[0] * GRID[1] / (camera.width * camera.height))  # cells of the finest grid
-    # a disc's opacity integrates to 2 pi sigma_1 sigma_2 face on, and to half of that averaged over orientations
+    # a disc's opacity integrates to 2 pi sigma_1 sigma_2 seen face on, and to half of that on average over orientations
     mass = discs.opacity[seen] * math.pi * sigma[:, 0] * sigma[:, 1] * discs.count
     near = points[:, 2] < NEAR_SHARE * distance
     hidden = _optical_depth(place[near], sigma[near, 1], mass[near])
@@ -215,9 +224,10 @@ def _judge(discs: _Discs, camera: Camera, distance: float) -> tuple[float, float
 
 
 def _optical_depth(place: np.ndarray, sigma: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(rows, columns) of GRID: roughly -log of the transmittance, from where discs are, how large, and what they absorb.
+    """(rows, columns) of GRID: an estimate of -log of the transmittance, from the discs' positions, sizes and absorption.
 
-    A disc is spread over one cell of a grid whose cells are about its size: a pyramid of grids, the coarser added to the finer.
+    Each disc is spread over one cell of a grid whose cells are about as large as the disc. The grids form a pyramid, and the
+    coarser ones are added to the finest.
     """
     level = np.ceil(np.log2(np.clip(2 * sigma, 1, 2 ** (GRID_LEVELS - 1)))).astype(int)
     inside = np.all((place >= 0) & (place < GRID[::-1]), axis=1)

@@ -1,4 +1,4 @@
-"""Formats read through gsply: compressed PLY (PlayCanvas), SPZ (Niantic) and SOG (versions 1 and 2)."""
+"""Formats that are read through the package gsply: compressed PLY (PlayCanvas), SPZ (Niantic) and SOG (versions 1 and 2)."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ CHUNK = 256  # splats that share one row of bounds in a compressed PLY
 
 
 def load_compressed_ply(path: Path, name: str) -> GaussianModel:
-    """The model in a compressed PLY file.
+    """Loads the model in a compressed PLY file.
 
     Raises:
-        InputError: truncated or of another layout, or the extra `models` is not installed.
+        InputError: the file is truncated or of another layout, or the extra `models` is not installed.
     """
     data = read_bytes(path)
     header = parse_header(data, path)
@@ -41,10 +41,10 @@ def load_compressed_ply(path: Path, name: str) -> GaussianModel:
 
 
 def load_spz(path: Path, name: str) -> GaussianModel:
-    """The model in an SPZ file (versions 2-4; version 1 stores half-float positions and is no longer written).
+    """Loads the model in an SPZ file of version 2, 3 or 4. (Version 1 stores half-float positions and is no longer written.)
 
     Raises:
-        InputError: truncated or of another version, or the extra `models` is not installed.
+        InputError: the file is truncated or of another version, or the extra `models` is not installed.
     """
     data = read_bytes(path)
     try:
@@ -58,7 +58,9 @@ def load_spz(path: Path, name: str) -> GaussianModel:
 
 
 def load_sog(path: Path, name: str) -> GaussianModel:
-    """The model in a SOG folder, its meta.json, or a .sog bundle. SOG names no axes, so up is estimated from the ground.
+    """Loads the model in a SOG folder, its meta.json, or a .sog bundle.
+
+    The format does not say which axis points up, so the direction is estimated from the ground in the scene.
 
     Raises:
         InputError: a part is missing, truncated or of another version, or the extra `models` is not installed.
@@ -67,13 +69,13 @@ def load_sog(path: Path, name: str) -> GaussianModel:
 
 
 def _load(path: Path, name: str, kind: str, read: Callable[[Any], Any]) -> GaussianModel:
-    """The model of what `read` returns, given gsply: arrays in PLY conventions, opacities as logits."""
+    """The model made from what `read` returns when it is called with gsply: arrays in PLY conventions, opacities as logits."""
     gsply = require_package("gsply", f"reading {path}")
     try:
         splats = read(gsply)
     except ImportError as error:
         raise InputError(f"{path}: {str(error).splitlines()[0]}; the extra 'models' has it: {INSTALL}") from error
-    except Exception as error:  # gsply and its codecs let many types through; all of them mean a bad file here
+    except Exception as error:  # gsply and its codecs raise exceptions of many types; each of them means a bad file here
         raise InputError(f"{path}: is not a whole {kind.upper()} ({error})") from error
     means = np.asarray(splats.means, np.float64)
     fields = Fields(

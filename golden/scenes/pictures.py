@@ -1,4 +1,4 @@
-"""Pictures: frames, depth maps and tile levels as PNG, written complete or not at all."""
+"""Writes pictures as PNG: frames, depth maps and tile levels. A file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -21,13 +21,16 @@ def to_bytes(image: np.ndarray) -> np.ndarray:
 
 
 def save_png(path: Path, image: np.ndarray) -> None:
-    """A float image in [0, 1], or uint8, as PNG."""
+    """Writes an image (H, W, 3) or (H, W), uint8 or float in [0, 1], as PNG."""
     with atomic_output(path) as file:
         Image.fromarray(image if image.dtype == np.uint8 else to_bytes(image)).save(file, format="PNG")
 
 
 def depth_picture(depth: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float: near is yellow, far is violet, on a log scale between the 1st and 99th percentile; NaN is black."""
+    """A depth map (H, W) in colours, (H, W, 3) float: near is yellow and far is violet, NaN is black.
+
+    The scale is logarithmic and runs from the 1st to the 99th percentile.
+    """
     valid = np.isfinite(depth) & (depth > 0)
     picture = np.zeros((*depth.shape, 3))
     if valid.any():
@@ -39,7 +42,8 @@ def depth_picture(depth: np.ndarray) -> np.ndarray:
 
 
 def levels_picture(image: np.ndarray, foveation: FoveationMap) -> np.ndarray:
-    """(H, W, 3) float: the frame tinted by each tile's level, blend tiles towards the next one's, with tile edges."""
+    """(H, W, 3) float: the frame tinted by each tile's level, with tile edges; a blend tile has the mean tint of its two
+    levels."""
     height, width = image.shape[:2]
     tile_y, tile_x = np.arange(height) // foveation.tile, np.arange(width) // foveation.tile
     level = foveation.tile_level[tile_y][:, tile_x]
@@ -51,14 +55,16 @@ def levels_picture(image: np.ndarray, foveation: FoveationMap) -> np.ndarray:
 
 
 def kinds_picture(image: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float: the brightness of an (H, W, 3) uint8 image in the colour of each pixel's kind.
+    """(H, W, 3) float: the brightness of an image in a colour that shows each pixel's kind.
 
-    Kinds, (H, W), are 0..4: white, red, green, blue, yellow.
+    Args:
+        image: (H, W, 3) uint8.
+        kind: (H, W) of 0..4: white, red, green, blue, yellow.
     """
     brightness = image.astype(np.float64).mean(axis=2, keepdims=True) / 255
     return (0.35 + 0.65 * brightness) * _KIND_COLOURS[kind]
 
 
 def anaglyph(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 of two: red of the left eye, green and blue of the right, for red-cyan glasses."""
+    """(H, W, 3) uint8 of two eyes' images for red-cyan glasses: red from the left eye, green and blue from the right."""
     return np.concatenate([left[..., :1], right[..., 1:]], axis=2)

@@ -1,13 +1,16 @@
-"""PLY: the header, the vertex table, and INRIA's Gaussian layout with this project's foveation properties.
+"""Reads PLY files: the header, the vertex table, and the INRIA trainer's layout of Gaussians with this project's foveation
+properties.
 
-A foveated file is an ordinary 3DGS file whose standard properties hold level 1. Behind them stand, all `float` because many
-readers assume nothing else,
+A foveated file is an ordinary 3DGS file whose standard properties hold level 1. After them come the properties of the levels.
+They are all `float`, because many readers accept nothing else:
 
 - `quality_bound`: the highest level that uses the splat, 1..levels;
-- `opacity_l1` .. `opacity_lL`: amplified opacity per level as it is, not a logit, since it may exceed 1;
-- `f_dc_0_l2` .. `f_dc_2_lL`: DC coefficients of the levels above 1;
+- `opacity_l1` .. `opacity_lL`: the amplified opacity of each level, stored as it is because it may exceed 1 and then has no
+  logit;
+- `f_dc_0_l2` .. `f_dc_2_lL`: the DC coefficients of the levels above 1.
 
-and the comment `up X Y Z` names the scene's up direction. `opacity` is then only what other tools see.
+The comment `up X Y Z` gives the scene's up direction. In a foveated file, this project does not use `opacity`; the property is
+there for other tools.
 """
 
 from __future__ import annotations
@@ -39,9 +42,10 @@ class Header:
 
     Attributes:
         encoding: `ascii`, `binary_little_endian` or `binary_big_endian`.
-        elements: by name, in file order, the number of rows and the row's type (None for rows of varying length).
+        elements: for each element's name, in file order, the number of rows and the row's type (None for rows of varying
+            length).
         comments: the text of each comment line.
-        size: bytes up to the first row.
+        size: length of the header in bytes; the first row follows it.
     """
 
     encoding: str
@@ -51,16 +55,20 @@ class Header:
 
     @property
     def compressed(self) -> bool:
-        """Whether the rows are PlayCanvas' packed words."""
+        """Whether the rows are the packed words of PlayCanvas' compressed PLY."""
         dtype = self.elements.get("vertex", (0, None))[1]
         return dtype is not None and "packed_position" in dtype.names
 
 
 def parse_header(data: bytes, path: Path) -> Header:
-    """The header of a PLY file's content.
+    """Parses the header at the start of a PLY file.
+
+    Args:
+        data: the file's content.
+        path: the file, for messages.
 
     Raises:
-        InputError: not a PLY file, or a header that is truncated or malformed.
+        InputError: the data is not a PLY file, or its header is truncated or malformed.
     """
     match = re.match(rb"ply\r?\n.*?^end_header\r?\n", data[:MAX_HEADER], re.DOTALL | re.MULTILINE)
     if match is None:
@@ -99,10 +107,11 @@ def _row_type(properties: list[tuple[str, str] | None], path: Path) -> np.dtype 
 
 
 def read_vertices(path: Path, data: bytes, header: Header) -> np.ndarray:
-    """(N,) structured array of the `vertex` element, a field per property, in the file's types.
+    """Returns the `vertex` element as an (N,) structured array with a field for each property, in the file's types.
 
     Raises:
-        InputError: no vertices, list properties in the way, or fewer bytes or numbers than the header promises.
+        InputError: there are no vertices, there are list properties in `vertex` or before it, or the file holds fewer bytes or
+            numbers than the header announces.
     """
     if "vertex" not in header.elements:
         raise InputError(f"{path}: elements are {list(header.elements)}; 'vertex' is needed")
@@ -136,10 +145,14 @@ def _ascii_rows(path: Path, text: bytes, skip: int, count: int, dtype: np.dtype)
 
 
 def load_ply(path: Path, name: str) -> GaussianModel:
-    """The model in an INRIA PLY file (SH degree 0-3, properties in any order), foveated or not.
+    """Loads an INRIA PLY file (SH degree 0-3, properties in any order), with or without foveation levels.
+
+    Args:
+        path: the file.
+        name: the model's name.
 
     Raises:
-        InputError: anything wrong with the file; the message names it, the value and what is accepted.
+        InputError: anything is wrong with the file; the message names it, the value and what is accepted.
     """
     data = read_bytes(path)
     header = parse_header(data, path)
@@ -163,7 +176,7 @@ def load_ply(path: Path, name: str) -> GaussianModel:
 
 
 def _columns(path: Path, vertices: np.ndarray, names: list[str]) -> np.ndarray:
-    """(N, len(names)) float64 of the named properties."""
+    """The named properties as an (N, len(names)) float64 array."""
     missing = [name for name in names if name not in vertices.dtype.names]
     if missing:
         raise InputError(f"{path}: property {missing[0]!r} is missing; a 3DGS file has x y z, f_dc_*, opacity, scale_*, rot_*")
@@ -174,7 +187,7 @@ def _columns(path: Path, vertices: np.ndarray, names: list[str]) -> np.ndarray:
 
 
 def _rest_names(path: Path, properties: tuple[str, ...]) -> list[str]:
-    """The `f_rest` properties in order; their number must be that of an SH degree."""
+    """The names of the `f_rest` properties in order; their number must be that of an SH degree."""
     found = {name for name in properties if name.startswith("f_rest_")}
     names = [f"f_rest_{i}" for i in range(len(found))]
     if set(names) != found or len(found) not in [3 * k for k in SH_REST_COUNT.values()]:
@@ -183,7 +196,7 @@ def _rest_names(path: Path, properties: tuple[str, ...]) -> list[str]:
 
 
 def _level_count(path: Path, properties: tuple[str, ...]) -> int:
-    """Number of foveation levels in the file, 0 for an ordinary one."""
+    """The number of foveation levels in the file; 0 for an ordinary 3DGS file."""
     found = {name for name in properties if re.fullmatch(r"opacity_l\d+", name)}
     if not found and "quality_bound" not in properties:
         return 0
@@ -206,13 +219,13 @@ def _level_fields(path: Path, vertices: np.ndarray, levels: int) -> tuple[np.nda
 
 
 def _up(path: Path, comments: list[str]) -> np.ndarray:
-    """The up direction: a comment `up X Y Z`, or the format's."""
+    """The up direction from a comment `up X Y Z`, or else the PLY format's own."""
     for words in map(str.split, comments):
         if words[:1] == ["up"] and len(words) == 4:
             try:
                 up = np.array(words[1:], np.float64)
             except ValueError:
-                continue  # somebody's prose
+                continue  # the comment is a sentence that happens to begin with "up"
             if np.isfinite(up).all() and up.any():
                 return up / np.linalg.norm(up)
     return np.array(UP_BY_FORMAT["ply"])

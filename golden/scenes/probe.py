@@ -1,4 +1,4 @@
-"""What a model and a request call for, of `spec.effects`."""
+"""Finds out which effects of `spec.effects` a model and a request call for."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec.effects import EFFECTS, EffectPlan, choose_plan
 
 
 def used_sh_degree(model: GaussianModel) -> int:
-    """The least degree that has all of the model's coefficients that are not 0."""
+    """The smallest SH degree that includes all of the model's coefficients that are not 0."""
     used = np.flatnonzero(np.abs(model.sh_rest).max(axis=(0, 2), initial=0.0))
     return int(np.sqrt(used[-1] + 1)) if len(used) else 0
 
@@ -20,15 +20,15 @@ def probe(
     model: GaussianModel, foveation: FoveationMap, *, effects: str = "auto", stereo: bool = False, depth: bool = False,
     contention: bool = False,
 ) -> EffectPlan:
-    """The plan for a frame.
+    """The plan of effects for a frame, with a reason for each effect.
 
     Args:
         model: the Gaussians.
-        foveation: tile levels and blend planes of the gaze; of two eyes, the source's.
+        foveation: tile levels and blend planes of the gaze; for two eyes, the source's.
         effects: what the user wants: auto, all, none, or names separated by commas.
-        stereo: two eyes are asked for.
-        depth: depths are asked for.
-        contention: a memory with limits is asked for.
+        stereo: whether two eyes are asked for.
+        depth: whether depths are asked for.
+        contention: whether a memory of limited bandwidth is asked for.
 
     Raises:
         InputError: see `spec.effects.choose_plan`.
@@ -51,7 +51,7 @@ def probe(
         "contention": (contention, "memory with limits" if contention else "no memory is simulated, or one without limits"),
     }
     called = {name for name, (wanted, _) in findings.items() if wanted}
-    if "blend" in called and "levels" not in called:  # all tiles are of level 1, some show level 2 at their edge
+    if "blend" in called and "levels" not in called:  # all tiles have level 1, but some show level 2 towards their edge
         called.add("levels")
         findings["levels"] = (True, "tiles blend with level 2")
     reasons = {name: findings[name][1] for name in EFFECTS}

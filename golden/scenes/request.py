@@ -1,4 +1,5 @@
-"""What a user asks to see, once for every command line: scene, camera, size, gaze, levels, background."""
+"""The arguments of a frame, the same for every command line: scene, camera, size, gaze, levels, background, two eyes,
+effects."""
 
 from __future__ import annotations
 
@@ -22,22 +23,22 @@ from spec.effects import EFFECTS
 from spec.errors import InputError
 
 ORBIT_VIEWS = 8
-"""Views of the orbit that --camera INDEX counts through where a model has no cameras of its own."""
+"""Number of cameras on the orbit from which `--camera INDEX` chooses when a model has no cameras of its own."""
 
 MAX_SIZE = 8192
-"""Widest and highest frame any renderer takes, in pixels; the machine's rows may be narrower."""
+"""Largest width and height of a frame that any renderer takes, in pixels; a machine may be configured for narrower rows."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """A resolved request.
+    """What a user asked to see, resolved into a model, a camera and a foveation map.
 
     Attributes:
         model: the Gaussians, with as many levels as asked for.
-        camera: the view at the frame's size.
-        foveation: tile levels and blend planes; level 1 everywhere without a gaze.
-        background: r, g, b in [0, 1].
-        record: the request as JSON-ready values, for the file beside every picture.
+        camera: the camera, with the frame's size.
+        foveation: tile levels and blend planes; without a gaze, level 1 everywhere.
+        background: red, green and blue in [0, 1].
+        record: the request as values for JSON; it is written beside every picture.
     """
 
     model: GaussianModel
@@ -48,7 +49,8 @@ class Request:
 
 
 class _Given(argparse.Action):
-    """Of a positional argument that an option can give, too: its absence leaves the option's value alone."""
+    """Stores a positional argument that can also be given as an option: without the argument, the option's value is left as
+    it is."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option_string: str | None = None,
@@ -58,33 +60,40 @@ class _Given(argparse.Action):
 
 
 def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
-    """Adds the scene, as `SCENE` or `--scene SCENE`; `what` says what is accepted besides 'embedded', the default."""
+    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides 'embedded', the default."""
     parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
                         help=f"{what}, or 'embedded' (default)")
     parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
 
 
 def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None) -> None:
-    """Adds the arguments that `resolve` reads; `size` is the default frame size, None the camera's own."""
+    """Adds the arguments that `resolve` reads.
+
+    Args:
+        parser: the command line's parser.
+        size: the default frame size as "WxH"; None means the size that the camera has.
+    """
     default_size = size or "the camera's; 640x360 on an orbit"
     add_scene_argument(parser, "model file or folder")
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
-                        help="an orbit (default), one of the scene's cameras (an orbit view if it has none), a JSON file")
+                        help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
+                             "or a JSON file")
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
-    parser.add_argument("--gaze", default="none", metavar="X,Y|none", help="gazed pixel; turns foveation on (default: none)")
+    parser.add_argument("--gaze", default="none", metavar="X,Y|none",
+                        help="the gazed pixel; it turns foveation on (default: none)")
     parser.add_argument("--levels", type=int, default=None, metavar="N",
                         help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
-    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="in [0, 1] (default: 0,0,0)")
-    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
 
 
 def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments that `work_for` reads."""
-    group = parser.add_argument_group("effects", "what the scene and the request call for is found out and printed")
+    """Adds `--effects` and `--depth`, which `golden.msv2_ref.plan.work_for` reads."""
+    group = parser.add_argument_group("effects", "the effects that the scene and the request need are found and printed")
     group.add_argument("--effects", default="auto", metavar="auto|all|none|LIST",
-                       help="auto runs what is called for; all, or more than that of " + ",".join(EFFECTS) + ", the rest on "
-                       "neutral data, which changes no pixel; less is refused (default: auto)")
-    group.add_argument("--depth", action="store_true", help="ask for a depth of every pixel")
+                       help="auto runs the effects that are needed; all, or a list of " + ",".join(EFFECTS) + ", runs more on "
+                       "neutral data, which changes no pixel; a list without a needed effect is refused (default: auto)")
+    group.add_argument("--depth", action="store_true", help="compute a depth for every pixel")
 
 
 _EYE_DEFAULTS = {
@@ -92,25 +101,27 @@ _EYE_DEFAULTS = {
 
 
 def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of a frame of two eyes."""
-    group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's, or the source's "
-                                      "where the other is not given")
-    group.add_argument("--stereo", action="store_true", help="render one eye, warp it into the other")
+    """Adds the arguments of a frame for two eyes."""
+    group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's gaze, or the "
+                                      "source's if --gaze-right is not given")
+    group.add_argument("--stereo", action="store_true", help="render one eye and warp it into the other")
     group.add_argument("--ecc-thresh", type=float, metavar="DEG",
                        help=f"eccentricity beyond which tiles may be warped (default: {ECC_THRESHOLD_DEG:g})")
     group.add_argument("--ipd", type=float, metavar="M", help=f"distance between the eyes in metres (default: {IPD_METRES})")
     group.add_argument("--units-per-metre", type=float, metavar="S",
-                       help="scale of the scene; `msv2 study metric_scale` computes it (default: the scene's, else 1)")
+                       help="scale of the scene; `msv2 study run metric_scale` computes it (default: the scene's, else 1)")
     group.add_argument("--source", metavar="left|right", help="the eye that is rendered as a whole (default: left)")
     group.add_argument("--gaze-right", metavar="X,Y",
-                       help="where the right eye looks (default: both eyes look at one point)")
+                       help="the pixel at which the right eye looks (default: both eyes look at the same point)")
 
 
 def take_stereo_arguments(args: argparse.Namespace) -> None:
-    """Fills in defaults; with --source right, makes `args.gaze` the source's gaze and `args.gaze_target` the other's.
+    """Fills in the defaults of the arguments for two eyes and sorts the gazes by eye.
+
+    With `--source right`, `args.gaze` becomes the source eye's gaze and `args.gaze_target` the other eye's.
 
     Raises:
-        InputError: an option of two eyes without --stereo, or no such eye.
+        InputError: an argument for two eyes is given without --stereo, or the source eye is neither left nor right.
     """
     for name, default in _EYE_DEFAULTS.items():
         if getattr(args, name) is None:
@@ -126,10 +137,10 @@ def take_stereo_arguments(args: argparse.Namespace) -> None:
 
 
 def resolve(args: argparse.Namespace) -> Request:
-    """The request behind parsed arguments.
+    """Loads the scene and makes the request that parsed arguments describe.
 
     Raises:
-        InputError: a value that no frame can be made of.
+        InputError: an argument has a value of which no frame can be made.
     """
     size = parse_size(args.size) if args.size else None
     background = parse_numbers("background", args.background, 3)
@@ -171,7 +182,11 @@ def _camera(name: str, model: GaussianModel, cameras: Sequence[Camera], size: tu
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """(width, height) of "WxH"."""
+    """Parses "WxH" into (width, height).
+
+    Raises:
+        InputError: the text has another form, or a size is outside 1..MAX_SIZE.
+    """
     width, _, height = text.lower().partition("x")
     if not (width.isdigit() and height.isdigit()) or not (1 <= int(width) <= MAX_SIZE and 1 <= int(height) <= MAX_SIZE):
         raise InputError(f"size {text!r} is not accepted: WxH with both in 1..{MAX_SIZE} is")
@@ -179,7 +194,11 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_numbers(name: str, text: str, count: int) -> list[float]:
-    """`count` finite numbers separated by commas."""
+    """Parses `count` finite numbers that are separated by commas.
+
+    Raises:
+        InputError: the text holds anything else; the message calls the value `name`.
+    """
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -190,10 +209,10 @@ def parse_numbers(name: str, text: str, count: int) -> list[float]:
 
 
 def make_folder(path: Path | str) -> Path:
-    """The folder, created with its parents.
+    """Creates a folder with its parents and returns its path.
 
     Raises:
-        InputError: a file is in the way, or the place is not writable.
+        InputError: a file of that name exists, or the place is not writable.
     """
     path = Path(path)
     try:
@@ -204,7 +223,7 @@ def make_folder(path: Path | str) -> Path:
 
 
 def write_json(path: Path, content: dict[str, object]) -> None:
-    """JSON, complete or not at all; infinities and NaNs become null."""
+    """Writes JSON that appears complete or not at all; infinities and NaNs become null."""
     text = json.dumps(content, indent=1, default=float)
     text = json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1)
     with atomic_output(path) as file:

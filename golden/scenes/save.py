@@ -1,4 +1,5 @@
-"""A model to PLY: foveated files that any 3DGS tool opens as level 1 (layout in `golden.scenes.ply`)."""
+"""Writes a model as PLY. Any 3DGS tool opens a foveated file as its level 1 (the layout is described in
+`golden.scenes.ply`)."""
 
 from __future__ import annotations
 
@@ -13,13 +14,13 @@ from spec.constants import AMP_MAX
 
 
 def save_model(model: GaussianModel, path: Path | str) -> None:
-    """Write `model` as little-endian PLY; `load_model` returns every field bit for bit in float32.
+    """Writes `model` as little-endian PLY; `load_model` returns every field bit for bit in float32.
 
-    The amplified opacity of level 1 may exceed 1 and has no logit: `opacity` holds the clipped logit for other tools,
-    `opacity_l1` the value itself. Normals are written as zeros because INRIA's own layout has them.
+    The amplified opacity of level 1 may exceed 1 and then has no logit. So `opacity` holds the clipped logit for other tools
+    and `opacity_l1` holds the value itself. Normals are written as zeros because the INRIA trainer's layout has them.
 
     Raises:
-        ValueError: an opacity outside 0..AMP_MAX, which no renderer here accepts.
+        ValueError: an opacity lies outside 0..AMP_MAX, which no renderer here accepts.
         InputError: the folder does not exist or is not writable.
     """
     path = Path(path)
@@ -38,7 +39,7 @@ def save_model(model: GaussianModel, path: Path | str) -> None:
 
 
 def _columns(model: GaussianModel) -> dict[str, np.ndarray]:
-    """(N,) arrays by property name: the standard ones in INRIA's order, then foveation's."""
+    """(N,) arrays by property name: the standard properties in the INRIA trainer's order, then those of foveation."""
     columns = dict(zip("xyz", model.means.T, strict=True))
     columns |= dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(model)))
     columns |= {f"f_dc_{c}": model.sh_dc[:, 0, c] for c in range(3)}

@@ -1,4 +1,4 @@
-"""gsplat's test data: cameras and SfM points in one .npz, no photographs."""
+"""Reads gsplat's test data: cameras and SfM points in one .npz file, without photographs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ SHAPES = {"means3d": (None, 3), "colors": (None, 3), "viewmats": (None, 4, 4), "
 
 
 def load_npz(path: Path) -> Dataset:
-    """The set in a .npz with `means3d`, `colors` (uint8), `viewmats` (world to camera), `Ks`, `width` and `height`.
+    """Loads the set in a .npz with `means3d`, `colors` (uint8), `viewmats` (world to camera), `Ks`, `width` and `height`.
 
     Raises:
-        InputError: not a whole .npz, or an array is missing or of another shape.
+        InputError: the file is not a whole .npz, or an array is missing or of another shape.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:

@@ -1,4 +1,4 @@
-"""antimatter15's .splat: 32 bytes a splat, no header, SH degree 0."""
+"""Reads antimatter15's .splat format: 32 bytes for each splat, no header, SH degree 0."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ ROW = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), 
 
 
 def load_splat(path: Path, name: str) -> GaussianModel:
-    """The model in a .splat file.
+    """Loads the model in a .splat file.
 
     Raises:
-        InputError: empty, not a whole number of splats, or bytes that are no splats: most rows have a scale below zero or not
-            finite (the format has no magic number to tell it by).
+        InputError: the file is empty, its size is not a whole number of splats, or it is no .splat file. The format has no
+            magic number, so a file is refused when more than half of its rows have a scale that is negative or not finite.
     """
     data = read_bytes(path)
     if len(data) % ROW.itemsize:

@@ -1,7 +1,7 @@
-"""Two eyes: a rectified pair of cameras, where each looks, and which of the second eye's tiles may be warped.
+"""Two eyes: a rectified pair of cameras, where each eye looks, and which of the second eye's tiles may be warped.
 
-The source eye is rendered and its frame warped into the target eye's. Both look the same way through the same optics; the
-target's centre lies to the source's right or left along the camera's x axis, so that disparities stay on the row.
+The source eye is rendered, and its frame is warped into the target eye. Both cameras have the same rotation and intrinsics. The
+target's centre lies to the source's right or left along the camera's x axis, so that a point appears on the same row in both.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from spec.errors import InputError
 EYES = ("left", "right")
 
 METRIC_SCENES = {EMBEDDED: 1.0}
-"""Units per metre of scenes whose scale is known, by name; coordinates from structure from motion have no scale."""
+"""Units per metre of the scenes whose scale is known, by name. Coordinates from structure from motion have no known scale."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class StereoPair:
     """The cameras of two eyes.
 
     Attributes:
-        source: the eye that is rendered as a whole.
-        target: the eye that it is warped into: the source's rotation and intrinsics, another centre.
+        source: camera of the eye that is rendered as a whole.
+        target: camera of the eye that the frame is warped into; only its centre differs from the source's.
         source_eye: "left" or "right".
-        baseline: distance between the centres in world units, positive.
+        baseline: distance between the two centres in world units, positive.
     """
 
     source: Camera
@@ -41,7 +41,8 @@ class StereoPair:
 
     @property
     def sign(self) -> int:
-        """Of the way a pixel moves from source to target: -1 where the source is the left eye, +1 where it is the right."""
+        """Direction in which a pixel moves from source to target: -1 where the source is the left eye, +1 where it is the
+        right."""
         return -1 if self.source_eye == "left" else 1
 
     @property
@@ -50,28 +51,28 @@ class StereoPair:
         return EYES[1 - EYES.index(self.source_eye)]
 
     def disparity(self, depth: np.ndarray | float) -> np.ndarray:
-        """float64 magnitude of the disparity in pixels at a z depth in world units."""
+        """Magnitude of the disparity in pixels, float64, at a z depth in world units."""
         with np.errstate(divide="ignore"):
             return self.baseline * self.source.fx / np.asarray(depth, np.float64)
 
     def left_right(self, source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What belongs to source and target, as (left, right)."""
+        """Sorts two values, one of the source and one of the target, into (left, right)."""
         return (source, target) if self.source_eye == "left" else (target, source)
 
 
 def stereo_pair(
     source: Camera, *, ipd_metres: float = IPD_METRES, units_per_metre: float = 1.0, source_eye: str = "left",
 ) -> StereoPair:
-    """The pair whose source eye is a given camera.
+    """The pair of cameras whose source eye is a given camera.
 
     Args:
         source: the camera of the source eye.
-        ipd_metres: distance between the eyes.
-        units_per_metre: of the scene's coordinates.
+        ipd_metres: distance between the eyes (interpupillary distance) in metres.
+        units_per_metre: scale of the scene's coordinates.
         source_eye: "left" or "right".
 
     Raises:
-        InputError: a distance or scale that is not positive and finite, or no such eye.
+        InputError: a distance or scale is not positive and finite, or the eye is neither left nor right.
     """
     for name, value in (("IPD", ipd_metres), ("units per metre", units_per_metre)):
         if not (math.isfinite(value) and value > 0):
@@ -85,11 +86,11 @@ def stereo_pair(
 
 
 def scene_scale(scene: str, units_per_metre: float | None) -> tuple[float, str | None]:
-    """Units per metre to use, and a warning where they had to be assumed.
+    """The units per metre to use, and a warning where they had to be assumed.
 
     Args:
-        scene: its name.
-        units_per_metre: what the user says, if anything.
+        scene: the scene's name.
+        units_per_metre: the value that the user gave, or None.
     """
     if units_per_metre is not None:
         return units_per_metre, None
@@ -110,12 +111,12 @@ def check_gaze(eye: str, gaze_xy: tuple[float, float], camera: Camera) -> None:
 def target_gaze(
     pair: StereoPair, gaze_xy: tuple[float, float], depth: float,
 ) -> tuple[tuple[float, float], str | None]:
-    """Where the target eye looks when both eyes look at one point, and a warning where that is off-screen.
+    """Where the target eye looks when both eyes look at the same point, and a warning where that point is off-screen.
 
     Args:
         pair: the eyes.
         gaze_xy: the source's gaze in pixels.
-        depth: z depth of the gazed pixel in world units; not finite where it has none: the gaze is the source's then.
+        depth: z depth of the gazed pixel in world units. Where it is not finite, the target's gaze is the source's.
 
     Returns:
         The gaze, clamped to the frame, and the warning or None.
@@ -129,12 +130,13 @@ def target_gaze(
 
 
 def warpable_tiles(display: Display, gaze_xy: tuple[float, float], threshold_deg: float = ECC_THRESHOLD_DEG) -> np.ndarray:
-    """(tiles_y, tiles_x) bool: no pixel of the tile is less eccentric than the threshold. The others must be rendered.
+    """(tiles_y, tiles_x) bool: True where no pixel of the tile is less eccentric than the threshold. Other tiles must be
+    rendered.
 
     Args:
-        display: the target eye's.
-        gaze_xy: its gaze in pixels.
-        threshold_deg: 0 lets every tile be warped, 180 none.
+        display: the target eye's display.
+        gaze_xy: the target eye's gaze in pixels.
+        threshold_deg: 0 allows every tile to be warped, 180 allows none.
 
     Raises:
         InputError: the threshold is not in 0..180 degrees, or the gaze is off the display.

@@ -1,4 +1,4 @@
-"""Cameras in JSON: `transforms.json` of nerfstudio and Blender, `cameras.json` of INRIA's trainer."""
+"""Reads cameras from JSON: `transforms.json` of nerfstudio and Blender, `cameras.json` of the INRIA trainer."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
 def load_transforms(path: Path) -> Dataset:
-    """The set in a `transforms.json`: nerfstudio's (`fl_x`, per file or per frame) or Blender's (`camera_angle_x`).
+    """Loads the set in a `transforms.json`, nerfstudio's (`fl_x` for the file or for each frame) or Blender's
+    (`camera_angle_x`).
 
-    Photographs that do not exist make a set without photographs, where the file gives the frame size. Points come from
-    nerfstudio's `ply_file_path`.
+    If none of the photographs exists, the set has none, and the file must give the frame size. Points come from nerfstudio's
+    `ply_file_path`.
 
     Raises:
-        InputError: a missing or malformed entry, a distorted lens, or some of the photographs missing.
+        InputError: an entry is missing or malformed, a lens is distorted, or only some of the photographs exist.
     """
     meta = read_json(path)
     frames = meta.get("frames")
@@ -48,7 +49,7 @@ def _image_path(path: Path, frame: dict[str, Any]) -> Path:
     if not isinstance(name, str):
         raise InputError(f"{path}: file_path is {name!r}; a photograph's name is needed in every frame")
     image = path.parent / name
-    return image if image.suffix else image.with_suffix(".png")  # Blender's names come without
+    return image if image.suffix else image.with_suffix(".png")  # Blender writes names without a suffix
 
 
 def _number(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
@@ -109,10 +110,10 @@ def _no_points() -> tuple[np.ndarray, np.ndarray]:
 
 
 def load_inria_cameras(path: Path) -> tuple[Camera, ...]:
-    """The cameras in a `cameras.json` of INRIA's trainer: camera to world in OpenCV axes, principal point in the middle.
+    """Loads a `cameras.json` of the INRIA trainer: camera to world in OpenCV axes, principal point in the middle.
 
     Raises:
-        InputError: not such a file.
+        InputError: the file is not such a list of cameras.
     """
     try:
         entries = json.loads(read_bytes(path))

@@ -1,4 +1,4 @@
-"""What foveated levels are compared with: random subsets of L1 (SMFR), and a model of its own for each level (MMFR)."""
+"""Baselines of foveated levels: random subsets of L1 (SMFR), and a separate model for each level (MMFR)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,15 @@ if TYPE_CHECKING:
 
 
 def smfr(base: Gaussians, counts: Sequence[int], seed: int = 0) -> FoveatedModel:
-    """Single-Model FR: L1, and nested random subsets of it with the given points per level; nothing is trained.
+    """Single-Model FR: L1, and nested random subsets of it with the given numbers of points; nothing is trained.
 
     Args:
-        counts: points of each level, the first all of `base`.
-        seed: of the permutation that ranks the points.
+        base: the Gaussians of L1.
+        counts: number of points of each level; the first must be all of `base`.
+        seed: seed of the permutation that ranks the points.
 
     Raises:
-        ValueError: counts that are not so.
+        ValueError: the counts break this rule or do not descend.
     """
     drawn = smfr_levels(to_model(base, up=np.array([0.0, -1.0, 0.0]), name="smfr"), len(counts), seed, counts)
     return FoveatedModel.nested(base, drawn.quality_bound)
@@ -44,7 +45,7 @@ class SeparateModels:
     """Multi-Model FR: levels that share nothing.
 
     Attributes:
-        models: L1 first.
+        models: the Gaussians of each level, L1 first.
     """
 
     models: tuple[Gaussians, ...]
@@ -60,7 +61,7 @@ class SeparateModels:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Points of each level."""
+        """Number of points of each level."""
         return tuple(map(len, self.models))
 
     @property
@@ -76,13 +77,13 @@ class SeparateModels:
 
 @dataclass(frozen=True)
 class SeparateOptions:
-    """How a level of MMFR is made.
+    """Options of making a level of MMFR.
 
     Attributes:
-        iterations: of training, in all.
+        iterations: number of training iterations in all.
         prune_until: share of them over which pruning is spread.
-        fraction: of the points, removed at a time, at most.
-        share: parts that training views are scored in, see `Scores`.
+        fraction: largest share of the points that is removed at a time.
+        share: number of parts in which training views are scored, see `Scores`.
         pooling: as `LevelOptions.pooling`.
         memory: bytes that references prepared for HVSQ may take.
     """
@@ -104,17 +105,18 @@ class SeparateOptions:
 
 
 class SeparateStage(Stage):
-    """One level of MMFR: L1 pruned by CE to a number of points, and all parameters trained on HVSQ at the level's pooling.
+    """One level of MMFR: L1 pruned by CE to a number of points, with all parameters trained on HVSQ at the level's pooling.
 
-    Points go in equal shares over the first part of the training, so that it makes up for each loss before the next.
+    Points are removed in equal shares over the first part of the training, so that training recovers from each loss before the
+    next.
 
     Args:
         scene: training views train and score.
-        base: L1.
+        base: the Gaussians of L1.
         level: 1, 2 or 3 (0-based).
-        points: to keep, 1..len(base).
+        points: number of points to keep, 1..len(base).
         options: see `SeparateOptions`.
-        seed: of the order of views.
+        seed: seed of the order of views.
         dense: a model whose renders are the reference instead of the photographs.
     """
 
@@ -139,11 +141,11 @@ class SeparateStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained."""
+        """The Gaussians in training."""
         return self._optimiser.gaussians
 
     def step(self) -> dict[str, float]:
-        """One iteration, after a prune where one is due."""
+        """Takes one iteration, after a prune if one is due."""
         excess = len(self.gaussians) - self._points_at.get(self.done, len(self.gaussians))
         if excess > 0:
             keep = without_lowest(self._scores.measure(self.gaussians), excess)
@@ -161,18 +163,21 @@ class SeparateStage(Stage):
         return self.gaussians.detached()
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """See `Stage`."""
         return {"done": self.done, "training": self._optimiser.state(), "scores": self._scores.state()}
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """See `Stage`."""
         self.done = state["done"]
         self._optimiser.load(state["training"])
         self._scores.load(state["scores"])
 
 
 def _points_at(first: int, last: int, options: SeparateOptions) -> dict[int, int]:
-    """Points to prune to before an iteration: as many prunes as `fraction` needs, evenly spread, each of the same share."""
+    """For each iteration that a prune precedes, the number of points left after it.
+
+    There are as many prunes as `fraction` requires, evenly spread, and each removes the same share.
+    """
     prunes = int(np.ceil(np.log(last / first) / np.log1p(-options.fraction)))
     when = np.linspace(0, options.prune_until * options.iterations, prunes, endpoint=False).astype(int)
     counts = np.round(first * (last / first) ** (np.arange(1, prunes + 1) / prunes)).astype(int)

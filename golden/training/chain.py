@@ -1,7 +1,8 @@
-"""Runs stages one after the other: log, progress, checkpoints, interrupt and resume, and a stop when numbers go wrong.
+"""Runs training stages one after the other, with a log, progress, checkpoints, interrupt and resume, and a stop when numbers
+diverge.
 
-A chain that was interrupted and resumed gives, bit for bit, what it gives uninterrupted: stages are deterministic, their
-states complete (`golden.training.stage`), and what one hands on is frozen once it has finished.
+A chain that was interrupted and resumed gives, bit for bit, the result of an uninterrupted one: stages are deterministic, their
+states are complete (`golden.training.stage`), and a finished stage's result is not changed any more.
 """
 
 from __future__ import annotations
@@ -32,14 +33,15 @@ CHECKPOINT_SECONDS = 60.0
 """Time between checkpoints within a stage."""
 
 LOG = "log.jsonl"
-"""One JSON object per iteration: iteration, stage, what the stage logs (loss, points, psnr, ...), seconds."""
+"""The log's file name. It holds one JSON object for each iteration: iteration, stage, what the stage logs (loss, points,
+psnr, ...), and seconds."""
 
 FIELDS = frozenset(field.name for field in fields(Gaussians))
-"""Names under which states keep trained parameters: what must stay finite."""
+"""Names under which stages' states keep trained parameters; these must stay finite."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user's interrupt, after the iteration was finished and checkpointed."""
+    """The user's interrupt, raised after the current iteration has been finished and checkpointed."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class Planned:
     """A stage of a chain before it starts.
 
     Attributes:
-        name: the stage's, unique in the chain.
-        total: iterations it is expected to take.
-        make: the stage, given what the stages before left, by name. What it gets is its own to change.
+        name: the stage's name, unique in the chain.
+        total: number of iterations that it is expected to take.
+        make: makes the stage from the results of the stages before, by name. The results are copies that it may change.
     """
 
     name: str
@@ -72,18 +74,19 @@ def non_finite(state: object, prefix: str = "") -> Iterator[str]:
 
 
 class Chain:
-    """A run of stages in an output folder.
+    """Runs stages in an output folder.
 
     Args:
         plan: the stages in order.
-        folder: the output folder; `checkpoints/` and `log.jsonl` are in it.
-        options: what the run was asked for, plain values by name: a resumed run must have the same.
-        resume: go on from the folder's last checkpoint.
-        classes: what results and states are made of, see `Checkpoints`.
-        checkpoint_seconds: time between checkpoints within a stage; each stage's end has one anyway.
+        folder: the output folder, in which `checkpoints/` and `log.jsonl` are written.
+        options: the run's options, plain values by name; a resumed run must have the same.
+        resume: continue from the folder's last checkpoint.
+        classes: classes that results and states consist of, see `Checkpoints`.
+        checkpoint_seconds: seconds between checkpoints within a stage; the end of each stage has one in any case.
 
     Raises:
-        InputError: nothing to resume, or a run with other options; without `resume`, an unfinished run in the folder.
+        InputError: there is nothing to resume, or the run has other options; or, without `resume`, the folder holds an
+            unfinished run.
     """
 
     def __init__(
@@ -105,10 +108,10 @@ class Chain:
             self._begin(totals)
 
     def run(self) -> dict[str, Any]:
-        """Runs what is left; the results by stage name.
+        """Runs the stages that are left and returns all results by stage name.
 
         Raises:
-            Interrupted: after SIGINT, once the iteration is finished and checkpointed.
+            Interrupted: after SIGINT, once the current iteration is finished and checkpointed.
             TrainingError: a loss or parameter is not finite, or the disk is full; the last checkpoint is intact.
         """
         with _interrupts() as interrupted, self._logging() as log:
@@ -137,7 +140,7 @@ class Chain:
         self._truncate_log()
 
     def _truncate_log(self) -> None:
-        """Forgets what was logged after the checkpoint; lines that a crash left incomplete come after it too."""
+        """Removes what was logged after the checkpoint, including lines that a crash left incomplete."""
         kept = []
         for line in self.log_path.read_bytes().splitlines(keepends=True) if self.log_path.exists() else ():
             try:
@@ -152,7 +155,7 @@ class Chain:
 
     @contextmanager
     def _logging(self) -> Iterator[Callable[[dict[str, Any]], None]]:
-        """Appends records to the log, each at once on disk: what is checkpointed is logged."""
+        """Appends records to the log without buffering, so that every checkpointed iteration is in the log."""
         with open(self.log_path, "ab", buffering=0) as file:
             def log(record: dict[str, Any]) -> None:
                 with room_needed(self.log_path, self.checkpoints.kept()):
@@ -196,14 +199,14 @@ class Chain:
             raise Interrupted(f"interrupted at iteration {self.iteration}, after {planned.name}")
 
     def _check(self, stage: Stage, record: Mapping[str, Any]) -> None:
-        """Stops the chain where an iteration's loss is not finite, or a parameter of a stage that shows its `gaussians`."""
+        """Stops the chain if an iteration's loss is not finite, or a parameter of a stage that has `gaussians` is not."""
         loss = float(record.get("loss", 0.0))
         found = list(non_finite(getattr(stage, "gaussians", None)))
         if not math.isfinite(loss) or found:
             self._diverged(stage, record, loss, found or list(non_finite(stage.state())))
 
     def _finite_state(self, stage: Stage) -> dict[str, Any]:
-        """The stage's state, every trained parameter in it finite: no other is checkpointed."""
+        """The stage's state, in which every trained parameter is finite; no other state is checkpointed."""
         state = stage.state()
         found = list(non_finite(state))
         if found:
@@ -226,14 +229,17 @@ class Chain:
 
 
 def _plain(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record's numbers ready for JSON; what was not measured in this iteration (NaN, infinite) is left out."""
+    """A record's numbers ready for JSON; numbers that were not measured in this iteration (NaN, infinite) are left out."""
     values = {name: value.item() if hasattr(value, "item") else value for name, value in record.items()}
     return {name: value for name, value in values.items() if not isinstance(value, float) or math.isfinite(value)}
 
 
 @contextmanager
 def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether SIGINT came, while the block lasts; a second one interrupts at once. Signals reach the main thread alone."""
+    """Yields a function that tells whether SIGINT came during the block; a second SIGINT interrupts at once.
+
+    Python delivers signals only to the main thread; in other threads the function always returns False.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return

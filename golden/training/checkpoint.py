@@ -1,4 +1,5 @@
-"""Checkpoints of a chain of stages: complete or not there, the last two kept, refused by a run with other options."""
+"""Checkpoints of a chain of stages: written completely or not at all, the last two kept, and refused by a run with other
+options."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ from golden.training.failure import room_needed
 from spec.errors import InputError
 
 KEEP = 2
-"""Checkpoints kept: the newest, and the one before in case the newest cannot be read back."""
+"""Number of checkpoints kept: the newest, and the one before in case the newest cannot be read."""
 
 FORMAT = 1
-"""Version of what a checkpoint holds."""
+"""Version of a checkpoint's content."""
 
 _NUMPY = (np.ndarray, np.dtype, np._core.multiarray._reconstruct, np._core.multiarray.scalar,
           *{type(np.dtype(code)) for code in "?bBhHiIlLqQefd"})
@@ -31,17 +32,17 @@ _NUMPY = (np.ndarray, np.dtype, np._core.multiarray._reconstruct, np._core.multi
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a chain is.
+    """The state of a chain.
 
     Attributes:
-        options: what the run was asked for, by name; a run that resumes must be asked for the same.
+        options: the run's options by name; a run that resumes must have the same.
         plan: name and expected iterations of each stage.
-        results: what the finished stages left, by name.
-        stage: index of the stage at work; the number of stages once all are finished.
-        state: that stage's state, or None where it has not started.
-        iteration: iterations taken by all stages.
-        spent: iterations and seconds of each stage begun.
-        threads: torch's, on which the order of its sums depends.
+        results: the finished stages' results by name.
+        stage: index of the current stage; the number of stages once all are finished.
+        state: that stage's state, or None if it has not started.
+        iteration: number of iterations taken by all stages.
+        spent: iterations and seconds of each stage that has begun.
+        threads: torch's number of threads, on which the order of its sums depends.
     """
 
     options: dict[str, Any]
@@ -58,9 +59,9 @@ class Checkpoints:
     """The checkpoints in a folder.
 
     Args:
-        folder: created if need be.
-        classes: classes, beside Gaussians and numpy's arrays, that results and states are made of; a checkpoint with any
-            other is not read, so that a file from elsewhere runs no code.
+        folder: the folder; it is created if need be.
+        classes: classes, beside Gaussians and numpy's arrays, that results and states consist of. A checkpoint with any
+            other class is not read, so that a file from elsewhere cannot run code.
     """
 
     def __init__(self, folder: Path, classes: tuple[type, ...] = ()) -> None:
@@ -75,9 +76,9 @@ class Checkpoints:
         """Writes a checkpoint and removes those older than the last two.
 
         Raises:
-            TrainingError: the disk is full; what was there before is untouched.
+            TrainingError: the disk is full; existing checkpoints are untouched.
         """
-        content = io.BytesIO()  # torch hides the reason when a write of its own fails
+        content = io.BytesIO()  # if torch wrote the file itself, it would hide why a write failed
         values = {field.name: getattr(checkpoint, field.name) for field in fields(checkpoint)}
         torch.save({"format": FORMAT, **values}, content)
         path = self.folder / f"iteration_{checkpoint.iteration:09d}_{checkpoint.stage:02d}.pt"
@@ -88,12 +89,12 @@ class Checkpoints:
         return path
 
     def kept(self) -> str:
-        """What a failure's message says of the last checkpoint."""
+        """The part of an error message that names the last checkpoint."""
         paths = self.paths()
         return f"the last checkpoint is intact: {paths[-1]}" if paths else "there was no checkpoint yet"
 
     def load(self) -> Checkpoint:
-        """The newest checkpoint that can be read.
+        """Loads the newest checkpoint that can be read.
 
         Raises:
             InputError: there is none.
@@ -127,7 +128,7 @@ class Checkpoints:
 
 
 def _reason(error: Exception) -> str:
-    """What is wrong with a file, in a line: torch explains at length."""
+    """What is wrong with a file, in one line; torch's own message is long."""
     foreign = re.search(r"Unsupported global: GLOBAL (\S+)", str(error))
     if foreign:
         return f"it holds a {foreign[1]}, which no stage here saves"
@@ -135,10 +136,10 @@ def _reason(error: Exception) -> str:
 
 
 def check_options(checkpoint: Checkpoint, options: dict[str, Any], plan: tuple[tuple[str, int], ...]) -> None:
-    """Refuses a checkpoint of a run that was asked for something else.
+    """Refuses a checkpoint of a run with other options.
 
     Raises:
-        InputError: naming the first option that differs, both values, and what is accepted.
+        InputError: an option differs; the message names it, both values, and what is accepted.
     """
     for name in sorted({*options, *checkpoint.options}):
         now, then = options.get(name), checkpoint.options.get(name)

@@ -1,4 +1,4 @@
-"""Dense training: from SfM's points to a model of the photographs, as the field does it, scheduled for short runs."""
+"""Dense training: from SfM points to a model of the photographs, as the field does it, with schedules for short runs."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from golden.training.stage import Stage
 from golden.training.views import PerView, generator, view_at, views_within
 
 SSIM_BYTES = 48
-"""Bytes a pixel that a view's target and its SSIM statistics take."""
+"""Bytes for each pixel that a view's target and its SSIM statistics take."""
 
 TARGETS_BYTES = 256 << 20
-"""Memory for targets; what does not fit is made at each use."""
+"""Bytes of memory for targets; targets that do not fit are made at each use."""
 
 
 @dataclass(frozen=True)
 class DenseOptions:
-    """How dense training goes; moments are shares of the run, so that runs of any length go alike.
+    """Options of dense training. Times are shares of the run, so that runs of any length have the same course.
 
     Attributes:
-        iterations: one view each.
-        max_points: cap on the Gaussians.
+        iterations: number of iterations; each uses one view.
+        max_points: upper limit of the number of Gaussians.
         sh_degree: 0..3, reached one degree at a time.
         sh_every: share of the run between degrees (3DGS: 1,000 of 30,000 iterations).
-        coarse_until: share of the run trained at half the resolution.
+        coarse_until: share of the run that is trained at half the resolution.
         densify_from, densify_until: shares of the run between which Gaussians are added.
         densify_every: iterations between additions (3DGS).
-        threshold: smallest mean screen gradient, in half frames, of a Gaussian that is cloned or split (3DGS: 2e-4).
-        opacity_decay: what opacities are multiplied by at each addition, in place of 3DGS's resets: what the views do not need
-            fades and is removed, and nothing gets stuck at an opacity of 1. 1 leaves them.
-        gain, means_gain: factors on 3DGS's learning rates, which are meant for 30,000 iterations: of all fields but the means,
-            and of the means.
-        cooling: share of the run at the end over which the rates of all fields but the means fall.
-        cooled: what is left of them in the end, where 3DGS keeps them constant.
+        threshold: smallest mean screen gradient, in half frames, at which a Gaussian is cloned or split (3DGS: 2e-4).
+        opacity_decay: factor on opacities at each addition, in place of 3DGS's resets. Gaussians that the views do not need
+            fade and are removed, and no opacity stays stuck at 1. A factor of 1 leaves opacities unchanged.
+        gain, means_gain: factors on 3DGS's learning rates, which are meant for 30,000 iterations: for all fields but the means,
+            and for the means.
+        cooling: share of the run, at its end, over which the rates of all fields but the means fall.
+        cooled: factor on these rates at the end; 3DGS keeps them constant.
     """
 
     iterations: int = 7000
@@ -75,7 +75,7 @@ class DenseOptions:
             raise ValueError(f"cooling must lie in 0..1 and cooled above 0 and up to 1, not {self.cooling!r}, {self.cooled!r}")
 
     def rates(self, progress: float, extent: float) -> dict[str, float]:
-        """Learning rates of all fields at `progress` in 0..1 of the run, in a scene of that extent."""
+        """Learning rates of all fields at `progress` in 0..1 of the run, for a scene of the given extent."""
         late = max(0.0, progress - 1 + self.cooling) / self.cooling if self.cooling else 0.0
         gain, rates = self.gain * self.cooled**late, dense_rates(progress, extent)
         return {name: rate * (self.means_gain if name == "means" else gain) for name, rate in rates.items()}
@@ -93,9 +93,9 @@ class DenseStage(Stage):
     """Gradient descent on one training view at a time, with adaptive density control.
 
     Args:
-        scene: what to train from.
-        options: how.
-        seed: of the order of views, of the points kept and of where splits fall.
+        scene: the scene to train on.
+        options: the options of dense training.
+        seed: seed of the order of views, of the points that are kept, and of the positions of split Gaussians.
         device: where to train.
     """
 
@@ -116,11 +116,11 @@ class DenseStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """The Gaussians so far."""
+        """The Gaussians in training."""
         return self._optimiser.gaussians
 
     def step(self) -> dict[str, float]:
-        """One view. A loss that is not finite is returned and changes nothing."""
+        """Trains on one view. A loss that is not finite is returned and changes nothing."""
         progress = self.done / self.total
         self._optimiser.set_rates(self.options.rates(progress, self._fine.extent))
         self._widen(progress)
@@ -143,7 +143,7 @@ class DenseStage(Stage):
                 "entries": int(rendering.entries), **record}
 
     def result(self) -> Gaussians:
-        """The Gaussians, harmonics of the full degree."""
+        """The Gaussians, with harmonics of the full degree."""
         self._optimiser.widen(SH_REST_COUNT[self.options.sh_degree])
         return self.gaussians.detached()
 
@@ -158,14 +158,15 @@ class DenseStage(Stage):
         self._gradients.load(state["gradients"])
 
     def _widen(self, progress: float) -> None:
-        """The SH degree that is due; coefficients of higher degrees do not exist yet, which saves their time."""
+        """Adds coefficients for the SH degree that is due. Coefficients of higher degrees do not exist before, which saves
+        time."""
         every, highest = self.options.sh_every, self.options.sh_degree
         degree = min(highest, int(progress / every)) if every else highest
         if SH_REST_COUNT[degree] > self.gaussians.sh_rest.shape[1]:
             self._optimiser.widen(SH_REST_COUNT[degree])
 
     def _control_density(self) -> None:
-        """Add where gradients are large, remove what is transparent, when it is time."""
+        """When it is time, adds Gaussians where gradients are large and removes transparent ones."""
         options, progress = self.options, self.done / self.total
         if self.done % options.densify_every or not options.densify_from <= progress <= options.densify_until:
             return

@@ -1,4 +1,4 @@
-"""Adaptive density control (3DGS section 5.2): where Gaussians are added, by the gradients of their places on the screen."""
+"""Adaptive density control (3DGS section 5.2): adds Gaussians where the gradients of the positions on the screen are large."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from golden.diff.gaussians import Gaussians
 from golden.training.optimiser import Optimiser
 
 PERCENT_DENSE = 0.01
-"""Gaussians up to this share of the scene's extent are cloned, larger ones split (3DGS)."""
+"""Gaussians up to this share of the scene's extent are cloned, larger ones are split (3DGS)."""
 
 SPLIT_SHRINK = 1.6
-"""What the scale of a split Gaussian's halves is divided by (3DGS)."""
+"""The scale of a split Gaussian's two parts is divided by this (3DGS)."""
 
 MIN_OPACITY = 0.005
-"""Gaussians below are removed (3DGS)."""
+"""Gaussians of a lower opacity are removed (3DGS)."""
 
 
 class ScreenGradients:
-    """Each Gaussian's mean gradient on the screen over the views that showed it, since the last change of rows.
+    """Each Gaussian's mean gradient on the screen over the views that showed it, since rows were last added or removed.
 
     Args:
         points: number of Gaussians.
+        device: where to keep the sums.
     """
 
     def __init__(self, points: int, device: torch.device | str = "cpu") -> None:
@@ -30,12 +31,13 @@ class ScreenGradients:
         self.views = torch.zeros(points, device=device)
 
     def observe(self, index: torch.Tensor, grad: torch.Tensor, size: tuple[int, int]) -> None:
-        """Add a view's gradients.
+        """Adds the gradients of one view.
 
         Args:
             index: (M,) rows of the Gaussians on the screen, each once.
-            grad: (M, 2) of the loss by pixels.
-            size: (width, height) of the frame; gradients count by half frames, as in 3DGS, so that no resolution is favoured.
+            grad: (M, 2) gradients of the loss with respect to `mean2d`, in 1/px.
+            size: (width, height) of the frame. As in 3DGS, gradients are converted to half frames, so that no resolution is
+                favoured.
         """
         norm = torch.hypot(grad[:, 0] * (size[0] / 2), grad[:, 1] * (size[1] / 2))
         self.total[index] += norm
@@ -43,32 +45,35 @@ class ScreenGradients:
 
     @property
     def mean(self) -> torch.Tensor:
-        """(N,) 0 for what no view has shown."""
+        """(N,) mean gradient; 0 for Gaussians that no view has shown."""
         return self.total / self.views.clamp(min=1)
 
     def state(self) -> dict[str, torch.Tensor]:
-        """For `load`; copies."""
+        """Copies of the sums, for `load`."""
         return {"total": self.total.clone(), "views": self.views.clone()}
 
     def load(self, state: dict[str, torch.Tensor]) -> None:
-        """Back to `state`."""
+        """Restores the sums from `state`."""
         self.total, self.views = (state[name].to(self.total.device).clone() for name in ("total", "views"))
 
 
 def densify(optimiser: Optimiser, gradient: torch.Tensor, *, threshold: float, budget: int, small: float,
             random: np.random.Generator) -> int:
-    """Clone and split the Gaussians with the largest gradients.
+    """Clones and splits the Gaussians with the largest gradients.
 
-    A small one gets a copy of itself; a large one gives way to two of 1/1.6 of its size, drawn from its own distribution.
+    A small one gets a copy of itself. A large one is replaced by two of 1/1.6 of its size, whose means are drawn from its own
+    distribution.
 
     Args:
+        optimiser: the Gaussians in training.
         gradient: (N,) see `ScreenGradients`.
         threshold: gradients must exceed it.
         budget: number of Gaussians that may be added.
         small: largest standard deviation, in world units, that counts as small.
+        random: draws the means of split Gaussians.
 
     Returns:
-        The number added.
+        The number of Gaussians added.
     """
     rows = torch.argsort(gradient, descending=True, stable=True)[: max(budget, 0)]
     rows = rows[gradient[rows] > threshold].sort().values
@@ -84,7 +89,8 @@ def densify(optimiser: Optimiser, gradient: torch.Tensor, *, threshold: float, b
 
 
 def split(parents: Gaussians, random: np.random.Generator) -> Gaussians:
-    """Two Gaussians for each parent, drawn from its distribution, of 1/1.6 of its size: all first ones, then all second."""
+    """Two Gaussians for each parent, of 1/1.6 of its size, with means drawn from its distribution: all first ones, then all
+    second."""
     n = len(parents)
     noise = torch.from_numpy(random.standard_normal((2 * n, 3)).astype(np.float32)).to(parents.device)
     both = parents.map(lambda tensor: tensor.repeat(2, *[1] * (tensor.ndim - 1)))
@@ -95,7 +101,7 @@ def split(parents: Gaussians, random: np.random.Generator) -> Gaussians:
 
 
 def rotated(quats: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
-    """(N, 3) `vectors` turned by the wxyz `quats` (N, 4), which need not be normalised."""
+    """The vectors (N, 3) rotated by the wxyz `quats` (N, 4), which need not be normalised."""
     quats = torch.nn.functional.normalize(quats, dim=1)
     w, axis = quats[:, :1], quats[:, 1:]
     twice = 2 * torch.linalg.cross(axis, vectors, dim=1)

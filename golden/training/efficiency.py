@@ -1,7 +1,7 @@
-"""What pruning ranks Gaussians by: computational efficiency (paper section 3.2), and what the field used before.
+"""Scores by which pruning ranks Gaussians: computational efficiency (paper section 3.2), and the field's earlier criteria.
 
-Every criterion is a score, the lowest goes first. Criteria that are measured on views keep each view's score, so that a
-part of the views can be measured again after each part of a prune while the others' last scores stand.
+With every criterion, the Gaussians with the lowest score are pruned first. Criteria that are measured on views keep each view's
+score. So some of the views can be measured again after each part of a prune, while the others' last scores stand.
 """
 
 from __future__ import annotations
@@ -19,25 +19,26 @@ from golden.training.views import generator
 from spec.constants import ALPHA_MAX_L1
 
 CRITERIA = ("ce", "importance", "count", "random")
-"""Val / Comp; LightGaussian's significance; opacity; no criterion at all."""
+"""The criteria: Val / Comp; LightGaussian's significance; opacity; a random number."""
 
 VOLUME_POWER = 0.1
-"""Exponent of a Gaussian's volume in `importance`, as LightGaussian's public code is run."""
+"""Exponent of a Gaussian's volume in `importance`, with the value that LightGaussian's public code uses."""
 
 TIE_BREAK = 2.0**-20
-"""Weight of sum(T alpha) beside dominated pixels in CE: most Gaussians of a dense model dominate nothing, and of those the
-ones with the least contribution per tile go first. Far too small to change the order of Gaussians that dominate a pixel."""
+"""Weight of sum(T alpha) relative to dominated pixels in CE. Most Gaussians of a dense model dominate no pixel, and of those
+the ones that contribute least per tile are pruned first. The weight is far too small to change the order of Gaussians that
+dominate a pixel."""
 
 
 def efficiency(rendering: Rendering, count: int) -> torch.Tensor:
     """(count,) float32 CE = Val / Comp of one view.
 
-    Val: pixels whose largest T alpha is the Gaussian's. Comp: tiles that used it before the whole tile stopped. 0 where no
-    tile used it. Ties are broken by TIE_BREAK.
+    Val is the number of pixels in which the Gaussian has the largest T alpha. Comp is the number of tiles that used it before
+    all their pixels had stopped. The score is 0 if no tile used it. TIE_BREAK breaks ties.
 
     Args:
-        rendering: made with `usage=True`.
-        count: Gaussians in the model.
+        rendering: a rendering made with `usage=True`.
+        count: number of Gaussians in the model.
     """
     value = rendering.dominated + TIE_BREAK * rendering.weight
     score = torch.where(rendering.tiles > 0, value / rendering.tiles.clamp(min=1), 0.0)
@@ -45,7 +46,7 @@ def efficiency(rendering: Rendering, count: int) -> torch.Tensor:
 
 
 def contribution(rendering: Rendering, count: int) -> torch.Tensor:
-    """(count,) float32 sum over pixels of T alpha, of one view rendered with `usage=True`."""
+    """(count,) float32 sum of T alpha over the pixels of one view, which must be rendered with `usage=True`."""
     return _scatter(rendering.weight, rendering.index, count)
 
 
@@ -57,11 +58,11 @@ def _scatter(values: torch.Tensor, index: torch.Tensor, count: int) -> torch.Ten
 
 
 def importance(contributions: torch.Tensor, log_scales: torch.Tensor) -> torch.Tensor:
-    """(N,) LightGaussian's global significance: sum over the pixels of all views of T alpha, times volume^0.1.
+    """(N,) LightGaussian's global significance: the sum of T alpha over the pixels of all views, times volume^0.1.
 
-    Fan et al. 2023, equations of section 3.2, with alpha for opacity, so that a pixel at the rim of a footprint counts
-    less. The normalisation of volumes by a quantile changes no rank and is left out, as is its clipping, which the public
-    code does not do.
+    Fan et al. 2023, equations of section 3.2, with alpha instead of opacity, so that a pixel at the rim of a footprint counts
+    less. The normalisation of volumes by a quantile is left out because it changes no rank. Its clipping is left out because
+    the public code does not do it.
 
     Args:
         contributions: (N,) sum of T alpha over all views.
@@ -71,18 +72,25 @@ def importance(contributions: torch.Tensor, log_scales: torch.Tensor) -> torch.T
 
 
 def widened(camera: Camera, margin: float) -> Camera:
-    """The camera with its frame grown by a share of its size on every side: what lies just outside is judged too."""
+    """The camera with its frame widened by a share of its size on every side, so that points just outside the frame are
+    scored too."""
     left, top = round(margin * camera.width), round(margin * camera.height)
     return replace(
         camera, cx=camera.cx + left, cy=camera.cy + top, width=camera.width + 2 * left, height=camera.height + 2 * top)
 
 
 class Scores:
-    """The scores of all Gaussians by one criterion, kept current through retraining and pruning.
+    """The scores of all Gaussians by one criterion, kept up to date through retraining and pruning.
 
-    Attributes:
+    Args:
         criterion: one of CRITERIA.
-        share: parts that the views are measured in; 1 measures all views at every call.
+        cameras: the views' cameras.
+        share: number of parts in which the views are measured; 1 measures all views at every call.
+        alpha_max: upper bound of alpha.
+        seed: seed of the criterion `random`.
+
+    Raises:
+        ValueError: the criterion is unknown, there is no camera, or `share` is below 1.
     """
 
     def __init__(
@@ -101,7 +109,7 @@ class Scores:
 
     @torch.no_grad()
     def measure(self, gaussians: Gaussians) -> torch.Tensor:
-        """(N,) scores: of the views, the next part is measured anew, all of them at the first call."""
+        """(N,) scores. One part of the views is measured again, and all of them at the first call."""
         turn, self._calls = self._calls, self._calls + 1
         if self.criterion == "count":
             return gaussians.amplified_opacity.detach()
@@ -122,22 +130,22 @@ class Scores:
         return importance(self._rows.sum(dim=0), gaussians.log_scales.detach())
 
     def select(self, keep: torch.Tensor) -> None:
-        """Follow the Gaussians through a prune: `keep` is (N,) bool or rows."""
+        """Removes the scores of pruned Gaussians; `keep` is (N,) bool or rows."""
         if self._rows is not None:
             self._rows = self._rows[:, keep]
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """Everything that `load` needs."""
         return {"calls": self._calls, "rows": None if self._rows is None else self._rows.clone()}
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """Restores what `state` returned."""
         self._calls = state["calls"]
         self._rows = None if state["rows"] is None else state["rows"].clone()
 
 
 def without_lowest(scores: torch.Tensor, count: int) -> torch.Tensor:
-    """(N,) bool: all but the `count` lowest scores; of equal ones the first in the model go first."""
+    """(N,) bool: all but the `count` lowest scores. Of equal scores, those that come first in the model are removed first."""
     keep = torch.ones(len(scores), dtype=torch.bool, device=scores.device)
     keep[torch.argsort(scores, stable=True)[:count]] = False
     return keep

@@ -1,4 +1,4 @@
-"""The embedded scene's photographs and points: ray-traced once, then kept."""
+"""The embedded scene's photographs and points: ray-traced once and then cached."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from spec.sources import fingerprint, sources_of
 def photographs_and_points(
     cameras: Sequence[Camera], count: int, folder: Path = CACHE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Views of the embedded cameras, which are of one size, and points on the surfaces they see.
+    """Photographs of the embedded cameras, which must have one size, and points on the surfaces that they see.
 
-    Kept in `folder`, one file for each size, number of views and points, and state of the source; one that cannot be read is
-    made anew.
+    They are kept in `folder`, one file for each size, number of cameras and points, and state of the source code. A file that
+    cannot be read is made anew.
 
     Returns:
         (V, H, W, 3) uint8 photographs, (count, 3) float64 points in metres and their (count, 3) float64 colours in 0..1.

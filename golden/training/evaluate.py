@@ -1,4 +1,4 @@
-"""What a model is worth on a set of views: PSNR, SSIM and HVSQ against the photographs, and what its frames cost."""
+"""A model's quality on a set of views: PSNR, SSIM and HVSQ against the photographs, and the cost of its frames."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 MARGIN = 0.5
-"""Standard errors of the mean loss that a gate asks for above its threshold."""
+"""Standard errors of the mean loss that a gate requires above its threshold."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Means over views.
+    """Quality as means over views.
 
     Attributes:
-        psnr: dB, the mean of the views' own.
+        psnr: dB, the mean of the views' PSNRs.
         ssim: scikit-image's, see `golden.metrics.image`.
-        entries: (splat, tile) pairs listed per frame: the tile-ellipse intersections of the paper.
-        entries_per_tile: the same over the frame's tiles.
-        points: Gaussians in the model.
+        entries: number of intersections in a frame (the tile-ellipse intersections of the paper).
+        entries_per_tile: the same divided by the number of the frame's tiles.
+        points: number of Gaussians in the model.
         hvsq: one value for each pooling size asked for.
         views: PSNR and SSIM of each view.
     """
@@ -47,16 +47,16 @@ class Quality:
 
 @dataclass(frozen=True)
 class Gate:
-    """The least quality accepted of a pruned model, measured on validation views.
+    """The lowest accepted quality of a pruned model, measured on validation views.
 
-    These are few and stand for the views to come, so means are judged less MARGIN of their standard error: that of the losses
-    of the single views, the standard deviation of psnr_i - dense_i over the root of their number. With many views it vanishes;
-    with one there is none.
+    The validation views are few and represent all views to come. So means are lowered by MARGIN standard errors of the losses,
+    that is, by MARGIN times the standard deviation of psnr_i - dense_i over the square root of the number of views. With many
+    views this margin vanishes; with one view there is none.
 
     Attributes:
         psnr: dB.
         ssim: 0..1.
-        dense: per view, PSNR and SSIM of the dense model, which losses are counted from; without them there is no margin.
+        dense: PSNR and SSIM of the dense model for each view, from which losses are counted; without them there is no margin.
     """
 
     psnr: float
@@ -65,13 +65,18 @@ class Gate:
 
     @classmethod
     def of(cls, dense: Quality, loss: float) -> Gate:
-        """At most the share `loss` (0..1) of the dense model's PSNR and of its SSIM may go."""
+        """The gate that accepts a loss of at most the share `loss` (0..1) of the dense model's PSNR and of its SSIM.
+
+        Raises:
+            ValueError: `loss` is not such a share.
+        """
         if not 0 <= loss < 1:
             raise ValueError(f"loss must be a share of the dense quality in 0..1, not {loss!r}")
         return cls((1 - loss) * dense.psnr, (1 - loss) * dense.ssim, dense.views)
 
     def slack(self, quality: Quality) -> float:
-        """By how much the worse of the two exceeds what is asked of it, as a share of that; below 0 the gate fails."""
+        """By how much PSNR and SSIM exceed their thresholds, as a share of the threshold, for the worse of the two; below 0
+        the gate fails."""
         margin = np.zeros(2)
         if len(self.dense) > 1 and len(self.dense) == len(quality.views):
             losses = np.subtract(quality.views, self.dense)
@@ -79,7 +84,7 @@ class Gate:
         return float(min((quality.psnr - margin[0]) / self.psnr, (quality.ssim - margin[1]) / self.ssim) - 1)
 
     def passes(self, quality: Quality) -> bool:
-        """Whether both are met."""
+        """Whether both thresholds are met."""
         return self.slack(quality) >= 0
 
 
@@ -92,17 +97,18 @@ def evaluate(
     pooling: Sequence[float] = (),
     progress: Callable[[int], object] | None = None,
 ) -> Quality:
-    """Render `views` of the scene and compare them with the photographs, images clamped to 0..1 as a display does.
+    """Renders views of the scene and compares them with the photographs; images are clamped to 0..1 as on a display.
 
     Args:
         gaussians: one level.
+        scene: the scene.
         views: indices into the scene's cameras, at least one.
-        alpha_max: alpha's upper bound.
-        pooling: pooling sizes in pixels at which HVSQ is wanted.
+        alpha_max: upper bound of alpha.
+        pooling: pooling sizes in pixels for which HVSQ is wanted.
         progress: called with the number of views done.
 
     Raises:
-        ValueError: no views.
+        ValueError: there are no views.
     """
     if not len(views):
         raise ValueError("views must name at least one view, not none")

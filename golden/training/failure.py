@@ -1,4 +1,5 @@
-"""Training that cannot go on: diverged numbers, a full disk. Not bad input, and what was checkpointed stays."""
+"""Failures after which training cannot continue: diverged numbers or a full disk. They are not bad input; checkpoints
+remain."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
-"""What a write fails with when there is no room: on the disk, or in the user's quota."""
+"""Error numbers of a write for which there is no free space: on the disk, or in the user's quota."""
 
 
 class TrainingError(RuntimeError):
@@ -17,10 +18,10 @@ class TrainingError(RuntimeError):
 
 @contextmanager
 def room_needed(path: Path, kept: str) -> Iterator[None]:
-    """Turns a full disk while `path` is written into a TrainingError that says what is `kept`; other errors pass.
+    """Turns a full disk while `path` is written into a TrainingError that says what is `kept`; other errors pass through.
 
     Raises:
-        TrainingError: no room, wherever in the exception's causes that shows.
+        TrainingError: there is no free space; the reason may be anywhere in the exception's causes.
     """
     try:
         yield

@@ -24,33 +24,35 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 HVSQ_BYTES = 216
-"""Bytes that an `Hvsq` keeps for a pixel, at most."""
+"""Largest number of bytes that an `Hvsq` keeps for a pixel."""
 
 HVSQ_BUDGET = 2**30
-"""Bytes for the views' `Hvsq` objects; views beyond it have theirs made anew each time."""
+"""Bytes for the views' `Hvsq` objects; those of further views are made again at each use."""
 
 
 class FineTuneStage(Stage):
-    """All parameters trained on HVSQ at pooling 1, and as much on the loss of pruning; kept only where it helps.
+    """Trains all parameters on HVSQ at pooling 1 and, with the same weight, on the loss of pruning; keeps the result only if it
+    helps.
 
-    On HVSQ alone PSNR and HVSQ gain but SSIM falls, below a gate that the model came from the edge of.
+    Trained on HVSQ alone, PSNR and HVSQ improve but SSIM falls below the gate, which the pruned model just passes.
 
-    Every `interval` iterations HVSQ, PSNR and SSIM of the validation views are measured, of the parameters' running average.
-    The result is the model with the lowest HVSQ among those that pass the gate; the model that came in counts without a gate.
+    Every `interval` iterations, HVSQ, PSNR and SSIM of the running average of the parameters are measured on the validation
+    views. The result is the model with the lowest HVSQ among those that pass the gate. The model that came in counts whether or
+    not it passes.
 
     Args:
-        scene: training views are trained on, validation views judge.
+        scene: training views train, and validation views judge.
         gaussians: level 1.
-        gate: of the pruning before, or None: HVSQ alone decides.
-        iterations: in all.
-        interval: iterations between two looks.
-        seed: of the order of training views.
-        rates: Adam's, by field; None for `retraining_rates`.
-        name: in a chain.
-        pooling: width in pixels that HVSQ pools over; None: the paper's, scaled to the frame.
+        gate: the gate of pruning, or None: HVSQ alone decides.
+        iterations: number of iterations.
+        interval: iterations between two measurements.
+        seed: seed of the order of training views.
+        rates: Adam's rates by field; None for `retraining_rates`.
+        name: the stage's name in the chain.
+        pooling: pooling width of HVSQ in pixels; None: the paper's, scaled to the frame.
 
     Attributes:
-        before, after: quality of what came in and of the result, on the validation views, HVSQ at pooling 1 included.
+        before, after: quality of the model that came in and of the result on the validation views, including HVSQ at pooling 1.
     """
 
     def __init__(
@@ -79,11 +81,11 @@ class FineTuneStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained."""
+        """The Gaussians in training."""
         return self._optimiser.gaussians
 
     def step(self) -> dict[str, float]:
-        """One iteration; where validation views were measured, `psnr`, `ssim` and `hvsq` too."""
+        """Takes one iteration; if validation views were measured, the record has `psnr`, `ssim` and `hvsq` too."""
         if self.before is None:
             self.before = self.after = self._quality(self._best)
         view = view_at(self._scene.train, self._seed, self.name, self.done)
@@ -110,14 +112,14 @@ class FineTuneStage(Stage):
         return self._best
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """See `Stage`."""
         return {
             "done": self.done, "before": _plain(self.before), "after": _plain(self.after), "best": self._best.tensors(),
             "training": self._optimiser.state(), "average": self._average.state(),
         }
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """See `Stage`."""
         self.done = state["done"]
         self.before, self.after = (None if state[key] is None else Quality(**state[key]) for key in ("before", "after"))
         self._best = Gaussians(**state["best"]).detached()

@@ -1,4 +1,4 @@
-"""Finished runs of `golden/train.py`: found by what they were asked for, so that nothing is trained twice."""
+"""Finds finished runs of `golden/train.py` by their options, so that nothing is trained twice."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from spec.errors import InputError
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run with a report.
+    """A run that has written its report.
 
     Attributes:
-        folder: its output.
-        options: what it was asked for, by the names of the command line.
+        folder: its output folder.
+        options: its options, by the names of the command line.
     """
 
     folder: Path
@@ -30,16 +30,16 @@ class FinishedRun:
 
     @property
     def fingerprint(self) -> str:
-        """Of the model that the run wrote."""
+        """A hash of the model that the run wrote."""
         return hashlib.sha256((self.folder / "model.ply").read_bytes()).hexdigest()[:12]
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """Its log."""
+        """The records of its log."""
         return read_log(self.folder / LOG)
 
     def last(self) -> Checkpoint | None:
-        """Its last checkpoint; None where that is gone or not of a finished run."""
+        """Its last checkpoint; None if it is gone or is not that of a finished run."""
         if not (self.folder / "checkpoints").is_dir():
             return None
         try:
@@ -50,7 +50,11 @@ class FinishedRun:
 
 
 def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
-    """The newest finished run in a folder of runs whose options are as `wanted`, as far as those are given (not None)."""
+    """The newest finished run in a folder of runs that has the options in `wanted`; options with the value None are not
+    compared.
+
+    Runs of baselines, without opacity enhancement, or with a pooling width of their own are not considered.
+    """
     reports = sorted(folder.glob("*/report.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for path in reports:
         try:

@@ -1,7 +1,7 @@
-"""A foveated model under training: the Gaussians of level 1, and what each further level keeps and versions of them.
+"""A foveated model in training: the Gaussians of level 1, and what each further level keeps of them or has of its own.
 
 Levels are 0-based in code, L1..L4 in text. A level above L1 is a subset of the points of the level before and has its own
-opacities and DC colours (selective multi-versioning, paper section 4.2); all else is level 1's.
+opacities and DC colours (selective multi-versioning, paper section 4.2). Everything else is level 1's.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from golden.scenes.model import GaussianModel
 from spec.constants import MAX_LEVELS
 
 FLOAT_BYTES = 4
-"""Parameters are stored as float32."""
+"""Parameters are stored as float32, which has this many bytes."""
 
 BOUND_BYTES = 1
-"""A quality bound is one byte."""
+"""A quality bound is stored in one byte."""
 
 VERSIONED_FLOATS = 4
-"""What a level above L1 adds to each of its points: the (amplified) opacity and three DC coefficients."""
+"""Number of floats that a level above L1 adds to each of its points: the amplified opacity and three DC coefficients."""
 
 
 def level_alpha_max(level: int) -> float:
-    """Alpha's upper bound at a level: 3DGS's 0.99 for L1, 1 for the amplified levels."""
+    """Upper bound of alpha at a level (0-based): 3DGS's 0.99 for L1, 1 for the amplified levels."""
     return ALPHA_MAX[level]
 
 
 @dataclass(frozen=True)
 class Version:
-    """What a level above L1 has of its own: n points, tensors on the base's device.
+    """What a level above L1 has of its own, for its n points: tensors on the base's device.
 
     Attributes:
-        rows: (n,) int64, ascending: the points in the base.
+        rows: (n,) int64, ascending: rows of the points in the base.
         opacity: (n,) float32 logits.
         log_amp: (n,) float32, natural log of the amplifier, >= 0.
         sh_dc: (n, 3) float32.
@@ -58,15 +58,15 @@ class Version:
 
 @dataclass(frozen=True)
 class Storage:
-    """Bytes of a model by what they hold: float32 parameters and one byte a quality bound.
+    """Bytes of a model by what they hold: float32 parameters, and one byte for each quality bound.
 
-    A point has 14 + 3 K floats (K = 15 SH coefficients beyond the DC term at degree 3: 59, 236 bytes). Of an amplifier nothing
-    is stored: the versioned opacity is the amplified one.
+    A point has 14 + 3 K floats, where K is the number of SH coefficients beyond the DC term (15 at degree 3, which gives 59
+    floats or 236 bytes). The amplifier is not stored, because the stored opacity is the amplified one.
 
     Attributes:
-        level1: the points of L1.
-        versions: opacity and DC of the levels above; for separate models, all their parameters.
-        bounds: quality bounds.
+        level1: bytes of the points of L1.
+        versions: bytes of opacity and DC colour of the levels above; for separate models, of all their parameters.
+        bounds: bytes of the quality bounds.
     """
 
     level1: int
@@ -75,7 +75,7 @@ class Storage:
 
     @property
     def total(self) -> int:
-        """Bytes in all."""
+        """Sum of all bytes."""
         return self.level1 + self.versions + self.bounds
 
     @property
@@ -85,7 +85,7 @@ class Storage:
 
 
 def floats_per_point(gaussians: Gaussians) -> int:
-    """Parameters that describe one point: 59 at SH degree 3, 14 at degree 0. The amplifier is not stored."""
+    """Number of parameters that describe one point: 59 at SH degree 3, 14 at degree 0. The amplifier is not stored."""
     return sum(tensor[0].numel() for name, tensor in gaussians.tensors().items() if name != "log_amp")
 
 
@@ -95,10 +95,10 @@ class FoveatedModel:
 
     Attributes:
         base: the Gaussians of L1.
-        versions: of L2, L3, L4, as many as there are.
+        versions: what L2, L3 and L4 have of their own, for as many levels as there are.
 
     Raises:
-        ValueError: more than four levels, or a level that is empty or no subset of the one before.
+        ValueError: there are more than four levels, or a level is empty or no subset of the one before.
     """
 
     base: Gaussians
@@ -125,7 +125,7 @@ class FoveatedModel:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Points of each level."""
+        """Number of points of each level."""
         return len(self.base), *map(len, self.versions)
 
     @property
@@ -138,7 +138,7 @@ class FoveatedModel:
 
     @property
     def storage(self) -> Storage:
-        """Bytes: all parameters once, opacity and DC once more for each further level of a point, and the bounds."""
+        """Bytes: all parameters once, opacity and DC colour once more for each further level of a point, and the bounds."""
         versioned = FLOAT_BYTES * VERSIONED_FLOATS * sum(map(len, self.versions))
         bounds = BOUND_BYTES * len(self.base) if self.versions else 0
         return Storage(FLOAT_BYTES * floats_per_point(self.base) * len(self.base), versioned, bounds)
@@ -157,18 +157,18 @@ class FoveatedModel:
         return FoveatedModel(self.base, (*self.versions, version))
 
     def truncated(self, levels: int) -> FoveatedModel:
-        """The model's first levels."""
+        """The model with only its first `levels` levels."""
         return FoveatedModel(self.base, self.versions[: levels - 1])
 
     def to(self, device: torch.device | str) -> FoveatedModel:
-        """The model on a device."""
+        """The model on another device."""
         moved = [Version(**{name: tensor.to(device) for name, tensor in v.state().items()}) for v in self.versions]
         return FoveatedModel(self.base.to(device), tuple(moved))
 
     def to_model(self, *, up: np.ndarray, name: str) -> GaussianModel:
-        """The model that files and renderers take: points in the base's order, amplified opacities, at most AMP_MAX.
+        """The model for files and renderers: points in the base's order, amplified opacities of at most AMP_MAX.
 
-        At levels beyond its quality bound a point repeats the values of its last level: no renderer reads them.
+        At levels beyond its quality bound, a point repeats the values of its last level; no renderer reads them.
         """
         def array(tensor: torch.Tensor) -> np.ndarray:
             return tensor.detach().cpu().numpy().astype(np.float64)
@@ -187,18 +187,18 @@ class FoveatedModel:
             quality_bound=self.quality_bound.cpu().numpy(), up=up, name=name)
 
     def state(self) -> dict[str, object]:
-        """Everything `from_state` needs, for `torch.save`."""
+        """Everything that `from_state` needs, for `torch.save`."""
         base = self.base.map(torch.Tensor.detach).tensors()
         return {"base": base, "versions": [version.state() for version in self.versions]}
 
     @classmethod
     def from_state(cls, state: dict[str, object]) -> FoveatedModel:
-        """The model that `state` was taken of."""
+        """The model whose `state` this is."""
         return cls(Gaussians(**state["base"]), tuple(Version(**version) for version in state["versions"]))
 
     @classmethod
     def from_model(cls, model: GaussianModel, device: torch.device | str = "cpu") -> FoveatedModel:
-        """A file's model; opacities above 1 go into the amplifier."""
+        """A model from a file; an opacity above 1 is split into opacity 1 and an amplifier."""
         bound, versions = torch.from_numpy(model.quality_bound.astype(np.int64)).to(device), []
         for level in range(1, model.levels):
             alone = from_model(_level_of(model, level), device)
@@ -208,7 +208,8 @@ class FoveatedModel:
 
     @classmethod
     def nested(cls, base: Gaussians, quality_bound: Sequence[int] | np.ndarray) -> FoveatedModel:
-        """Levels that differ in their points alone: level L is the points with a quality bound above L, values as in L1."""
+        """Levels that differ only in their points: level L (0-based) has the points with a quality bound above L, with the
+        values of L1."""
         bound = torch.as_tensor(np.asarray(quality_bound, np.int64), device=base.device)
         versions = []
         for level in range(1, int(bound.max())):
@@ -219,7 +220,7 @@ class FoveatedModel:
 
 
 def _level_of(model: GaussianModel, level: int) -> GaussianModel:
-    """All points of a model with one level's opacities and colours."""
+    """All points of a model with the opacities and colours of one level."""
     return replace(
         model, opacity=model.opacity[:, level : level + 1], sh_dc=model.sh_dc[:, level : level + 1],
         quality_bound=np.ones(len(model), np.uint8))

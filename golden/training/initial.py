@@ -1,4 +1,4 @@
-"""The first Gaussians, from structure from motion's points (3DGS section 5.1)."""
+"""The initial Gaussians, made from the points of structure from motion (3DGS section 5.1)."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ NEIGHBOURS = 3
 """A point's scale is its mean distance to this many nearest neighbours."""
 
 OPACITY = 0.1
-"""Every point's opacity (3DGS)."""
+"""Initial opacity of every point (3DGS)."""
 
 WIDEST = 0.1
-"""Largest first scale, in shares of the distance to the nearest training camera: a stray point is not a screen-filling blob."""
+"""Largest initial scale, as a share of the distance to the nearest training camera, so that a stray point does not fill the
+screen."""
 
 THINNEST = 1e-5
-"""Smallest first scale, in shares of the scene's extent: points on the same spot keep a finite logarithm."""
+"""Smallest initial scale, as a share of the scene's extent, so that coinciding points have a finite log scale."""
 
 
 def initial_gaussians(scene: TrainingScene, seed: int, *, max_points: int | None = None, sh_degree: int = 3) -> Gaussians:
-    """Round Gaussians on the scene's points, of their colour, as wide as their neighbours are far.
+    """Round Gaussians at the scene's points, with the points' colours and as wide as the distance to their neighbours.
 
-    Points that no training view has in its frame are dropped: nothing would ever move or remove them. Of more than
-    `max_points` a random subset stays.
+    Points that lie in no training camera's frame are dropped, because nothing would ever move or remove them. If there are more
+    than `max_points`, a random subset is kept.
 
     Args:
-        seed: of that subset.
+        scene: the scene.
+        seed: seed of that subset.
         max_points: at least 4; None keeps all.
-        sh_degree: 0..3 of `sh_rest`, which is zero.
+        sh_degree: 0..3, the degree of `sh_rest`, which is zero.
 
     Raises:
-        InputError: the scene has fewer than four points in its training views.
-        ValueError: `max_points` or `sh_degree` out of range.
+        InputError: fewer than four points lie in the training cameras' frames.
+        ValueError: `max_points` or `sh_degree` is out of range.
     """
     if max_points is not None and max_points < MIN_POINTS:
         raise ValueError(f"max_points must be at least {MIN_POINTS} or None, not {max_points!r}")
@@ -65,7 +67,7 @@ def initial_gaussians(scene: TrainingScene, seed: int, *, max_points: int | None
 
 
 def _in_frame(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """(P,) bool: beyond the near plane and inside the frame."""
+    """(P,) bool: whether the point lies beyond the near plane and inside the frame."""
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     ahead = z > camera.near
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,6 +1,6 @@
-"""What levels are worth and what they cost: HVSQ of each level and of each region of a foveated frame, entries of a frame.
+"""Quality and cost of levels: HVSQ of each level and of each region of a foveated frame, and the intersections of a frame.
 
-Taken alike by the nested levels of one model and by separate models, one for each level.
+The measures are the same for the nested levels of one model and for separate models, one for each level.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class Levels(Protocol):
 
     @property
     def levels(self) -> int:
-        """Their number."""
+        """Number of levels."""
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Points of each."""
+        """Number of points of each level."""
 
     @property
     def storage(self) -> Storage:
-        """Bytes."""
+        """Storage in bytes."""
 
     def level(self, index: int) -> Gaussians:
         """The Gaussians of a level (0-based)."""
@@ -50,13 +50,13 @@ class Levels(Protocol):
 
 @dataclass(frozen=True)
 class FrameCost:
-    """What a foveated frame costs the machine.
+    """The cost of a foveated frame on the machine.
 
     Attributes:
-        entries: (splat, tile) pairs; those of a tile that blends two levels count once in nested levels, for each model in
-            separate ones.
-        groups: merged groups of tiles that have entries.
-        projected: Gaussians read and projected.
+        entries: number of intersections. In a tile that blends two levels, a splat counts once for nested levels, and once for
+            each model for separate ones.
+        groups: number of merged groups of tiles that have intersections.
+        projected: number of Gaussians read and projected.
     """
 
     entries: int
@@ -65,10 +65,10 @@ class FrameCost:
 
 
 def level_pooling(level: int, width: int, pooling: Sequence[float] | None = None) -> float:
-    """HVSQ's pooling width of a 0-based level, in pixels: the paper's, scaled to frames of a width, or that of `pooling`.
+    """HVSQ's pooling width of a 0-based level, in pixels: that of `pooling`, or else the paper's, scaled to frames of a width.
 
-    Scaled, the paper's 1, 3, 7 and 12 px of a frame 1,237 wide say that small frames, shown as wide, hide less: a pixel of
-    theirs is as large as what peripheral vision pools.
+    The paper's 1, 3, 7 and 12 px hold for a frame 1,237 pixels wide. A smaller frame shown at the same angular width has larger
+    pixels, so peripheral vision pools over fewer of them and less is hidden.
     """
     return pooling_px(level, width) if pooling is None else float(pooling[level])
 
@@ -76,7 +76,7 @@ def level_pooling(level: int, width: int, pooling: Sequence[float] | None = None
 def reference_image(
     scene: TrainingScene, view: int, dense: Gaussians | None, device: torch.device | str
 ) -> torch.Tensor:
-    """(H, W, 3) float32 in 0..1: the photograph of a view, or what a dense model shows there."""
+    """(H, W, 3) float32 in 0..1: the photograph of a view or, if `dense` is given, that model's render."""
     if dense is None:
         return scene.photograph(view).to(device)
     with torch.no_grad():
@@ -86,7 +86,7 @@ def reference_image(
 def mean_hvsq(
     gaussians: Gaussians, scene: TrainingScene, views: Sequence[int], hvsq: Callable[[int], Hvsq], alpha_max: float
 ) -> tuple[float, float]:
-    """Mean HVSQ of one level's whole images and its mean entries per frame, see `view_hvsq`."""
+    """Mean HVSQ of one level's whole images and its mean number of intersections per frame, see `view_hvsq`."""
     values, entries = view_hvsq(gaussians, scene, views, hvsq, alpha_max)
     return float(values.mean()), entries
 
@@ -94,11 +94,15 @@ def mean_hvsq(
 def view_hvsq(
     gaussians: Gaussians, scene: TrainingScene, views: Sequence[int], hvsq: Callable[[int], Hvsq], alpha_max: float
 ) -> tuple[np.ndarray, float]:
-    """HVSQ of one level's whole image of each view, clamped as a display does, (V,), and its mean entries per frame.
+    """(V,) HVSQ of one level's whole image in each view, clamped as on a display, and its mean number of intersections per
+    frame.
 
     Args:
+        gaussians: the level.
+        scene: the scene.
         views: indices into the scene's cameras.
-        hvsq: of a view, against its reference.
+        hvsq: gives a view's `Hvsq` against its reference.
+        alpha_max: upper bound of alpha.
     """
     values = []
     with torch.no_grad():
@@ -113,9 +117,12 @@ def level_hvsq(
     levels: Levels, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None = None,
     pooling: Sequence[float] | None = None,
 ) -> tuple[float, ...]:
-    """HVSQ of each level on whole images at its own pooling, mean over views: the rows of the paper's table.
+    """HVSQ of each level's whole images at its own pooling, mean over views: the rows of the paper's table.
 
     Args:
+        levels: the levels.
+        scene: the scene.
+        views: indices into the scene's cameras.
         dense: a model whose renders are the reference instead of the photographs.
         pooling: widths in pixels for each level; None: `pooling_px`.
     """
@@ -137,11 +144,14 @@ def _one_level_hvsq(
 def region_hvsq(
     levels: Levels, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None = None
 ) -> tuple[float, ...]:
-    """HVSQ of each quality region of foveated frames, mean over views: the gaze in the centre, pooling by eccentricity.
+    """HVSQ of each quality region of foveated frames, mean over views, with the gaze in the centre and pooling by eccentricity.
 
-    nan for a region that no pixel of the frame falls into.
+    It is nan for a region into which no pixel of the frame falls.
 
     Args:
+        levels: the levels.
+        scene: the scene.
+        views: indices into the scene's cameras.
         dense: a model whose renders are the reference instead of the photographs.
     """
     camera = scene.cameras[views[0]]
@@ -160,17 +170,17 @@ def region_hvsq(
 
 
 def centre_foveation(camera: Camera, levels: int) -> FoveationMap:
-    """The map of a frame with the gaze in its centre, on a display of its size."""
+    """The foveation map of a frame with the gaze in its centre, on a display of its size."""
     return foveation_map(Display(camera.width, camera.height), (camera.width / 2, camera.height / 2), levels)
 
 
 def frame_cost(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER) -> FrameCost:
-    """Entries and groups of the integer golden's frame, with the gaze in the centre.
+    """Intersections and groups of a frame of the integer renderer, with the gaze in the centre.
 
-    Separate models are projected each, and each lists its own Gaussians in the tiles that show its level.
+    With separate models, each is projected on its own, and each lists its own Gaussians in the tiles that show its level.
     """
     foveation = centre_foveation(camera, levels.levels)
-    up = np.array([0.0, -1.0, 0.0])  # renderers do not read it
+    up = np.array([0.0, -1.0, 0.0])  # required by the model, but renderers do not read it
     if isinstance(levels, FoveatedModel):
         counts = [_tile_counts(levels.to_model(up=up, name="levels"), camera, foveation, config)]
         projected = len(levels.base)
@@ -188,7 +198,7 @@ def frame_cost(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER
 
 
 def _tile_counts(model: GaussianModel, camera: Camera, foveation: FoveationMap, config: AcceleratorConfig) -> np.ndarray:
-    """(tiles,) int64 entries of each tile of the integer golden's frame, whose pixels are not needed."""
+    """(tiles,) int64 number of intersections in each tile of the integer renderer's frame; pixels are not computed."""
     words = quantise_model(config, model)
     registers = frame_registers(config, camera, words, foveation, (0.0, 0.0, 0.0))
     projected = projection.project(config, words, registers)

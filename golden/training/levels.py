@@ -1,6 +1,6 @@
-"""Levels 2-4: each pruned from the one before while its HVSQ, at its pooling, is no worse than that of L1 at pooling 1.
+"""Levels 2-4: each is pruned from the level before while its HVSQ at its own pooling is no worse than L1's HVSQ at pooling 1.
 
-Paper sections 4.3 and 4.4. Geometry is frozen: opacity, its amplifier and the DC colour alone are trained, on HVSQ over whole
+Paper sections 4.3 and 4.4. Geometry is frozen: only opacity, its amplifier and the DC colour are trained, on HVSQ of whole
 images, without a gaze and without scale decay. The gate reads validation views, never test views.
 """
 
@@ -27,35 +27,36 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 HVSQ_BYTES = 216
-"""Bytes that an `Hvsq` keeps for a pixel, at most."""
+"""Largest number of bytes that an `Hvsq` keeps for a pixel."""
 
 TRIM_PART = 200
-"""The last trim finds the number of points to within this part of them."""
+"""The last trim stops when it knows the number of points to within one part in this many."""
 
 MARGIN = 1.0
-"""Standard errors of the views' mean that the gate adds. A view whose L1 is bad at pooling 1 forgives its levels anything: on
-fern, of two such views one had L4 at 0.84 of its L1 and the other at 1.26, which the test views' 1.5 is nearer to."""
+"""Standard errors of the views' mean that the gate adds. They are needed because a view on which L1 itself has a high HVSQ
+at pooling 1 lets its levels pass too easily. On the scene fern, one of two such views gave L4 0.84 of its L1's HVSQ and the
+other 1.26, and 1.26 is nearer to the test views' 1.5."""
 
 
 @dataclass(frozen=True)
 class LevelOptions:
-    """How a level is made.
+    """Options of making a level.
 
     Attributes:
-        iterations: of training, in all.
-        interval: iterations between two looks at a gate that fails; None: a fortieth of all, at least 5, at most 100.
-        patience: failed gates in a row after which a prune is undone and a smaller one tried; at once where going on as between
-            the last two looks would not do.
-        fraction: of the points, removed at each passed gate; halved when a prune is undone, doubled up to this where the gate
-            passes right after a prune.
-        parts: that a prune is made in, with the scores measured anew before each.
-        share: parts that training views are scored in, see `Scores`.
-        validation_views: views that the gate looks at, at most, evenly spread over those of the scene.
-        opacity_min: points below it go first.
+        iterations: number of training iterations in all.
+        interval: iterations between two checks of a gate that fails; None: a fortieth of all, at least 5, at most 100.
+        patience: number of failed checks in a row after which a prune is undone and a smaller one tried. It is undone earlier
+            if progress between the last two checks shows that the gate will not be reached in time.
+        fraction: share of the points that is removed each time the gate passes. It is halved when a prune is undone, and
+            doubled up to this value when the gate passes right after a prune.
+        parts: number of parts in which a prune is made; scores are measured again before each.
+        share: number of parts in which training views are scored, see `Scores`.
+        validation_views: largest number of views that the gate reads, evenly spread over the scene's validation views.
+        opacity_min: points with a lower opacity are removed first.
         opacity_enhancement: whether the amplifier is trained; without it the model is the predecessor's.
-        rate_opacity, rate_log_amp, rate_sh_dc: Adam's learning rates at the start; they fall to a tenth. Twice to four times as
-            high they prune further in a short run, but what the gate's views gain, test views lose.
-        pooling: widths in pixels of L1..L4 that HVSQ pools over; None: the paper's, scaled to the frame.
+        rate_opacity, rate_log_amp, rate_sh_dc: Adam's initial learning rates; they fall to a tenth. Rates two to four times as
+            high prune further in a short run, but then test views lose what the gate's views gain.
+        pooling: pooling widths of L1..L4 for HVSQ in pixels; None: the paper's, scaled to the frame.
         memory: bytes that references prepared for HVSQ may take.
     """
 
@@ -85,16 +86,16 @@ class LevelOptions:
 
 @dataclass(frozen=True)
 class LevelCheck:
-    """One look at the gate.
+    """One check of the gate.
 
     Attributes:
-        iteration: of training, before it.
-        points: of the level, before the prune that follows a pass.
-        hvsq: at the level's pooling, over that of L1 at pooling 1 view by view; the mean of the gate's views and MARGIN of its
-            standard error, times `target`.
-        target: what it must not exceed.
-        entries: (splat, tile) pairs per frame of the gate's views.
-        passed: whether it does not.
+        iteration: number of training iterations before it.
+        points: number of the level's points, before the prune that follows a pass.
+        hvsq: `target` times the mean over the gate's views of the ratio between the level's HVSQ at its pooling and L1's at
+            pooling 1, to which MARGIN standard errors are added.
+        target: the largest accepted `hvsq`.
+        entries: mean number of intersections in a frame of the gate's views.
+        passed: whether `hvsq` is at most `target`.
     """
 
     iteration: int
@@ -108,24 +109,25 @@ class LevelCheck:
 class LevelStage(Stage):
     """Makes the next level of a model.
 
-    The points of the level before come in with their opacities, amplifiers and colours. While the gate passes, the level is
-    kept as the best so far and pruned, each prune followed by one iteration; where it fails, the level is trained until it
-    passes again. Where it does not, or is not on its way to, the best comes back and a prune of half the size is tried. At the
-    end the best passing level is trimmed, without training, to as few of its points, in order of their scores, as pass.
+    The level starts with the points of the level before, with their opacities, amplifiers and colours. When the gate passes,
+    the level is stored as the best so far and pruned, and one iteration follows. When the gate fails, the level is trained
+    until it passes again. If it does not pass in time, the best level is restored and a prune of half the size is tried. At the
+    end the best passing level is trimmed without training: of its points, in the order of their scores, as few are kept as the
+    gate accepts.
 
     Args:
-        scene: photographs; its training views train and rank points, its validation views gate.
+        scene: photographs; its training views train and rank points, and its validation views gate.
         model: the levels so far.
         level: the level to make, 0-based: 1, 2 or 3.
         options: see `LevelOptions`.
-        seed: of the order of views.
+        seed: seed of the order of views.
         dense: a model whose renders are the reference instead of the photographs.
 
     Attributes:
-        gaussians: the level as it is; geometry is not trained.
-        pooling: the level's, in pixels.
+        gaussians: the level in training; its geometry is not trained.
+        pooling: the level's pooling width in pixels.
         target: HVSQ of L1 at pooling 1 on the gate's views.
-        history: one row for each look at the gate.
+        history: one row for each check of the gate.
     """
 
     def __init__(
@@ -151,13 +153,14 @@ class LevelStage(Stage):
         self._targets, _ = view_hvsq(
             model.level(0), scene, self._gate_views, references(level_pooling(0, width, options.pooling)), level_alpha_max(0))
         self.target = float(self._targets.mean())
-        for view in self._gate_views:  # asked for first, these are kept: they are read at every gate
+        for view in self._gate_views:  # what is asked for first is kept, and these are read at every check of the gate
             self._hvsq(view)
         self._rows = model.versions[-1].rows.clone() if model.versions else torch.arange(len(model.base), device=device)
         self._training = VersionTraining(
             model.level(level - 1), options.rate_opacity, options.rate_sh_dc,
             options.rate_log_amp if options.opacity_enhancement else None)
-        # Scores need poses, no photographs: with validation's, what only those views show is not the first to go.
+        # Scores need poses but no photographs. Validation poses are included, so that points that only those views show are
+        # not the first to be pruned.
         poses = [scene.cameras[view] for view in sorted((*scene.train, *scene.validation))]
         self._scores = Scores("ce", poses, share=options.share, alpha_max=self._alpha_max, seed=seed)
         self._fraction, self._failures, self._next_gate = options.fraction, 0, 0
@@ -165,11 +168,12 @@ class LevelStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """The level as it is."""
+        """The level in training."""
         return self._training.gaussians
 
     def step(self) -> dict[str, float]:
-        """One iteration of training, after a look at the gate where one is due: then `hvsq`, `entries` and `passed` too."""
+        """Takes one training iteration, after a check of the gate if one is due; its record then has `hvsq`, `entries` and
+        `passed`."""
         record = {}
         if self.done >= self._next_gate:
             record |= self._decide()
@@ -184,12 +188,12 @@ class LevelStage(Stage):
         return {"loss": float(loss.detach()), "points": len(self.gaussians), "view": view, "target": self.target, **record}
 
     def result(self) -> FoveatedModel:
-        """The model with this level: the one before's points where not a single prune passed."""
+        """The model with this level added; the level has all points of the one before if not a single prune passed."""
         g = self.gaussians.detached()
         return self._model.with_level(Version(self._rows.clone(), g.opacity, g.log_amp, g.sh_dc))
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """See `Stage`."""
         return {
             "done": self.done, "target": self.target, "history": [vars(row).copy() for row in self.history],
             "fraction": self._fraction, "failures": self._failures, "next_gate": self._next_gate,
@@ -197,7 +201,7 @@ class LevelStage(Stage):
         }
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """See `Stage`."""
         self.done, self.target = state["done"], state["target"]
         self.history = [LevelCheck(**row) for row in state["history"]]
         self._fraction, self._failures, self._next_gate = state["fraction"], state["failures"], state["next_gate"]
@@ -205,7 +209,7 @@ class LevelStage(Stage):
         self._restore(state["current"])
 
     def _decide(self) -> dict[str, float]:
-        """A look at the gate and what follows from it."""
+        """Checks the gate and acts on the result."""
         check = self._look()
         wait = self._interval
         if check.passed:
@@ -223,11 +227,11 @@ class LevelStage(Stage):
         return {"hvsq": check.hvsq, "entries": check.entries, "passed": float(check.passed)}
 
     def _hopeless(self) -> bool:
-        """Whether the gate has failed too often since the last prune, or will by what the last interval's training gained."""
+        """Whether the gate has failed too often since the last prune, or will, judging by the gain of the last interval."""
         left = self.options.patience - self._failures
         if left < 0:
             return True
-        if self._failures < 3:  # the first look comes one iteration after the prune, the second after the quickest recovery
+        if self._failures < 3:  # the gain of the first interval after a prune is much larger than later ones
             return False
         before, now = self.history[-2].hvsq, self.history[-1].hvsq
         return now - (before - now) * left > self.target
@@ -244,7 +248,7 @@ class LevelStage(Stage):
         return check
 
     def _finish(self) -> dict[str, float]:
-        """The best passing level, trimmed; where nothing ever passed, the level as training left it."""
+        """Restores the best passing level and trims it; if none ever passed, the level stays as training left it."""
         if not self._look().passed:
             if self._best is None:
                 return {}
@@ -254,10 +258,10 @@ class LevelStage(Stage):
         return {"hvsq": check.hvsq, "entries": check.entries, "passed": float(check.passed)}
 
     def _trim(self) -> None:
-        """Drop the most points, in order of their scores, with which the gate passes."""
+        """Drops as many points, in the order of their scores, as the gate accepts."""
         whole = self._snapshot()
         scores = self._scores.measure(self.gaussians)
-        drops, fails = 0, len(scores)  # numbers of points known to pass, and taken to fail
+        drops, fails = 0, len(scores)  # dropping so many points is known to pass; dropping so many is taken to fail
         while fails - drops > max(1, len(scores) // TRIM_PART):
             middle = (drops + fails) // 2
             self._restore(whole)
@@ -267,14 +271,15 @@ class LevelStage(Stage):
         self._keep(without_lowest(scores, drops))
 
     def _prune(self, fraction: float) -> None:
-        """Drop what is almost transparent, then the lowest `fraction` in parts, scores measured before each."""
+        """Drops almost transparent points, then the share `fraction` with the lowest scores, in parts, with scores measured
+        before each."""
         self._keep(self.gaussians.amplified_opacity.detach() >= self.options.opacity_min)
         part = max(1, round(fraction / self.options.parts * len(self.gaussians)))
         for _ in range(self.options.parts):
             self._keep(without_lowest(self._scores.measure(self.gaussians), part))
 
     def _keep(self, keep: torch.Tensor) -> None:
-        """Drop the points but `keep`, (n,) bool; nothing where none would be left."""
+        """Keeps only the points in `keep`, (n,) bool; does nothing if none would be left."""
         if bool(keep.any()):
             self._rows = self._rows[keep]
             self._training.select(keep)

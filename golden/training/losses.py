@@ -7,15 +7,15 @@ import torch
 from golden.metrics.ssim import Ssim
 
 SSIM_SHARE = 0.2
-"""Weight of 1 - SSIM against the absolute difference (3DGS)."""
+"""Weight of 1 - SSIM; the absolute difference has the rest (3DGS)."""
 
 
 def photometric(image: torch.Tensor, ssim: Ssim, target: torch.Tensor) -> torch.Tensor:
-    """3DGS's loss, 0.8 L1 + 0.2 (1 - SSIM), a scalar.
+    """3DGS's loss, 0.8 L1 + 0.2 (1 - SSIM), as a scalar tensor.
 
     Args:
-        image: (H, W, 3) rendered, not clamped.
-        ssim: prepared for `target`.
-        target: (H, W, 3) the photograph.
+        image: (H, W, 3), the rendered image, not clamped.
+        ssim: the `Ssim` prepared for `target`.
+        target: (H, W, 3), the photograph.
     """
     return (1 - SSIM_SHARE) * (image - target).abs().mean() + SSIM_SHARE * (1 - ssim(image))

@@ -1,4 +1,4 @@
-"""Adam on the fields of Gaussians, whose rows come and go during training."""
+"""Adam on the fields of Gaussians, whose rows are added and removed during training."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import torch
 from golden.diff.gaussians import Gaussians
 
 EPS = 1e-15
-"""Adam's epsilon (3DGS): steps of points that hardly get a gradient are as large as any."""
+"""Adam's epsilon (3DGS). It is so small that points with a tiny gradient take steps as large as any other."""
 
 RATES = {"sh_dc": 2.5e-3, "sh_rest": 2.5e-3 / 20, "opacity": 0.05, "log_scales": 0.005, "quats": 0.001}
-"""Learning rates by field (3DGS), but for the means'."""
+"""Learning rates by field (3DGS), except for the means'."""
 
 MEANS_RATE = (1.6e-4, 1.6e-6)
-"""The means' first and last rate, in scene extents (3DGS)."""
+"""The means' first and last rate, as shares of the scene's extent (3DGS)."""
 
 MOMENTS = ("exp_avg", "exp_avg_sq")
-"""Adam's state that has a row for each Gaussian; the count of steps has not."""
+"""The parts of Adam's state that have a row for each Gaussian; the count of steps has none."""
 
 Change = Callable[[str, torch.Tensor], torch.Tensor]
-"""A field's name and its tensor, or a moment of it, to what takes its place."""
+"""A function of a field's name and its tensor, or a moment of it, that gives the new tensor."""
 
 
 def means_rate(progress: float, extent: float) -> float:
-    """The means' rate, from the first to the last by the exponential of `progress` in 0..1, in world units."""
+    """The means' rate in world units; it falls exponentially from the first to the last with `progress` in 0..1."""
     first, last = (math.log(rate) for rate in MEANS_RATE)
     return extent * math.exp(first + (last - first) * min(max(progress, 0.0), 1.0))
 
@@ -38,20 +38,21 @@ def dense_rates(progress: float, extent: float) -> dict[str, float]:
 
 
 class Optimiser:
-    """Gaussians in training: the fields with a rate are leaves that require gradients, the others are frozen.
+    """Gaussians in training: fields with a rate are leaves that require gradients, and the others are frozen.
 
     Attributes:
-        gaussians: the tensors to render from. They are other tensors after `select`, `append`, `reset`, `widen` and `load`.
+        gaussians: the tensors to render from. `select`, `append`, `reset`, `widen` and `load` replace them by other tensors.
     """
 
     def __init__(self, gaussians: Gaussians, rates: Mapping[str, float]) -> None:
-        """Start with no momentum, from a copy of `gaussians`.
+        """Starts without momentum, from a copy of `gaussians`.
 
         Args:
+            gaussians: the Gaussians.
             rates: learning rate by name of field, all >= 0.
 
         Raises:
-            ValueError: an unknown field, a rate that is negative or not finite, or none at all.
+            ValueError: a field is unknown, a rate is negative or not finite, or there is none at all.
         """
         known = [field.name for field in fields(Gaussians)]
         for name, rate in rates.items():
@@ -72,34 +73,34 @@ class Optimiser:
         return {group["name"]: group["lr"] for group in self._adam.param_groups}
 
     def set_rates(self, rates: Mapping[str, float]) -> None:
-        """New rates for some of the trained fields.
+        """Sets new rates for some of the trained fields.
 
         Raises:
-            ValueError: a field that is not trained.
+            ValueError: a field is not trained.
         """
         for name, rate in rates.items():
             self._group(name)["lr"] = float(rate)
 
     def step(self) -> None:
-        """One step down the gradients in the tensors, which are then gone."""
+        """Takes one step along the gradients in the tensors, and then removes the gradients."""
         self._adam.step()
         self._adam.zero_grad(set_to_none=True)
 
     def select(self, index: torch.Tensor) -> None:
-        """Keep the rows at `index` (boolean mask or integers) with their momentum."""
+        """Keeps the rows at `index` (boolean mask or integers) with their momentum."""
         self._change(lambda name, tensor: tensor[index])
 
     def append(self, gaussians: Gaussians) -> None:
-        """Add rows, without momentum."""
+        """Adds rows without momentum."""
         new = gaussians.tensors()
         self._change(lambda name, tensor: torch.cat([tensor, new[name].detach()]),
                      lambda name, moment: torch.cat([moment, torch.zeros_like(new[name])]))
 
     def reset(self, name: str, values: torch.Tensor, index: torch.Tensor | None = None) -> None:
-        """New values of one field, of all rows or those at `index`; their momentum is zero.
+        """Sets new values of one field, for all rows or those at `index`; their momentum becomes zero.
 
         Raises:
-            ValueError: another shape than the field's rows have.
+            ValueError: the values do not have the shape of the field's rows.
         """
         rows = slice(None) if index is None else index
         field = getattr(self.gaussians, name).detach()
@@ -115,7 +116,7 @@ class Optimiser:
                      lambda n, moment: written(moment, 0.0) if n == name else moment)
 
     def widen(self, count: int) -> None:
-        """Harmonics up to `count` coefficients a channel: the new ones are zero.
+        """Extends the harmonics to `count` coefficients a channel; the new ones are zero.
 
         Raises:
             ValueError: there are more already.
@@ -127,12 +128,12 @@ class Optimiser:
         self._change(lambda name, t: torch.nn.functional.pad(t, pad) if name == "sh_rest" else t)
 
     def state(self) -> dict[str, object]:
-        """Everything `load` needs, for `torch.save`; copies."""
+        """Copies of everything that `load` needs, for `torch.save`."""
         adam = {name: {key: value.clone() for key, value in self._moments(name).items()} for name in self._trained}
         return {"gaussians": self.gaussians.detached().tensors(), "adam": adam, "rates": self.rates}
 
     def load(self, state: dict[str, object]) -> None:
-        """Go back to where `state` was taken: what follows is bit for bit the same.
+        """Restores what `state` returned; training continues bit for bit as it would have.
 
         Raises:
             ValueError: the state is of other trained fields.
@@ -159,7 +160,7 @@ class Optimiser:
         return self._adam.state.get(getattr(self.gaussians, name), {})
 
     def _change(self, of_field: Change, of_moment: Change | None = None) -> None:
-        """Each field through `of_field(name, tensor)`, each moment through `of_moment`, or the same."""
+        """Replaces each field by `of_field(name, tensor)` and each moment by `of_moment`, which is `of_field` by default."""
         of_moment = of_moment or of_field
         moments = {name: self._moments(name) for name in self._trained}
         self._adam.state.clear()
@@ -170,7 +171,7 @@ class Optimiser:
                 self._adam.state[getattr(self.gaussians, name)] = new
 
     def _adopt(self, gaussians: Gaussians) -> None:
-        """Make other tensors the trained ones."""
+        """Makes other tensors the trained ones."""
         self.gaussians = gaussians
         for name in self._trained:
             leaf = getattr(gaussians, name).detach().contiguous().requires_grad_()

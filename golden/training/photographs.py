@@ -1,4 +1,4 @@
-"""Photographs to train from: read whole, checked, reduced by area."""
+"""Photographs to train from: they are checked, read whole, and reduced by averaging over areas."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ MASK_FOLDERS = ("masks", "mask")
 
 
 def area_resized(images: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Images at a smaller size, each pixel the mean over the area it covers, exact at any ratio.
+    """Images at a smaller size, each pixel the mean over the area that it covers; exact at any ratio.
 
-    Averages are of the stored (sRGB) values, as all of the field's trainers take them.
+    The stored (sRGB) values are averaged, as in all of the field's trainers.
 
     Args:
         images: (..., H, W, 3) uint8.
+        width, height: the new size in pixels.
 
     Returns:
         (..., height, width, 3) uint8, rounded to nearest.
     """
     (old_height, old_width), stack = images.shape[-3:-1], images.shape[:-3]
     result = np.empty((*stack, height, width, 3), np.uint8)
-    if old_width % width == old_height % height == 0:  # whole pixels: tens of times faster
+    if old_width % width == old_height % height == 0:  # Pillow's reduction of whole pixels is tens of times faster
         for at in np.ndindex(stack):
             result[at] = Image.fromarray(images[at]).reduce((old_width // width, old_height // height))
         return result
@@ -40,7 +41,7 @@ def area_resized(images: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _overlap(old: int, new: int) -> np.ndarray:
-    """(new, old) float32: the share of each new pixel that each old one covers."""
+    """(new, old) float32: the share of each new pixel that each old pixel covers."""
     edge = np.arange(new + 1) * (old / new)
     start = np.arange(old)
     shared = np.minimum(edge[1:, None], start + 1) - np.maximum(edge[:-1, None], start)
@@ -48,10 +49,10 @@ def _overlap(old: int, new: int) -> np.ndarray:
 
 
 def check_photographs(data: Dataset, path: Path) -> None:
-    """Refuses what training cannot use, before any photograph is read whole.
+    """Refuses photographs that training cannot use, before any of them is read whole.
 
     Raises:
-        InputError: no photographs, fewer than three, several sizes, or masks.
+        InputError: there are no photographs, fewer than three, photographs of several sizes, or masks.
     """
     if data.images is None:
         raise InputError(f"{path}: has {len(data)} cameras and no photographs; a folder 'images' (or 'images_N') is needed")
@@ -67,7 +68,7 @@ def check_photographs(data: Dataset, path: Path) -> None:
 
 
 def _check_masks(data: Dataset, path: Path) -> None:
-    """Masks are refused, not ignored: what they hide would be learnt as part of the scene."""
+    """Refuses masks instead of ignoring them: what they hide would be learnt as part of the scene."""
     folder = path if path.is_dir() else path.parent
     for name in MASK_FOLDERS:
         if (folder / name).is_dir():
@@ -80,10 +81,10 @@ def _check_masks(data: Dataset, path: Path) -> None:
 
 
 def read_photographs(data: Dataset, width: int, height: int) -> np.ndarray:
-    """(V, height, width, 3) uint8, the photographs of a checked set, reduced by area.
+    """(V, height, width, 3) uint8, the photographs of a checked data set, reduced by averaging over areas.
 
     Raises:
-        InputError: a photograph is unreadable or has transparent pixels.
+        InputError: a photograph is unreadable, is not of its camera's size, or has transparent pixels.
     """
     result = np.empty((len(data), height, width, 3), np.uint8)
     for i, path in enumerate(data.images):
@@ -96,7 +97,7 @@ def read_photographs(data: Dataset, width: int, height: int) -> np.ndarray:
 
 
 def _opaque(path: Path) -> np.ndarray:
-    """(H, W, 3) uint8; transparency, which is a mask, is refused."""
+    """Reads a photograph as (H, W, 3) uint8; transparency, which is a mask, is refused."""
     try:
         with Image.open(path) as image:
             pixels = np.asarray(image.convert("RGBA"))

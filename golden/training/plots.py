@@ -1,4 +1,4 @@
-"""Plots of a run: each is a PNG and a JSON of what it shows."""
+"""Plots of a run: each is a PNG and a JSON file with the numbers that it shows."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from golden.scenes.request import write_json
 from spec.errors import InputError
 
 SAMPLES = 400
-"""Points of a curve at most: each is the mean over its share of the iterations."""
+"""Largest number of points of a curve; each is the mean over its share of the iterations."""
 
 LAST = ("points", "seconds")
-"""What stands at its last value in a share instead of its mean."""
+"""Curves whose points show the last value of their share instead of the mean."""
 
 
 def read_log(path: Path) -> list[dict[str, Any]]:
     """The records of a run's log, one for each iteration.
 
     Raises:
-        InputError: not readable as such.
+        InputError: the file cannot be read as such a log.
     """
     try:
         return [json.loads(line) for line in path.read_text().splitlines()]
@@ -34,11 +34,11 @@ def read_log(path: Path) -> list[dict[str, Any]]:
 
 
 def curves(records: Iterable[Mapping[str, Any]], samples: int = SAMPLES) -> dict[str, Any]:
-    """Loss, PSNR, points and seconds by iteration, reduced to at most `samples` points and never across stages.
+    """Loss, PSNR, points and seconds by iteration, reduced to at most `samples` points; no point spans two stages.
 
     Returns:
-        `iteration`, `loss`, `psnr`, `points`, `seconds`: lists of one length, None where nothing was measured; `stages`: name,
-        first and last iteration of each.
+        `iteration`, `loss`, `psnr`, `points`, `seconds`: lists of the same length, None where nothing was measured; `stages`:
+        name, first and last iteration of each stage.
     """
     records = list(records)
     result: dict[str, Any] = {name: [] for name in ("iteration", "loss", "psnr", "points", "seconds")} | {"stages": []}
@@ -63,13 +63,14 @@ def curves(records: Iterable[Mapping[str, Any]], samples: int = SAMPLES) -> dict
 
 
 def plot_curves(shown: Mapping[str, Any], path: Path) -> None:
-    """Loss, PSNR and points against the iteration, with the stages' bounds; PNG and, beside it, JSON.
+    """Plots loss, PSNR and points against the iteration, with the bounds of the stages; writes a PNG and, beside it, JSON.
 
-    PSNR is what stages log: of single training views while dense, of the validation views where a gate is looked at.
+    PSNR is what stages log: in dense training that of single training views, later that of the validation views when a gate is
+    checked.
 
     Args:
-        shown: what `curves` gives.
-        path: of the PNG.
+        shown: the result of `curves`.
+        path: path of the PNG.
     """
     figure, axes = _figure(3)
     x = np.array(shown["iteration"], float)
@@ -94,7 +95,7 @@ def plot_curves(shown: Mapping[str, Any], path: Path) -> None:
 
 
 def _figure(rows: int) -> tuple[Any, Any]:
-    """A figure of `rows` plots above each other, drawn without a display."""
+    """A figure with `rows` plots below each other, drawn without a display."""
     import matplotlib
 
     matplotlib.use("Agg")

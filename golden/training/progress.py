@@ -1,4 +1,4 @@
-"""Progress of a stage: a bar on a terminal, a line for every tenth elsewhere."""
+"""Shows the progress of a stage: a bar on a terminal, otherwise a line for every tenth of the stage."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any, TextIO
 from tqdm import tqdm
 
 MEMORY = 0.95
-"""Share of the moving PSNR that each measurement leaves standing."""
+"""Weight of the previous moving PSNR when a new measurement comes."""
 
 LINES = 10
-"""Lines per stage where there is no terminal."""
+"""Number of lines for a stage if there is no terminal."""
 
 
 class Progress:
-    """What a stage shows while it runs: iterations, time left, loss, moving PSNR, points.
+    """The display of a running stage: iterations, time left, loss, moving PSNR, points.
 
     Args:
-        title: shown before the bar.
-        total: iterations of the stage.
-        done: iterations taken by an earlier run.
-        stream: where to; a terminal gets a bar.
+        title: text before the bar.
+        total: number of iterations of the stage.
+        done: number of iterations that an earlier run has taken.
+        stream: where to write; a terminal gets a bar.
     """
 
     def __init__(self, title: str, total: int, done: int = 0, stream: TextIO | None = None) -> None:
@@ -43,7 +43,7 @@ class Progress:
             self.bar.close()
 
     def update(self, done: int, record: Mapping[str, Any]) -> None:
-        """Shows that `done` iterations are taken, the last of which logged `record`."""
+        """Shows that `done` iterations have been taken, the last of which logged `record`."""
         psnr = float(record.get("psnr", math.nan))
         if math.isfinite(psnr):
             self.psnr = MEMORY * self.psnr + (1 - MEMORY) * psnr if math.isfinite(self.psnr) else psnr

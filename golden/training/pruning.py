@@ -1,6 +1,6 @@
-"""Perception-guided pruning: monitor quality, prune while it holds, retrain with scale decay while it does not.
+"""Perception-guided pruning: prune while quality holds, and retrain with scale decay while it does not (paper section 3.4).
 
-Paper section 3.4. The dense model's quality on the validation views sets the gate; no view of the test set is ever read.
+The dense model's quality on the validation views sets the gate. Test views are never read.
 """
 
 from __future__ import annotations
@@ -28,31 +28,32 @@ QUALITY_LOSS = {"H": 0.01, "M": 0.02, "L": 0.03}
 
 
 RECOVERY = 3
-"""Intervals from a failed gate to the next look: healing takes that long, and gamma should not be gone by then."""
+"""Intervals from a failed gate to the next check: recovery takes that long, and earlier checks would lower gamma to 0
+meanwhile."""
 
 
 @dataclass(frozen=True)
 class PruneOptions:
-    """How the loop goes.
+    """Options of the pruning loop.
 
     Attributes:
-        iterations: of retraining, in all.
-        interval: iterations of retraining after a prune until the gate is looked at.
-        recovery: iterations from a failed gate to the next look; None for RECOVERY times `interval`.
-        patience: failed looks in a row after which a prune is undone and a smaller one tried; sooner where going on as since
-            the second of them would not do.
-        fraction: of the points, removed at each passed gate; halved where a prune is undone, doubled up to this where the gate
-            passes at the first look after a prune.
-        parts: that a prune is made in, with the scores measured anew before each.
-        criterion: one of CRITERIA, or None: nothing is pruned, scale decay alone is controlled.
+        iterations: number of retraining iterations in all.
+        interval: iterations of retraining between a prune and the next check of the gate.
+        recovery: iterations from a failed gate to the next check; None for RECOVERY times `interval`.
+        patience: number of failed checks in a row after which a prune is undone and a smaller one tried. It is undone earlier
+            if progress since the second of them shows that the gate will not be reached in time.
+        fraction: share of the points that is removed each time the gate passes. It is halved when a prune is undone, and
+            doubled up to this value when the gate passes at the first check after a prune.
+        parts: number of parts in which a prune is made; scores are measured again before each.
+        criterion: one of CRITERIA, or None: nothing is pruned, and only scale decay is controlled.
         scale_decay: whether gamma is ever above 0.
-        gamma_first: gamma after the first passed gate, and the least that is not 0.
-        opacity_min: Gaussians below it go first, whatever their score.
-        opacity_clamp: opacities are clamped to it after a prune, None leaves them. 0.1, as the predecessor has it, costs more
-            than a few hundred iterations bring back: 13 dB at once on the embedded scene, 2 dB after 100 iterations.
-        margin: share of a frame's size by which it is widened on every side where points are scored.
-        scored: poses that points are scored at anew before each part of a prune, in turn, while the others' last scores stand.
-        validated: views that the gate looks at, at most, evenly spread over the validation views.
+        gamma_first: gamma after the first passed gate, and the smallest value that is not 0.
+        opacity_min: Gaussians with a lower opacity are removed first, whatever their score.
+        opacity_clamp: opacities are clamped to it after a prune; None leaves them. The predecessor's 0.1 costs more than a few
+            hundred iterations recover: 13 dB at once on the embedded scene, and still 2 dB after 100 iterations.
+        margin: share of a frame's size by which it is widened on every side when points are scored.
+        scored: number of poses that are scored again before each part of a prune, in turn; the other poses' last scores stand.
+        validated: largest number of views that the gate reads, evenly spread over the validation views.
     """
 
     iterations: int = 3000
@@ -84,15 +85,15 @@ class PruneOptions:
 
 @dataclass(frozen=True)
 class Check:
-    """One look at the gate.
+    """One check of the gate.
 
     Attributes:
-        iteration: of retraining, before it.
-        points: Gaussians, before the prune that follows a pass.
-        entries: (splat, tile) pairs per frame of the validation views.
-        psnr, ssim: on the validation views.
-        gamma: weight of scale decay that led here.
-        slack: by how much the gate let it through, see `Gate.slack`; below 0 it did not.
+        iteration: number of retraining iterations before it.
+        points: number of Gaussians, before the prune that follows a pass.
+        entries: mean number of intersections in a frame of the validation views.
+        psnr, ssim: means on the validation views.
+        gamma: weight of scale decay in the training before it.
+        slack: by how much the gate passed, see `Gate.slack`; below 0 it failed.
     """
 
     iteration: int
@@ -105,36 +106,36 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the gate let it through."""
+        """Whether the gate passed."""
         return self.slack >= 0
 
 
 def gate_views(scene: TrainingScene, options: PruneOptions) -> tuple[int, ...]:
-    """The views that gates look at."""
+    """The views that the gate reads."""
     return scene.validation[:: -(-len(scene.validation) // options.validated)]
 
 
 class PruneStage(Stage):
-    """From a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
+    """Prunes a dense model to one of the same quality, less a variant's loss, with as few intersections as the budget allows.
 
-    The dense model passes its own gate, so the first prune comes at once. After `interval` iterations the gate is looked at
-    again, always with the running average of the parameters: a pass keeps the model if no passing one had fewer entries, prunes
-    it and raises gamma; a failure lowers gamma and retrains for `recovery` iterations more. Where that does not lead back over
-    the gate, the last model that passed comes back and a prune of half the size is tried. The result is the passing model with
-    the fewest entries, at worst the dense one.
+    The dense model passes its own gate, so the first prune comes at once. After `interval` iterations the gate is checked
+    again, always with the running average of the parameters. When it passes, the model becomes the result if no passing one had
+    fewer intersections; it is then pruned and gamma is raised. When it fails, gamma is lowered and retraining continues for
+    `recovery` iterations. If this does not reach the gate, the last model that passed is restored and a prune of half the size
+    is tried. The result is the passing model with the fewest intersections, at worst the dense one.
 
     Args:
-        scene: training views are trained on and scored on, validation views gate.
+        scene: training views train and score, and validation views gate.
         dense: the model to prune.
         variant: H, M or L.
-        options: how.
-        seed: of the order of training views.
-        rates: Adam's, by field; None for `retraining_rates`.
-        name: in a chain.
+        options: the options of the loop.
+        seed: seed of the order of training views.
+        rates: Adam's rates by field; None for `retraining_rates`.
+        name: the stage's name in the chain.
 
     Attributes:
-        history: one row for each look at the gate, the dense model's first.
-        gate: what must be reached; None before the first step.
+        history: one row for each check of the gate, that of the dense model first.
+        gate: the quality that must be reached; None before the first step.
     """
 
     def __init__(
@@ -154,7 +155,7 @@ class PruneStage(Stage):
         self._training = Retraining(scene, dense, seed, name, rates)
         self._scores = None
         if self.options.criterion is not None:
-            # Poses of validation views too: what only they see could otherwise be neither kept nor retrained.
+            # Validation poses are included; otherwise points that only they see would be pruned and never come back.
             cameras = [widened(scene.cameras[view], self.options.margin) for view in (*scene.train, *scene.validation)]
             self._scores = Scores(self.options.criterion, cameras, share=-(-len(cameras) // self.options.scored), seed=seed)
         self._best = dense
@@ -163,11 +164,12 @@ class PruneStage(Stage):
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained."""
+        """The Gaussians in training."""
         return self._training.gaussians
 
     def step(self) -> dict[str, float]:
-        """One iteration of retraining; where the gate was looked at, `psnr`, `ssim`, `entries` and `passed` too."""
+        """Takes one iteration of retraining; if the gate was checked, the record has `psnr`, `ssim`, `entries` and `passed`
+        too."""
         if self.gate is None:
             dense = self._quality()
             self.gate = Gate.of(dense, QUALITY_LOSS[self.variant])
@@ -183,11 +185,11 @@ class PruneStage(Stage):
         return record
 
     def result(self) -> Gaussians:
-        """The passing model with the fewest entries."""
+        """The passing model with the fewest intersections."""
         return self._best
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """See `Stage`."""
         return {
             "done": self.done, "look": self._look, "gamma": self.gamma, "fraction": self._fraction, "failures": self._failures,
             "gate": None if self.gate is None else vars(self.gate).copy(),
@@ -196,7 +198,7 @@ class PruneStage(Stage):
         }
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """See `Stage`."""
         self.done, self._look, self.gamma = state["done"], state["look"], state["gamma"]
         self._fraction, self._failures = state["fraction"], state["failures"]
         self.gate = None if state["gate"] is None else Gate(**state["gate"])
@@ -217,7 +219,7 @@ class PruneStage(Stage):
         return evaluate(self._training.average, self._scene, self._validation)
 
     def _decide(self, quality: Quality) -> Check:
-        """The gate: keeps the model, prunes it and changes gamma as it says."""
+        """Checks the gate; keeps the model, prunes it and changes gamma as the result requires."""
         check = Check(
             self.done, quality.points, quality.entries, quality.psnr, quality.ssim, self.gamma, self.gate.slack(quality))
         fewest = min((row.entries for row in self.history if row.passed), default=None)
@@ -234,7 +236,7 @@ class PruneStage(Stage):
         return check
 
     def _go_on(self) -> bool:
-        """After a pass: prune the model, the more the easier the last prune was."""
+        """After a pass, prunes the model; the share grows again if the last prune was easy."""
         if self._scores is None:
             return True
         if self._failures == 0:
@@ -245,7 +247,7 @@ class PruneStage(Stage):
         return True
 
     def _wait(self) -> bool:
-        """After a failure: whether the prune was undone and a smaller one took its place."""
+        """After a failure, undoes the prune and makes a smaller one if the gate is out of reach; returns whether it did."""
         self._failures += 1
         if self._passed is None or not self._hopeless():
             return False
@@ -255,17 +257,18 @@ class PruneStage(Stage):
         return True
 
     def _hopeless(self) -> bool:
-        """Whether the gate has failed too often since the last prune, or will by what the last retraining gained."""
+        """Whether the gate has failed too often since the last prune, or will, judging by the gain of the last retraining."""
         left = self.options.patience - self._failures
         if left <= 0:
             return True
-        if self._failures < 4:  # the first look comes soon after the prune, the second after the quickest recovery
+        if self._failures < 4:  # the gain right after a prune is much larger than later ones
             return False
         since, now = self.history[1 - self._failures].slack, self.history[-1].slack
         return now + (now - since) / (self._failures - 2) * left < 0
 
     def _prune(self) -> None:
-        """Drop what is almost transparent, then the lowest `fraction` in parts, scores measured before each."""
+        """Drops almost transparent points, then the share `fraction` with the lowest scores, in parts, with scores measured
+        before each."""
         options = self.options
         self._keep(self.gaussians.amplified_opacity.detach() >= options.opacity_min)
         part = max(1, round(self._fraction / options.parts * len(self.gaussians)))

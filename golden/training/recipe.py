@@ -1,4 +1,4 @@
-"""Which stages make what a user asked for: variants, levels, baselines, and each stage's share of the iterations."""
+"""Chooses the stages that make what a user asked for: variants, levels, baselines, and each stage's share of the iterations."""
 
 from __future__ import annotations
 
@@ -29,39 +29,39 @@ PRUNING_BASELINES = ("count", "importance")
 BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES)
 
 RESULTS = (FoveatedModel, Version, SeparateModels)
-"""Classes, beside Gaussians, that stages leave."""
+"""Classes, beside Gaussians, of the stages' results."""
 
 SHARES = {"dense": 0.45, "prune": 0.40, "finetune": 0.03, "level2": 0.04, "level3": 0.04, "level4": 0.04}
 """Each stage's share of the chain's iterations."""
 
 SEPARATE_SHARE = 0.05
-"""The same for each level of MMFR, which come on top."""
+"""The share of each level of MMFR; these iterations are added to the chain's."""
 
 MIN_ITERATIONS = 20
-"""Fewest iterations of a chain: every stage has at least one."""
+"""Smallest number of iterations of a chain, with which every stage has at least one."""
 
 EMBEDDED_DEFAULTS = {"iterations": 8000, "max_points": 20_000}
-"""What is not asked for of the embedded scene."""
+"""Defaults for the embedded scene."""
 
 DEFAULTS = {"iterations": 20_000, "max_points": 60_000}
-"""What is not asked for of photographs."""
+"""Defaults for photographs."""
 
 CHECKS = 40
-"""Looks at a gate that a stage of pruning has room for at least, however few its iterations."""
+"""Smallest number of times that pruning checks its gate, however few iterations it has."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to make of a scene.
+    """The choices that determine how a scene is trained.
 
     Attributes:
-        variant: H, M or L, how much of the dense model's quality L1 may lose.
+        variant: H, M or L, which says how much of the dense model's quality L1 may lose.
         baseline: one of BASELINES, or None for the project's own levels.
         enhancement: whether levels 2-4 may amplify opacities.
-        iterations: of the whole chain, dense training included.
-        max_points: cap on the dense model's Gaussians.
-        seed: of everything drawn at random.
-        pooling_width: pixels, of the frame that HVSQ pools as in; None: of the scene's.
+        iterations: number of iterations of the whole chain, including dense training.
+        max_points: upper limit of the dense model's Gaussians.
+        seed: seed of everything drawn at random.
+        pooling_width: HVSQ pools as in a frame of this width in pixels; None: as in the scene's frames.
     """
 
     variant: str
@@ -83,51 +83,52 @@ class Recipe:
             raise InputError(f"pooling-width {self.pooling_width} is not accepted: 1 or more is")
 
     def budget(self, stage: str) -> int:
-        """Iterations of a stage."""
+        """Number of iterations of a stage."""
         share = SEPARATE_SHARE if stage.startswith("separate") else SHARES[stage]
         return max(1, round(share * self.iterations))
 
     @property
     def pooling(self) -> tuple[float, ...] | None:
-        """Widths in pixels that HVSQ of each level pools over; None: scaled to the scene's frames."""
+        """Pooling widths of HVSQ in pixels, one for each level; None if they are scaled to the scene's frames."""
         if self.pooling_width is None:
             return None
         return tuple(pooling_px(level, self.pooling_width) for level in range(MAX_LEVELS))
 
     def prune_options(self) -> PruneOptions:
-        """Pruning's defaults, with looks at the gate closer together where there are few iterations."""
+        """The default options of pruning, with more frequent checks of the gate if there are few iterations."""
         iterations = self.budget("prune")
         return PruneOptions(iterations=iterations, interval=max(1, min(PruneOptions.interval, iterations // CHECKS)))
 
 
 class ReadyStage(Stage):
-    """What takes no iterations: a result that is there, or is made at once."""
+    """A stage without iterations: its result exists already or is made at once."""
 
     def __init__(self, name: str, made: object) -> None:
         self.name, self.total, self.done = name, 0, 0
         self._made = made
 
     def step(self) -> dict[str, float]:
-        """Never called: there is nothing left to do."""
+        """Never called, because the stage has no iterations."""
         raise ValueError(f"{self.name} has no iterations")
 
     def state(self) -> dict[str, object]:
-        """Nothing."""
+        """An empty state."""
         return {}
 
     def load(self, state: dict[str, object]) -> None:
-        """Nothing to go back to."""
+        """Does nothing, because there is no state."""
 
     def result(self) -> object:
-        """What was there."""
+        """The result that the stage was made with."""
         return self._made
 
 
 def plan(recipe: Recipe, scene: TrainingScene, device: str, dense: Gaussians | None = None) -> list[Planned]:
-    """The stages in order.
+    """The stages of a recipe, in order.
 
     Args:
-        scene: what is trained on and judged by.
+        recipe: the choices.
+        scene: the scene to train on and to judge by.
         device: where to train.
         dense: a trained model, which takes the place of dense training.
     """
@@ -151,7 +152,7 @@ def plan(recipe: Recipe, scene: TrainingScene, device: str, dense: Gaussians | N
 
 
 def levels_of(results: dict[str, Any]) -> Levels:
-    """What a finished chain is about: the levels that are saved and reported."""
+    """The levels of a finished chain, which are saved and reported."""
     if "smfr" in results:
         return results["smfr"]
     if "separate2" in results:
@@ -160,7 +161,7 @@ def levels_of(results: dict[str, Any]) -> Levels:
 
 
 class _Makers:
-    """Makers of stages for one recipe."""
+    """Functions that make the stages of one recipe."""
 
     def __init__(self, recipe: Recipe, scene: TrainingScene, device: str) -> None:
         self.recipe, self.scene, self.device, self.seed = recipe, scene, device, recipe.seed
@@ -179,7 +180,7 @@ class _Makers:
 
     def finetune(self, results: dict[str, Any]) -> Stage:
         dense = evaluate(results["dense"].to(self.device), self.scene, self.scene.validation)
-        gate = Gate.of(replace(dense, views=()), QUALITY_LOSS[self.recipe.variant])  # pruning's margin is there to be used
+        gate = Gate.of(replace(dense, views=()), QUALITY_LOSS[self.recipe.variant])  # no margin here: it may be used up
         iterations = self.recipe.budget("finetune")
         return FineTuneStage(self.scene, results["prune"].to(self.device), gate, iterations=iterations,
                              interval=max(1, iterations // 5), seed=self.seed,
@@ -208,7 +209,7 @@ class _Makers:
 
 
 def models_of(results: dict[str, Any], stages: Sequence[str]) -> list[tuple[str, int, Gaussians]]:
-    """Of each stage that trains: its name, and 0-based level and Gaussians of what it left."""
+    """For each stage that trains: its name, and the 0-based level and the Gaussians of its result."""
     rows = []
     for name in stages:
         left = results[name]

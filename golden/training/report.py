@@ -1,4 +1,4 @@
-"""A run's report: model.ply, report.json, and report.md made of it, with pictures and curves."""
+"""A run's report: model.ply, report.json, and report.md made from it, with pictures and curves."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from golden.training.scene import TrainingScene
 from spec.constants import ALPHA_MAX_L1, REGION_START_DEG
 
 AMPLIFIED = 4
-"""What differences are multiplied by in pictures."""
+"""Factor on differences in pictures."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """What a finished chain is reported by.
+    """A finished chain, with everything that its report needs.
 
     Attributes:
-        dense: what pruning started from.
-        levels: what came out.
-        rows: of each stage: name, 0-based level and Gaussians of what it left.
+        dense: the model from which pruning started.
+        levels: the resulting levels.
+        rows: for each stage, its name, and the 0-based level and the Gaussians of its result.
         spent: iterations and seconds of each stage.
-        options: what was asked for.
+        options: the run's options.
         references: what everything is compared with: photographs, or renders of the dense model.
-        pooling: widths in pixels that HVSQ of each level pools over; None: the paper's, scaled to the frame.
+        pooling: pooling widths in pixels of HVSQ for each level; None: the paper's, scaled to the frame.
     """
 
     dense: Gaussians
@@ -57,9 +57,18 @@ class Trained:
 
 
 def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Callable[[str], None] = print) -> dict[str, Any]:
-    """Writes model.ply, report.json, report.md, curves.png, curves.json and pictures/ into the folder of a run's log.
+    """Writes model.ply, report.json, report.md, curves.png, curves.json and pictures/ into a folder that holds the run's log.
 
-    Everything is measured on test views, which no stage has read. Returns what report.json holds.
+    Everything is measured on test views, which no stage has read.
+
+    Args:
+        trained: the finished chain.
+        scene: the scene.
+        folder: the output folder.
+        note: called with messages for the user.
+
+    Returns:
+        The content of report.json.
     """
     begin = time.monotonic()
     for name, model in model_files(trained.levels, scene).items():
@@ -81,7 +90,7 @@ def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Cal
 
 
 def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
-    """Everything report.json says but pictures."""
+    """The content of report.json except pictures, curves and narrowed splats."""
     stages = [_stage_row(name, level, left, trained, scene) for name, level, left in trained.rows]
     l1 = next(row for row in reversed(stages) if row["level"] == 1)
     levels, width = _level_rows(trained.levels, scene, trained.pooling), scene.size[0]
@@ -108,7 +117,7 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
 
 
 def _narrowed(records: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """By stage, how often a splat was found too wide for the machine and was narrowed; a splat may be found again."""
+    """For each stage, how often a splat was too wide for the machine and was narrowed. The same splat may be counted again."""
     found: dict[str, int] = {}
     for record in records:
         if "narrowed" in record:
@@ -117,13 +126,13 @@ def _narrowed(records: Sequence[Mapping[str, Any]]) -> dict[str, int]:
 
 
 def _well_posed_psnr(dense: Gaussians, scene: TrainingScene) -> float | None:
-    """PSNR of the dense model on the test views whose poses are not in doubt; None where all are, or none is."""
+    """PSNR of the dense model on the test views whose poses are not in doubt; None if all are in doubt or none is."""
     views = [view for view in scene.test if view not in scene.doubtful]
     return evaluate(dense, scene, views).psnr if 0 < len(views) < len(scene.test) else None
 
 
 def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: TrainingScene) -> dict[str, Any]:
-    """A stage's row: its model's whole frames on the test views."""
+    """The row of a stage: its model's whole frames on the test views."""
     pooling = level_pooling(level, scene.size[0], trained.pooling)
     quality = evaluate(left, scene, scene.test, alpha_max=level_alpha_max(level), pooling=[pooling])
     spent = trained.spent.get(name, {"iterations": 0, "seconds": 0.0})
@@ -134,7 +143,8 @@ def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: 
 
 
 def _level_rows(levels: Levels, scene: TrainingScene, pooling: Sequence[float] | None) -> list[dict[str, Any]]:
-    """Per level: points, and HVSQ at its own pooling on test and validation views beside level 1's, the gate's target."""
+    """For each level: its points, and HVSQ at its own pooling on test and validation views beside level 1's, the gate's
+    target."""
     test, validation = (level_hvsq(levels, scene, views, pooling=pooling) for views in (scene.test, scene.validation))
     return [
         {"level": level + 1, "points": points, "share": points / levels.counts[0], "hvsq_test": test[level],
@@ -144,9 +154,10 @@ def _level_rows(levels: Levels, scene: TrainingScene, pooling: Sequence[float] |
 
 
 def _regions(trained: Trained, scene: TrainingScene) -> list[dict[str, Any]]:
-    """Per region of frames gazed at in the centre: HVSQ of the dense model, of L1 everywhere and of the foveated frame.
+    """For each region of frames with the gaze in the centre: HVSQ of the dense model, of L1 everywhere and of the foveated
+    frame.
 
-    Every pixel pools as its eccentricity does; regions that a frame is too small to reach are left out.
+    Each pixel's pooling depends on its eccentricity. Regions that a frame is too small to reach are left out.
     """
     camera = scene.cameras[scene.test[0]]
     foveation = centre_foveation(camera, trained.levels.levels)
@@ -168,13 +179,13 @@ def _regions(trained: Trained, scene: TrainingScene) -> list[dict[str, Any]]:
 
 
 def _frame(gaussians: Gaussians, scene: TrainingScene, view: int, alpha_max: float = ALPHA_MAX_L1) -> torch.Tensor:
-    """(H, W, 3) a whole frame of one level, as displayed, on the CPU."""
+    """(H, W, 3) display values of a whole frame of one level, on the CPU."""
     with torch.no_grad():
         return render(gaussians, scene.cameras[view], alpha_max=alpha_max).image.clamp(0.0, 1.0).cpu()
 
 
 def _foveated_frame(levels: Levels, scene: TrainingScene, view: int) -> torch.Tensor:
-    """(H, W, 3) a frame gazed at in the centre, as displayed, on the CPU."""
+    """(H, W, 3) display values of a foveated frame with the gaze in the centre, on the CPU."""
     camera = scene.cameras[view]
     each = [levels.level(level) for level in range(levels.levels)]
     with torch.no_grad():
@@ -182,7 +193,7 @@ def _foveated_frame(levels: Levels, scene: TrainingScene, view: int) -> torch.Te
 
 
 def _pictures(trained: Trained, scene: TrainingScene, folder: Path) -> dict[str, str]:
-    """Pictures of the first test view; paths below the folder by what they show."""
+    """Writes pictures of the first test view; returns their paths below the folder by what they show."""
     view = scene.test[0]
     shown = {"reference": scene.photograph(view), "dense": _frame(trained.dense, scene, view),
              "foveated": _foveated_frame(trained.levels, scene, view)}

@@ -1,4 +1,4 @@
-"""What a trained model becomes on the machine: entries of its frames, and what quantisation costs against the photographs."""
+"""A trained model on the machine: the intersections of its frames, and what quantisation costs against the photographs."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from golden.training.scene import TrainingScene
 from spec.config import PAPER
 
 VIEWS = 8
-"""Views rendered by the integer golden at most, evenly spread over the test views."""
+"""Largest number of views that the integer renderer renders, evenly spread over the test views."""
 
 
 @dataclass(frozen=True)
 class MachineNumbers:
-    """Means over views of frames of the integer golden; the gaze, where there is one, in the centre.
+    """Means over views of the integer renderer's frames; the gaze, if there is one, is in the centre.
 
     Attributes:
         views: indices of the views.
-        entries: (splat, tile) entries of a frame: `dense`, `l1` (whole frame at level 1) and, of several levels, `foveated`.
-        psnr_float, psnr_quantised: dB against the photographs of whole frames at level 1, by the float64 oracle and the golden.
-        foveated_psnr_float, foveated_psnr_quantised: the same of foveated frames; None with one level or separate models.
+        entries: number of intersections in a frame: `dense`, `l1` (whole frame at level 1) and, with several levels,
+            `foveated`.
+        psnr_float, psnr_quantised: dB against the photographs for whole frames at level 1, by the float64 oracle and by the
+            integer renderer.
+        foveated_psnr_float, foveated_psnr_quantised: the same for foveated frames; None with one level or separate models.
     """
 
     views: tuple[int, ...]
@@ -42,12 +44,13 @@ class MachineNumbers:
 
     @property
     def loss_db(self) -> float:
-        """What quantisation costs whole frames at level 1, in dB; below 0 where it happens to help."""
+        """What quantisation costs whole frames at level 1, in dB; below 0 if it happens to help."""
         return self.psnr_float - self.psnr_quantised
 
 
 def model_files(levels: Levels, scene: TrainingScene) -> dict[str, GaussianModel]:
-    """The models to save, by file name: one with all levels, or of separate models L1 as the model and each on its own."""
+    """The models to save, by file name. Nested levels are one model; separate models are one each, and L1 is also
+    `model.ply`."""
     if isinstance(levels, FoveatedModel):
         return {"model.ply": levels.to_model(up=scene.up, name=scene.name)}
     each = [to_model(levels.level(level), up=scene.up, name=f"{scene.name}-l{level + 1}") for level in range(levels.levels)]
@@ -55,7 +58,7 @@ def model_files(levels: Levels, scene: TrainingScene) -> dict[str, GaussianModel
 
 
 def machine_numbers(levels: Levels, dense: Gaussians, scene: TrainingScene) -> MachineNumbers | None:
-    """The numbers, or None where frames are wider than the machine's rows."""
+    """Measures a trained model on the integer renderer; returns None if frames are wider than the machine's rows."""
     if scene.size[0] > PAPER.row_width:
         return None
     views = _spread(scene.test, VIEWS)

@@ -1,8 +1,9 @@
-"""Gaussians that the machine cannot place: so wide that they reach into frames that their centre lies far beyond.
+"""Finds and narrows Gaussians that the machine cannot place: they are so wide that they reach into frames far from their
+centre.
 
-A centre beyond the range of `mean2d` saturates, and what such a splat shows is then somewhere else. Only a splat far off to the
-side, hardly before the camera, has its centre there, and only a wide one still meets the frame. The projection of such a splat
-is a bad approximation anyway. It is narrowed, not removed: from where it lies before a camera it shows what it did.
+A centre beyond the range of `mean2d` saturates, and the splat then appears somewhere else. Only a splat that is far to the side
+and barely in front of the camera has its centre there, and only a wide one still meets the frame. The projection approximates
+such a splat badly in any case. It is narrowed and not removed, so that cameras in front of which it lies still see it.
 """
 
 from __future__ import annotations
@@ -20,25 +21,27 @@ from spec.config import PAPER
 from spec.constants import FRUSTUM_MARGIN, SUPPORT_SIGMA
 
 SAFETY = 0.25
-"""Share of the range of `mean2d` that centres may use in the views at hand: views to come are turned by a few degrees."""
+"""Share of the range of `mean2d` that centres may use in the known views, because other cameras are rotated by a few
+degrees."""
 
 NARROWED = 0.99
-"""Share of the widest accepted scale that is left: what was narrowed is not too wide by a rounding error."""
+"""Scales are narrowed to this share of the widest accepted scale, so that rounding does not leave them too wide."""
 
 MEAN2D = PAPER.formats.mean2d
 FARTHEST = float(min(-MEAN2D.to_float(MEAN2D.raw_min), MEAN2D.to_float(MEAN2D.raw_max)))
-"""Pixels from the frame's corner that a centre may lie at."""
+"""Largest distance in pixels between the frame's corner and a centre."""
 
 
 class Bounds:
     """The widest scales that the machine can place in the views of a scene.
 
-    A splat at camera depth z and x to the side, or up, has its centre at f x / z pixels. Its footprint reaches at most
-    SUPPORT_SIGMA f s / z sqrt(1 + t^2) pixels, s its largest standard deviation and t the slope that projection clamps to:
-    below 1 / (SUPPORT_SIGMA sqrt(1 + t^2)) of the larger x, s cannot bring it back into the frame.
+    A splat at camera depth z and x to the side (or up) has its centre at f x / z pixels. Its footprint reaches at most
+    SUPPORT_SIGMA f s / z sqrt(1 + t^2) pixels, where s is its largest standard deviation and t the slope to which the
+    projection clamps. If s is below x / (SUPPORT_SIGMA sqrt(1 + t^2)), with the larger of both x, the footprint cannot reach
+    back into the frame.
 
     Args:
-        scene: its training and validation views' poses are looked from; photographs are not read.
+        scene: the poses of its training and validation views are used; photographs are not read.
     """
 
     def __init__(self, scene: TrainingScene) -> None:
@@ -46,7 +49,7 @@ class Bounds:
 
     @torch.no_grad()
     def apply(self, gaussians: Gaussians) -> int:
-        """Narrows what some view cannot place, in place; how many Gaussians that were."""
+        """Narrows, in place, the Gaussians that some view cannot place; returns how many these were."""
         widest = gaussians.log_scales.amax(dim=1).exp()
         limit = torch.full_like(widest, math.inf)
         for camera in self._cameras:
@@ -64,32 +67,32 @@ class Bounds:
 
 
 def misplaced(gaussians: Gaussians, scene: TrainingScene, views: Sequence[int]) -> int:
-    """How many splats of all the views' frames have a centre that `mean2d` cannot hold."""
+    """Number of splats, over all the views' frames, whose centre `mean2d` cannot hold."""
     with torch.no_grad():
         centres = (project(gaussians, scene.cameras[view], SUPPORT_SIGMA).mean2d for view in views)
         return sum(int(_beyond(each, FARTHEST).sum()) for each in centres)
 
 
 def _in_camera(means: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(N, 3) the means in camera axes."""
+    """(N, 3) means in camera axes."""
     rotation, translation = (
         torch.from_numpy(each).to(means.device, torch.float32) for each in (camera.rotation, camera.translation))
     return means @ rotation.T + translation
 
 
 def _centre(point: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(N, 2) pixels."""
+    """(N, 2) centres in pixels."""
     focal, principal = (point.new_tensor(each) for each in ((camera.fx, camera.fy), (camera.cx, camera.cy)))
     return point[:, :2] / point[:, 2:] * focal + principal
 
 
 def _beyond(centre: torch.Tensor, farthest: float) -> torch.Tensor:
-    """(N,) bool."""
+    """(N,) bool: whether a centre is farther than `farthest` pixels along an axis."""
     return (centre.abs() > farthest).any(dim=1)
 
 
 def _clamped_slope(camera: Camera) -> float:
-    """The largest slope that the Jacobian is taken at."""
+    """The largest slope at which the Jacobian is evaluated."""
     across = max(camera.cx, camera.width - camera.cx) / camera.fx
     down = max(camera.cy, camera.height - camera.cy) / camera.fy
     return FRUSTUM_MARGIN * max(across, down)

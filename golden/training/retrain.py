@@ -1,4 +1,4 @@
-"""Iterations of retraining a model of fixed points on photographs: what pruning and its baselines have in common."""
+"""Retraining a model of fixed points on photographs: the part that pruning and its baselines have in common."""
 
 from __future__ import annotations
 
@@ -25,35 +25,36 @@ SSIM_BYTES = 36
 """Bytes that an `Ssim` keeps for a pixel."""
 
 SSIM_BUDGET = 2**30
-"""Bytes for the views' `Ssim` objects; views beyond it have theirs made anew each time."""
+"""Bytes for the views' `Ssim` objects; those of further views are made again at each use."""
 
 PROGRESS = 0.5
-"""Of dense training, from where retraining takes the means' rate: a tenth of the first, ten times the last."""
+"""Retraining uses the means' rate that dense training has at this share of its run: a tenth of the first, ten times the
+last."""
 
 
 GAIN = 3.0
-"""Factor on 3DGS's rates of all fields but the means: the running average stands the noise, and a pruned model heals sooner. On
-fern at 504x378, of 40,000 points 14,600 were left after 600 iterations, at an SSIM of 0.7897 with it and of 0.7872 without
-(validation views)."""
+"""Factor on 3DGS's rates of all fields but the means. The running average evens out the noise, and a pruned model recovers
+sooner. On fern at 504x378, 14,600 of 40,000 points were left after 600 iterations, at an SSIM of 0.7897 with this factor and
+of 0.7872 without it (validation views)."""
 
 
 def retraining_rates(scene: TrainingScene) -> dict[str, float]:
-    """Rates of all fields but the amplifier's, constant."""
+    """Constant learning rates of all fields but the amplifier."""
     rates = dense_rates(PROGRESS, scene.extent)
     return {name: rate if name == "means" else GAIN * rate for name, rate in rates.items()}
 
 
 class Retraining:
-    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view an iteration.
+    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view in each iteration.
 
     Args:
-        scene: what is trained on; test and validation views are not touched.
-        gaussians: copied.
-        seed, purpose: of the order of views.
-        rates: Adam's, by field; None for `retraining_rates`.
+        scene: the scene to train on; test and validation views are not read.
+        gaussians: the Gaussians, which are copied.
+        seed, purpose: seeds of the order of views.
+        rates: Adam's rates by field; None for `retraining_rates`.
 
     Attributes:
-        view: trained on in the last iteration; None before the first.
+        view: the view of the last iteration; None before the first.
     """
 
     def __init__(
@@ -70,37 +71,37 @@ class Retraining:
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained."""
+        """The Gaussians in training."""
         return self._optimiser.gaussians
 
     def restart(self, gaussians: Gaussians) -> None:
-        """Train these instead, with fresh moments."""
+        """Trains other Gaussians instead, with fresh moments."""
         self._optimiser = Optimiser(gaussians, self._rates)
         self._average = Average(self.gaussians)
 
     @property
     def average(self) -> Gaussians:
-        """The running average since points last came or went; a copy."""
+        """A copy of the running average since points were last added or removed."""
         return self._average.gaussians.detached()
 
     def narrow(self, bounds: Bounds) -> int:
-        """Keep to the widest scales; how many of the average's Gaussians were wider."""
+        """Narrows scales beyond `bounds`; returns how many of the average's Gaussians were too wide."""
         bounds.apply(self.gaussians)
         return bounds.apply(self._average.gaussians)
 
     def settle(self) -> None:
-        """Go on from the running average."""
+        """Continues from the running average."""
         with torch.no_grad():
             for name, tensor in self._average.gaussians.tensors().items():
                 getattr(self.gaussians, name).copy_(tensor)
 
     def select(self, keep: torch.Tensor) -> None:
-        """Drop all Gaussians but `keep`, (N,) bool, and their moments."""
+        """Keeps only the Gaussians in `keep`, (N,) bool, with their moments."""
         self._optimiser.select(keep)
         self._average.restart(self.gaussians)
 
     def clamp_opacity(self, highest: float) -> None:
-        """Opacities above `highest` (0..1) come down to it, and lose their moments."""
+        """Lowers opacities above `highest` (0..1) to it and resets their moments."""
         logits = self.gaussians.opacity.detach()
         limit = float(torch.logit(torch.tensor(highest)))
         above = torch.nonzero(logits > limit).squeeze(1)
@@ -108,7 +109,7 @@ class Retraining:
         self._average.restart(self.gaussians)
 
     def step(self, iteration: int, gamma: float) -> float:
-        """One iteration; the loss."""
+        """Takes one iteration and returns its loss."""
         self.view = view = view_at(self._scene.train, self._seed, self._purpose, iteration)
         gaussians, device = self.gaussians, self.gaussians.device
         rendering = render(gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
@@ -121,10 +122,10 @@ class Retraining:
         return float(loss.detach())
 
     def state(self) -> dict[str, object]:
-        """For `load`."""
+        """Everything that `load` needs."""
         return {"optimiser": self._optimiser.state(), "average": self._average.state()}
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """Restores what `state` returned."""
         self._optimiser.load(state["optimiser"])
         self._average.load(state["average"], self.gaussians.device)

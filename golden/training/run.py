@@ -1,4 +1,4 @@
-"""One run of the trainer: what was asked for, to a chain of stages, to a report."""
+"""One run of the trainer: from parsed arguments through a chain of stages to a report."""
 
 from __future__ import annotations
 
@@ -19,17 +19,26 @@ from golden.training.report import Trained, write_report
 from golden.training.scene import TrainingScene, load_training_scene
 from golden.training.teacher import has_photographs, teacher_scene
 from spec.errors import InputError
+from spec.paths import BUILD
 
 LOG_SCALE_MIN = -20.0
-"""Degenerate axes (log scale -inf) of loaded models become this: they draw the same, and can be trained."""
+"""Degenerate axes of loaded models (log scale -inf) get this log scale: they look the same and can be trained."""
 
 
 def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -> int:
-    """Trains and reports; the exit status.
+    """Trains a foveated model and writes its report.
+
+    Args:
+        args: the parsed command line of golden/train.py.
+        size: (width, height) to train at; None for the photographs' size.
+        device: torch's name of the device.
+
+    Returns:
+        The exit status: 0, or 130 after an interrupt.
 
     Raises:
-        InputError: an option or a scene that nothing can be trained from.
-        TrainingError: numbers that are not finite, or a full disk.
+        InputError: an option is not accepted, or nothing can be trained from the scene.
+        TrainingError: numbers became non-finite, or the disk is full.
     """
     recipe = chosen_recipe(args)
     dense = None if args.source is None else loaded_dense(Path(args.source), device)
@@ -37,7 +46,7 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
-    out = make_folder(args.out or Path("build/train") / run_name(scene.name, recipe))
+    out = make_folder(args.out or BUILD / "train" / run_name(scene.name, recipe))
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
     try:
@@ -57,10 +66,10 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
 
 
 def chosen_recipe(args: argparse.Namespace) -> Recipe:
-    """The recipe behind parsed arguments.
+    """The recipe that parsed arguments describe.
 
     Raises:
-        InputError: a value that is not accepted, or an option that would have no effect.
+        InputError: a value is not accepted, or an option would have no effect.
     """
     if args.source is not None and args.max_points is not None:
         raise InputError("max-points is not accepted together with --from: there is no dense training to cap")
@@ -72,17 +81,17 @@ def chosen_recipe(args: argparse.Namespace) -> Recipe:
 
 
 def run_name(scene: str, recipe: Recipe) -> str:
-    """The scene's name, and what differs from the default: runs that differ in kind do not overwrite each other."""
+    """The scene's name with what differs from the default, so that runs of different kinds do not overwrite each other."""
     kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1",
              f"pooled{recipe.pooling_width}" if recipe.pooling_width else None]
     return "-".join([scene, *filter(None, kinds)])
 
 
 def loaded_dense(path: Path, device: str) -> Gaussians:
-    """The first level of a trained model, ready to train.
+    """Level 1 of a trained model, ready to be trained.
 
     Raises:
-        InputError: not a model, or an empty one.
+        InputError: the file is no model, or the model is empty.
     """
     model = load_model(path)
     if not len(model):
@@ -93,14 +102,15 @@ def loaded_dense(path: Path, device: str) -> Gaussians:
 
 
 def chosen_scene(name: str, size: tuple[int, int] | None, dense: Gaussians | None) -> tuple[TrainingScene, str]:
-    """The scene and what its references are: photographs, or the dense model's renders where there are cameras alone."""
+    """The training scene, and what its references are: photographs or, where there are only cameras, the dense model's
+    renders."""
     if dense is not None and str(name) != EMBEDDED and not has_photographs(Path(name)):
         return teacher_scene(Path(name), size, dense), "renders of the dense model"
     return load_training_scene(name, size, points_needed=dense is None), "photographs"
 
 
 def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, device: str) -> dict[str, Any]:
-    """What a resumed run must share, by the names of the command line."""
+    """The options that a resumed run must have in common with the first one, by the names of the command line."""
     return {
         "scene": str(args.scene) if str(args.scene) == EMBEDDED else str(Path(args.scene).resolve()),
         "variant": recipe.variant, "from": None if args.source is None else _content(Path(args.source)),
@@ -110,7 +120,7 @@ def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, 
 
 
 def _content(path: Path) -> str:
-    """A model file's name and what is in it; of a folder its place."""
+    """A model file's name and a hash of its content; of a folder, its path."""
     if path.is_dir():
         return str(path.resolve())
     with open(path, "rb") as file:
@@ -118,7 +128,7 @@ def _content(path: Path) -> str:
 
 
 def resume_command(args: argparse.Namespace, out: Path) -> str:
-    """The command that goes on with a run."""
+    """The command that continues a run."""
     given = [str(args.scene)] if str(args.scene) != EMBEDDED else []
     for name, value, default in (
         ("variant", args.variant, "H"), ("from", args.source, None), ("baseline", args.baseline, None),

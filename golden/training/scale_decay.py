@@ -5,13 +5,13 @@ from __future__ import annotations
 import torch
 
 TILE_THRESHOLD = 4
-"""T of the paper: Gaussians used by no more tiles cost nothing."""
+"""The paper's T: a Gaussian that at most this many tiles use adds nothing to the loss."""
 
 GAMMA_FIRST = 1e-4
-"""What gamma starts with at the first passed gate; below it gamma is 0."""
+"""Gamma at the first passed gate, and the smallest value that is not 0."""
 
 GAMMA_FACTOR = 3.0
-"""Gamma's change at every gate."""
+"""Factor by which gamma changes at every gate."""
 
 
 def weighted_scale(
@@ -19,12 +19,12 @@ def weighted_scale(
 ) -> torch.Tensor:
     """WS = mean over Gaussians of max_axis(scale) * max(U - T, 0), in world units.
 
-    No gradient goes through U: whether a tile uses a Gaussian is no smooth function of anything.
+    No gradient goes through U, because whether a tile uses a Gaussian is not a smooth function of the parameters.
 
     Args:
         log_scales: (N, 3), natural log of world units.
         index: (M,) int64, the Gaussians that the view projected.
-        tiles: (M,) integers, U: tiles of this view that used each of them; Gaussians not in `index` count 0.
+        tiles: (M,) integers, U: number of this view's tiles that used each of them; for Gaussians not in `index` it is 0.
         threshold: T.
 
     Returns:
@@ -36,7 +36,8 @@ def weighted_scale(
 
 
 def next_gamma(gamma: float, passed: bool, first: float = GAMMA_FIRST) -> float:
-    """The weight of WS after a gate: three times as much after a pass, a third after a failure, nothing below `first`."""
+    """The weight of WS after a gate: three times as much after a pass, a third after a failure; 0 instead of values below
+    `first`."""
     if passed:
         return max(GAMMA_FACTOR * gamma, first)
     lower = gamma / GAMMA_FACTOR

@@ -1,4 +1,7 @@
-"""What a model is trained from: cameras, photographs, SfM points, and which views train, validate and test."""
+"""What a model is trained from: cameras, photographs, SfM points, and which views train, validate and test.
+
+A *view* in the trainer is a camera together with its photograph.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +20,23 @@ from golden.training.photographs import area_resized, check_photographs, read_ph
 from spec.errors import InputError
 
 VALIDATE_EVERY = 8
-"""Every 8th view that is not a test view validates: gates read those, so that nothing is chosen by the test views."""
+"""Of the views that are no test views, every 8th validates. Gates read these, so that nothing is chosen by the test views."""
 
 MIN_EDGE = 32
-"""Smallest frame edge in pixels: the HVSQ pyramid's, and above SSIM's window of 11."""
+"""Smallest frame edge in pixels: the HVSQ pyramid needs it, and it is above SSIM's window of 11."""
 
 MIN_POINTS = 4
-"""A point and its three nearest neighbours, which give its first scale."""
+"""Smallest number of points: a point and its three nearest neighbours, which give its initial scale."""
 
 DOUBTFUL_POSE = 2.0
-"""A view whose pose error is this many times the median of all views' is left out of training and validation: what it shows
-is not where its camera says, so it blurs the model and its PSNR judges the pose."""
+"""A view whose pose error is more than this many times the median of all views is left out of training and validation. Its
+photograph does not show what its camera says, so it would blur the model, and its PSNR would judge the pose."""
 
 EXTENT_MARGIN = 1.1
-"""3DGS's scene extent is the radius of the cameras' positions around their mean, times this."""
+"""3DGS's scene extent is the radius of the cameras' positions around their mean, times this factor."""
 
 EMBEDDED_POINTS = 6000
-"""Surface points that stand in for structure from motion in the embedded scene."""
+"""Number of surface points that take the place of SfM points in the embedded scene."""
 
 EMBEDDED_SIZE = (256, 256)
 """Default frame size of the embedded scene."""
@@ -41,16 +44,16 @@ EMBEDDED_SIZE = (256, 256)
 
 @dataclass(frozen=True)
 class TrainingScene:
-    """V posed photographs of one size H x W, and P points.
+    """V views, which are posed photographs of one size H x W, and P points.
 
     Attributes:
-        name: short, for folders and reports.
-        up: (3,) unit vector, the scene's up in world axes.
-        cameras: one per view, at the size trained at.
+        name: a short name for folders and reports.
+        up: (3,) unit vector, the scene's up direction in world axes.
+        cameras: V cameras at the size that is trained at.
         images: (V, H, W, 3) uint8, the photographs.
-        train, validation, test: indices of views, disjoint, none empty.
+        train, validation, test: indices of views; disjoint, and none is empty.
         doubtful: views whose poses the reconstruction itself contradicts; test views among them stay test views.
-        extent: 3DGS's scene extent, of the training cameras, world units.
+        extent: 3DGS's scene extent of the training cameras, in world units.
         points: (P, 3) float64, world units.
         colours: (P, 3) float64 in 0..1.
     """
@@ -72,15 +75,16 @@ class TrainingScene:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of every view."""
+        """(width, height) of every view in pixels."""
         return self.cameras[0].width, self.cameras[0].height
 
     def photograph(self, index: int) -> torch.Tensor:
-        """(H, W, 3) float32 in 0..1, as displayed; made from the bytes at each call, which takes under a millisecond."""
+        """(H, W, 3) float32 in 0..1, display values; converted from the bytes at each call, which takes less than a
+        millisecond."""
         return torch.from_numpy(self.images[index]).to(torch.float32).div_(255)
 
     def resized(self, width: int, height: int) -> TrainingScene:
-        """The scene with cameras and photographs at a smaller size, photographs reduced by area."""
+        """The scene with smaller cameras and photographs; photographs are reduced by averaging over areas."""
         if (width, height) == self.size:
             return self
         cameras = tuple(camera.resized(width, height) for camera in self.cameras)
@@ -88,19 +92,19 @@ class TrainingScene:
 
 
 def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *, points_needed: bool = True) -> TrainingScene:
-    """The scene at `path`, or the embedded one.
+    """Loads the scene at `path`, or the embedded one.
 
-    Test views are every 8th, as everywhere in the field; of the others every 8th, from the 4th on, validates. Photographs with
-    masks (a folder `masks`, `mask_path`, or transparent pixels) are refused. Photographs that a COLMAP model does not name are
-    not used. Views with doubtful poses neither train nor validate. Points that are not finite are dropped.
+    Every 8th view is a test view, as everywhere in the field. Of the others, every 8th from the 4th on validates. Photographs
+    with masks (a folder `masks`, `mask_path`, or transparent pixels) are refused. Photographs that a COLMAP model does not name
+    are not used. Views with doubtful poses neither train nor validate. Points that are not finite are dropped.
 
     Args:
         path: a data set as `load_dataset` reads it, or 'embedded'.
-        size: (width, height) to train at, no larger than the photographs and of their proportions; None for theirs.
-        points_needed: False where a trained model is there to start from.
+        size: (width, height) to train at, no larger than the photographs and with their proportions; None for their size.
+        points_needed: False if there is a trained model to start from.
 
     Raises:
-        InputError: anything wrong with the data set; the message names the file, the value and what is accepted.
+        InputError: anything is wrong with the data set; the message names the file, the value and what is accepted.
     """
     if str(path) == "embedded":
         return _embedded(*(size or EMBEDDED_SIZE))
@@ -118,7 +122,7 @@ def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *
 
 
 def doubtful_poses(error: np.ndarray | None) -> tuple[int, ...]:
-    """Views whose pose error (V,) is above DOUBTFUL_POSE times the median; unknown errors are not doubted."""
+    """The views whose pose error (V,) is above DOUBTFUL_POSE times the median; views without a known error are trusted."""
     if error is None or not np.isfinite(error).any():
         return ()
     return tuple(int(i) for i in np.flatnonzero(error > DOUBTFUL_POSE * np.nanmedian(error)))
@@ -138,9 +142,11 @@ def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> t
 
 def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
                   colours: np.ndarray, doubtful: tuple[int, ...] = ()) -> TrainingScene:
-    """The scene with its views divided and its extent measured; at least three views, fields as of `TrainingScene`.
+    """The scene with its views divided and its extent measured. It needs at least three views; fields are those of
+    `TrainingScene`.
 
-    Which views validate does not depend on `doubtful`: those among them are left out. Where hardly any would be left, none is.
+    The choice of validation views does not depend on `doubtful`: doubtful views are then left out of it. If training or
+    validation would have no view left, no view is treated as doubtful.
     """
     test = tuple(range(0, len(cameras), TEST_EVERY))
     others = [i for i in range(len(cameras)) if i % TEST_EVERY]
@@ -153,14 +159,14 @@ def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images
         doubtful = ()
     positions = np.array([cameras[i].position for i in train])
     extent = EXTENT_MARGIN * float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    if extent == 0:  # one training view, or all from one place: the points say how large the scene is
+    if extent == 0:  # all training cameras are in one place, so the points say how large the scene is
         extent = float(np.linalg.norm(points - positions[0], axis=1).mean()) if len(points) else 1.0
     return TrainingScene(name=name, up=up, cameras=cameras, images=images, train=train, validation=validation, test=test,
                          extent=extent, points=points, colours=colours, doubtful=doubtful)
 
 
 def _embedded(width: int, height: int) -> TrainingScene:
-    """The embedded scene: ray-traced photographs, kept in the cache, and surface points for SfM's."""
+    """The embedded scene: ray-traced photographs, which are cached, and surface points in place of SfM points."""
     if min(width, height) < MIN_EDGE:
         raise InputError(f"size {width}x{height} is not accepted for the embedded scene: both must be at least {MIN_EDGE}")
     cameras = tuple(embedded_cameras(width, height))

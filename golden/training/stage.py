@@ -1,4 +1,4 @@
-"""A stage of training: what the chain runs, logs, checkpoints and resumes."""
+"""A stage of training: the interface that lets the chain run, log, checkpoint and resume it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from abc import ABC, abstractmethod
 
 
 class Stage(ABC):
-    """One stage, from what the stage before left to a result.
+    """One stage, from the result of the stage before to its own result.
 
-    A stage is deterministic: whatever is drawn at random comes from a generator seeded by the seed, the stage's name and
-    counters that are part of `state`, so that a stage loaded from a checkpoint goes on exactly as if never interrupted.
+    A stage is deterministic: whatever is drawn at random comes from a generator that is seeded by the seed, the stage's name
+    and counters that are part of `state`. So a stage loaded from a checkpoint continues exactly as if it had never been
+    interrupted.
 
     Attributes:
-        name: short and unique in a chain, in file names and logs.
-        total: iterations it is expected to take.
-        done: iterations taken.
+        name: a short name, unique in a chain, for file names and logs.
+        total: number of iterations that it is expected to take.
+        done: number of iterations taken.
     """
 
     name: str
@@ -28,16 +29,20 @@ class Stage(ABC):
 
     @abstractmethod
     def step(self) -> dict[str, float]:
-        """One iteration: what there is to log of it, at least `loss` and `points`; where measured, `psnr` and others."""
+        """Takes one iteration.
+
+        Returns:
+            What is logged of it: at least `loss` and `points`; where measured, `psnr` and others.
+        """
 
     @abstractmethod
     def state(self) -> dict[str, object]:
-        """Everything `load` needs, tensors, arrays and plain values, for `torch.save`."""
+        """Everything that `load` needs: tensors, arrays and plain values, for `torch.save`."""
 
     @abstractmethod
     def load(self, state: dict[str, object]) -> None:
-        """Goes back to where `state` was taken."""
+        """Restores the stage as it was when `state` was taken."""
 
     @abstractmethod
     def result(self) -> object:
-        """What the stage made; the next stage starts from it."""
+        """The result of the stage, from which the next stage starts."""

@@ -1,4 +1,4 @@
-"""A scene of cameras without photographs: what a dense model renders there is trained on and judged by."""
+"""A scene of cameras without photographs: the renders of a dense model take their place in training and in judging."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from golden.training.scene import MIN_EDGE, TrainingScene, divided_scene
 from spec.errors import InputError
 
 MIN_VIEWS = 3
-"""One each to train, to validate and to test."""
+"""One view each to train, to validate and to test."""
 
 
 def has_photographs(path: Path) -> bool:
-    """Whether a scene brings photographs: cameras.json of INRIA's trainer, or a set without images, brings cameras alone.
+    """Whether a scene has photographs. A cameras.json of the INRIA trainer, or a data set without images, has only cameras.
 
     Raises:
-        InputError: as `load_dataset`, where there are no cameras beside a model either.
+        InputError: as for `load_dataset`, if there are no cameras beside a model either.
     """
     try:
         return load_dataset(path).images is not None
@@ -35,15 +35,15 @@ def has_photographs(path: Path) -> bool:
 
 
 def teacher_scene(path: Path, size: tuple[int, int] | None, dense: Gaussians) -> TrainingScene:
-    """The cameras at `path` with the dense model's renders, 8 bits a channel as photographs have, in place of photographs.
+    """The cameras at `path`, with the dense model's renders at 8 bits a channel in place of photographs.
 
     Args:
         path: a data set without images, or the folder or file of a model with cameras.json.
-        size: (width, height) to train at; None for the first camera's. Other cameras are brought to it.
-        dense: what renders.
+        size: (width, height) to train at; None for the first camera's. All cameras are brought to it.
+        dense: the model that is rendered.
 
     Raises:
-        InputError: fewer than three cameras, or a size too small to train at.
+        InputError: there are fewer than three cameras, or the size is too small to train at.
     """
     name, cameras, up = _cameras(path)
     if len(cameras) < MIN_VIEWS:
@@ -60,7 +60,7 @@ def teacher_scene(path: Path, size: tuple[int, int] | None, dense: Gaussians) ->
 
 
 def _cameras(path: Path) -> tuple[str, tuple[Camera, ...], np.ndarray]:
-    """Name, cameras and up of what has cameras but no photographs."""
+    """Name, cameras and up direction of a scene that has cameras but no photographs."""
     try:
         data = load_dataset(path)
     except InputError:

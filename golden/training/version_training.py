@@ -1,4 +1,4 @@
-"""Training of what levels have of their own: opacity, DC colour, and the amplifier under its rules (paper section 4.4)."""
+"""Trains what levels have of their own: opacity, DC colour, and the amplifier under its rules (paper section 4.4)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ AMPLIFIED_ABOVE = 0.8
 """Opacity above which the amplifier is trained (paper section 4.4)."""
 
 LAST_RATE = 0.1
-"""Learning rates at the end, in shares of the first."""
+"""Learning rates at the end, as a share of the first ones."""
 
 
 class VersionTraining:
-    """Adam on opacity, DC colour and amplifier of one level's Gaussians; all else is frozen.
+    """Adam on opacity, DC colour and amplifier of one level's Gaussians; everything else is frozen.
 
-    The amplifier moves only where the opacity before the step is above AMPLIFIED_ABOVE, and stays within 1..AMP_MAX. Where the
-    opacity has fallen below, it keeps its last value, gets no gradient, and Adam's momentum does not move it.
+    The amplifier changes only where the opacity before the step is above AMPLIFIED_ABOVE, and stays within 1..AMP_MAX. Where
+    the opacity has fallen below, the amplifier keeps its last value: it gets no gradient, and Adam's momentum does not move it.
 
     Args:
-        gaussians: copied.
-        rate_opacity, rate_sh_dc: first learning rates.
-        rate_log_amp: first learning rate, or None: the amplifier is not trained.
+        gaussians: the Gaussians, which are copied.
+        rate_opacity, rate_sh_dc: initial learning rates.
+        rate_log_amp: initial learning rate, or None: the amplifier is not trained.
     """
 
     def __init__(self, gaussians: Gaussians, rate_opacity: float, rate_sh_dc: float, rate_log_amp: float | None) -> None:
@@ -38,12 +38,16 @@ class VersionTraining:
 
     @property
     def gaussians(self) -> Gaussians:
-        """The tensors to render from; others after each change of points."""
+        """The tensors to render from; `select` and `load` replace them by other tensors."""
         return self._optimiser.gaussians
 
     @torch.no_grad()
     def step(self, progress: float = 0.0) -> None:
-        """One step down the gradients in the tensors, which are then gone; `progress`, 0..1, says how far rates have fallen."""
+        """Takes one step along the gradients in the tensors, and then removes the gradients.
+
+        Args:
+            progress: place in the run, 0..1, which determines how far the rates have fallen.
+        """
         self._optimiser.set_rates({name: rate * LAST_RATE**progress for name, rate in self._rates.items()})
         if not self._amplifies:
             self._optimiser.step()
@@ -56,13 +60,13 @@ class VersionTraining:
         log_amp.copy_(torch.where(trained, log_amp.clamp(0.0, math.log(AMP_MAX)), before))
 
     def select(self, keep: torch.Tensor) -> None:
-        """Drop all Gaussians but `keep`, (n,) bool."""
+        """Keeps only the Gaussians in `keep`, (n,) bool."""
         self._optimiser.select(keep)
 
     def state(self) -> dict[str, object]:
-        """For `load`; copies."""
+        """Copies of everything that `load` needs."""
         return self._optimiser.state()
 
     def load(self, state: dict[str, object]) -> None:
-        """Back to where `state` was taken."""
+        """Restores what `state` returned."""
         self._optimiser.load(state)

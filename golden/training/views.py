@@ -1,4 +1,4 @@
-"""Which view an iteration trains on, and what is kept of views between iterations."""
+"""Chooses the view on which an iteration trains, and keeps objects made from views between iterations."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ T = TypeVar("T")
 
 
 def generator(seed: int, purpose: str, counter: int) -> np.random.Generator:
-    """A generator that depends on nothing else: what it draws is the same however often a run was interrupted."""
+    """A random generator that depends on these arguments only, so its numbers are the same however often a run was
+    interrupted."""
     return np.random.default_rng([seed, zlib.crc32(purpose.encode()), counter])
 
 
 def view_at(views: Sequence[int], seed: int, purpose: str, iteration: int) -> int:
-    """The view of an iteration: each epoch goes through all of `views` in an order of its own."""
+    """The view of an iteration. Each epoch goes through all of `views` in its own order."""
     epoch, place = divmod(iteration, len(views))
     return views[int(generator(seed, purpose, epoch).permutation(len(views))[place])]
 
 
 class PerView(Generic[T]):
-    """What is made of a view once and used often; the first `limit` views asked for are kept, others made anew each time.
+    """Objects that are made from a view once and used often: the first `limit` are kept, others are made again at each use.
 
-    With views in random order nothing that evicts would hit more often.
+    With views in random order, no replacement policy would hit more often.
 
     Args:
-        make: from a view's index.
-        limit: views kept.
+        make: makes the object from a view's index.
+        limit: number of objects kept.
     """
 
     def __init__(self, make: Callable[[int], T], limit: int) -> None:
@@ -46,5 +47,5 @@ class PerView(Generic[T]):
 
 
 def views_within(pixels: int, bytes_per_pixel: int, budget: int) -> int:
-    """How many views' objects fit `budget` bytes, at least 1."""
+    """The number of views whose objects fit into `budget` bytes, at least 1."""
     return max(1, budget // max(1, pixels * bytes_per_pixel))

@@ -1,4 +1,5 @@
-"""The cases' golden frames through the machine: every pixel, every counter, all cases in one simulation a machine."""
+"""Plays the cases' golden frames through the machine and compares every pixel and counter. All cases share one simulation per
+machine."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from pathlib import Path
 
 from msv2.cases.case import GOLDEN, Case
 from msv2.cases.check import MACHINE, Cell, see_golden
-from msv2.cases.eyes import STEREO_MACHINE, StereoCase
+from msv2.cases.eyes import STEREO_MACHINE
 from spec.config import AcceleratorConfig
 from tb.common.runner import SimulationError
 from tb.top.planned import PlannedFrame, planned
@@ -15,11 +16,12 @@ from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
 
 MACHINES: Mapping[str, AcceleratorConfig] = {"one eye": MACHINE, "two eyes": STEREO_MACHINE}
-"""Machines that play cases."""
+"""The configurations that play cases."""
 
 
 def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
-    """A case's frames by machine, each over what the frame before left in memory, without a reset; empty: it has no part."""
+    """A case's frames by machine. Each is played without a reset and over the memory that the previous frame left. Empty where
+    the case has no part."""
     if not case.rtl:
         return {}
     found: dict[str, list[PlannedFrame]] = {name: [] for name in MACHINES}
@@ -27,23 +29,23 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
         for name, shot in case.shots(GOLDEN).items():
             played = Played(f"{case.id}: {name}", see_golden(shot).frame, shot.beta, shot.obb)
             found["one eye"].append(planned(played, reset=False, poison=False))
-    if isinstance(case, StereoCase) and case.eyes is not None:
+    if case.eyes is not None:
         for name, eyes in case.eyes().items():
             found["two eyes"].append(planned(Played(f"{case.id}: {name}", eyes.frame, None, False), reset=False, poison=False))
     return {machine: frames for machine, frames in found.items() if frames}
 
 
 Plans = Mapping[str, Mapping[str, Sequence[PlannedFrame]]]
-"""Frames by case's id, then by machine."""
+"""Frames by the case's id, then by machine."""
 
 
 def check(plans: Plans, folder: Path, *, progress: bool = False) -> dict[str, Cell]:
-    """Plays plans of frames, by case's id and machine: a cell a case.
+    """Plays plans of frames and returns a cell for each case.
 
     Args:
-        plans: what to play.
-        folder: where images, frames and logs go.
-        progress: show bars.
+        plans: the frames to play, by the case's id and by machine.
+        folder: the folder for images, frames and logs.
+        progress: whether to show progress bars.
     """
     failures: dict[str, list[str]] = {case: [] for case in plans}
     seconds = dict.fromkeys(plans, 0.0)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from msv2.document import effects, formats, registers, site
+from msv2.document.files import write_whole
 from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
 from spec.paths import ROOT
@@ -23,14 +23,12 @@ PAGES: dict[Path, Callable[[], str]] = formats.PAGES | effects.PAGES | registers
 
 
 def write(path: Path, make: Callable[[], str]) -> None:
-    """Writes what `make` gives, whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(make(), encoding="utf-8")
-    partial.replace(path)
+    """Writes the text that `make` returns, whole or not at all."""
+    write_whole(path, make())
 
 
 def check(path: Path, make: Callable[[], str]) -> None:
-    """Raises InputError unless `path` holds what `make` gives now."""
+    """Raises InputError unless `path` holds the text that `make` returns."""
     if not path.is_file() or path.read_text(encoding="utf-8") != make():
         raise InputError(f"{path} is stale: run `python -m msv2.document`")
 

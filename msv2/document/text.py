@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 
 def attribute_docs(source: str) -> dict[str, str]:
-    """Docstrings that stand under assignments, anywhere in `source`, by name; each on one line."""
+    """Docstrings under assignments, anywhere in `source`, by the assigned name; each is joined into one line."""
     docs = {}
     for node in ast.walk(ast.parse(source)):
         body = getattr(node, "body", None)
@@ -25,7 +25,7 @@ def attribute_docs(source: str) -> dict[str, str]:
 
 
 def listed_docs(docstring: str) -> dict[str, str]:
-    """What the "Attributes:" of a docstring say, by name; attributes listed together share their text."""
+    """The entries of the "Attributes:" section of a docstring, by name; attributes listed together share their text."""
     _, _, listed = docstring.partition("Attributes:\n")
     items = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
     return {name: one_line(text) for names, text in items for name in names.split(", ")}
@@ -42,12 +42,12 @@ def one_line(text: str) -> str:
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
-    """A Markdown table and the empty line after it."""
+    """The lines of a Markdown table and an empty line after it."""
     head = list(head)
     lines = [head, ["---"] * len(head), *rows]
     return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines] + [""]
 
 
 def number(x: float) -> str:
-    """A number for reading: integers in full, others to ten digits."""
+    """A number as text: integers in full, others with ten digits."""
     return str(int(x)) if float(x).is_integer() and abs(x) < 1e9 else f"{x:.10g}"

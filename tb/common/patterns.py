@@ -1,4 +1,4 @@
-"""When a stream's source or sink pauses: one table of bits per port, the same for every kind of testbench."""
+"""The cycles in which a stream's source or sink pauses: one table of bits per port, used by every kind of testbench."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from enum import Enum
 
 import numpy as np
 
-from spec.errors import InputError
-
 PERIOD = 4093
-"""Length of a table: a prime, so that no structure of the data keeps step with it."""
+"""Length of a table. It is a prime number, so that periodic data does not stay in step with the pauses."""
 
 
 class Pattern(Enum):
@@ -23,8 +21,8 @@ class Pattern(Enum):
     def pauses(self, seed: int = 0) -> np.ndarray:
         """(PERIOD,) bool, True where the port pauses; never True throughout.
 
-        NEVER pauses not at all; ALWAYS in every other cycle, the most that still moves; RANDOM in half of the cycles;
-        BURSTY for runs of up to 96 cycles, with runs of flow of the same kind between.
+        NEVER does not pause; ALWAYS pauses in every other cycle, the most that still lets items move; RANDOM pauses in half of
+        the cycles; BURSTY pauses for up to 96 cycles in a row, and flows for up to 96 cycles in a row between.
         """
         rng = np.random.default_rng(seed)
         if self is Pattern.NEVER:
@@ -35,11 +33,3 @@ class Pattern(Enum):
             return rng.random(PERIOD) < 0.5
         lengths = rng.choice([1, 2, 3, 8, 24, 96], PERIOD)
         return np.repeat(np.arange(PERIOD) % 2 == 0, lengths)[:PERIOD]
-
-
-def pattern_by_name(name: str) -> Pattern:
-    """The pattern of a name; InputError lists the names."""
-    try:
-        return Pattern(name)
-    except ValueError:
-        raise InputError(f"pattern {name!r} is not accepted: choose one of {', '.join(p.value for p in Pattern)}") from None

@@ -1,48 +1,37 @@
-"""A golden frame of two eyes through the whole machine, and what warping costs."""
+"""Simulates a golden frame of two eyes on the whole machine, and computes the cost of warping."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from golden.msv2_ref.eyes import StereoFrame
-from golden.msv2_ref.projection import VISIBLE
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.records import frame_tiles
 from spec.stereo import clear_cycles
 from tb.common.runner import Waves
-from tb.frame.whole import performance, played
+from tb.frame.whole import compared, performance, played
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult
 
-_SHOWN = 10
-
 
 def simulate_eyes(
     frame: StereoFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, waves: Waves | None = None,
 ) -> tuple[dict[str, object], FrameResult]:
-    """The numbers of frame.json, and what the machine gave.
+    """The numbers of frame.json, and the machine's output.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     source, target, config = frame.source, frame.target, frame.source.config
-    cleared = frame_tiles(config) + clear_cycles(config)  # once after a reset, not of the frame
+    cleared = frame_tiles(config) + clear_cycles(config)  # cycles once after a reset, which do not belong to the frame
     run = stereo_run(frame, beta, speed, settle=cleared)
     result, build_s = played(machine, run, folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers
     numbers = {
-        "bit_exact": not wrong and not result.errors,
-        "pixels_checked": 2 * source.registers.width * source.registers.height,
-        "tiles": len(source.registers.header),
-        "visible": int((source.projected.reason == VISIBLE).sum()),
-        "entries": len(source.entries.splat) + len(target.entries.splat),
+        **compared([source, target], result, wrong, stereo_counter_errors(frame, result)),
         "source_entries": len(source.entries.splat), "target_entries": len(target.entries.splat),
-        "groups": int(source.groups[-1]) + int(target.groups[-1]) + 2,
-        "ops": r["ops"], "skipped": r["skipped"],
-        "mismatches": len(wrong), "first_mismatches": wrong[:_SHOWN],
-        "stream_errors": result.errors, "counter_errors": stereo_counter_errors(frame, result),
         **performance(source, result, speed, second=target),
         "target_cycles": r["cycles_target"], "source_cycles": r["cycles_total"] - r["cycles_target"],
         **{f"stereo_{name}": r[name] for name in frame.events},
@@ -54,14 +43,14 @@ def simulate_eyes(
 
 
 def overhead(numbers: dict) -> float:
-    """Cycles of both eyes over those that they would take if warping were free: geometry, and the busiest stage's work on the
-    entries that are rendered."""
+    """The cycles of both eyes divided by those of a machine in which warping is free. The latter are the cycles of the geometry
+    phase and those of the busiest stage for the rendered intersections."""
     return round(numbers["cycles"] / (numbers["geometry_cycles"] + numbers["bound_cycles"]), 4)
 
 
 def save_eyes(frame: StereoFrame, result: FrameResult, out: Path) -> None:
-    """left.png and right.png, as the machine wrote them; where the target's pixels come from, right_source.png or
-    left_source.png."""
+    """Writes left.png and right.png as the machine rendered them, and right_source.png or left_source.png, which shows how each
+    pixel of the target eye was obtained."""
     source, target = (pixels.colour.astype("uint8") for pixels in (result.pixels, result.target))
     left, right = frame.pair.left_right(source, target)
     for name, picture in (("left", left), ("right", right),

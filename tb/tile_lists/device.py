@@ -1,13 +1,15 @@
-"""The units of tile lists around a memory, with the merge unit between them.
+"""The units of tile lists, connected to a memory, with the tile merge unit between them.
 
-Frames of a run follow each other as in the machine: the next one's entries come when all of the one before has left.
+The frames of a run follow each other as in the machine: a frame's intersections are accepted after everything of the previous
+frame has left.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import wiring
 
 from rtl.emit import to_verilog
 from rtl.shapes import layout
@@ -35,58 +37,43 @@ from spec.records import (
     tile_use,
     uint,
 )
+from tb.common.bench import Bench
+from tb.common.playback import Playback
 from tb.tile_lists.memory import MEMORY, add_memory
 
 OBSERVED = {
     **dict.fromkeys(("full", "list_error", "header_error", "table_error", "geometry_error", "writer_busy", "merge_busy"), 1),
     "gaps": 24,
 }
-"""Plain outputs and their bits; `gaps`: cycles without an entry between the first and the last of a frame's lists."""
+"""The widths in bits of plain outputs. `gaps` counts the cycles without an intersection between the first and the last of a
+frame's lists."""
 
 _BASES = ("directory_base", "entries_base", "tiles_base", "geometry_base")
 
 
 def load_item(config: AcceleratorConfig) -> Record:
-    """A beat that the host writes; with `frames`, the last one: that many frames follow, table and geometry are read once."""
+    """A beat that the host writes. The last one has `frames` set: then table and geometry are read once, and that many frames
+    follow."""
     frames = Field("frames", uint(8), "frames that follow")
     return Record("LoadItem", load_item.__doc__, (*write_request(config).fields, frames))
 
 
-def inputs(config: AcceleratorConfig) -> dict[str, Record]:
-    """Streams into the device."""
-    return {"load": load_item(config), "entries": entry_item(config)}
-
-
-def outputs(config: AcceleratorConfig) -> dict[str, Record]:
-    """Streams out of it; `written` are the writer's requests."""
-    return {
-        "written": write_request(config), "groups": chunk_entry(config), "headers": tile_header(config),
-        "uses": tile_use(config), "levels": tile_level(config), "points": gaussian_point(config)}
-
-
-def settings(config: AcceleratorConfig) -> dict[str, int]:
-    """Plain inputs and their bits."""
-    tiles = frame_tiles(config).bit_length()
-    return {
-        "tiles_x": tiles, "tile_count": tiles, "beta": COUNT_BITS, "entries_beats": BEAT_BITS, "gaussians": INDEX_BITS,
-        **dict.fromkeys(_BASES, BEAT_BITS), "latency": 10, "hesitates": 8, "bad": BEAT_BITS}
-
-
-class ListDevice(wiring.Component):
-    """The units, wired as in the machine.
+class ListDevice(Bench):
+    """The units, connected as in the machine.
 
     Parameters:
-        config: the machine.
+        config: the machine's configuration.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        super().__init__({
-            **{name: In(stream.Signature(layout(record))) for name, record in inputs(config).items()},
-            **{name: Out(stream.Signature(layout(record))) for name, record in outputs(config).items()},
-            **{name: In(bits) for name, bits in settings(config).items()},
-            **{name: Out(bits) for name, bits in OBSERVED.items()},
-        })
+        tiles = frame_tiles(config).bit_length()
+        super().__init__(
+            {"load": load_item(config), "entries": entry_item(config)},
+            {"written": write_request(config), "groups": chunk_entry(config), "headers": tile_header(config),
+             "uses": tile_use(config), "levels": tile_level(config), "points": gaussian_point(config)},
+            {"tiles_x": tiles, "tile_count": tiles, "beta": COUNT_BITS, "entries_beats": BEAT_BITS, "gaussians": INDEX_BITS,
+             **dict.fromkeys(_BASES, BEAT_BITS), "latency": 10, "hesitates": 8, "bad": BEAT_BITS}, OBSERVED)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -97,7 +84,7 @@ class ListDevice(wiring.Component):
             "geometry": GeometryReader(config)}
         for name, unit in units.items():
             m.submodules[f"{name}_unit"] = unit
-            for setting in settings(config).keys() & unit.signature.members.keys():
+            for setting in [name for name in self.settings if name in unit.signature.members]:
                 m.d.comb += getattr(unit, setting).eq(getattr(self, setting))
         writer, merge, fork, reader, maker, table, geometry = units.values()
         wiring.connect(m, writer.hits, merge.hits)
@@ -126,7 +113,7 @@ class ListDevice(wiring.Component):
         return m
 
     def _frames(self, m: Module, writer: EntryWriter) -> Signal:
-        """Whether entries may come: a frame is left, and all of the one before has gone."""
+        """Whether intersections are accepted: a frame remains to be done, and everything of the previous one has left."""
         frames, opens, within, begun = Signal(8), Signal(), Signal(), Signal()
         listed, headers, uses = Signal(COUNT_BITS + 1), Signal.like(self.tile_count), Signal.like(self.tile_count)
         hit = writer.hits.payload
@@ -154,6 +141,8 @@ class ListDevice(wiring.Component):
         return opens
 
 
-def emit_list_device(config: AcceleratorConfig) -> str:
-    """Verilog of module `list_device` and of its memory."""
-    return to_verilog(ListDevice(config), "list_device") + MEMORY
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The device of a configuration and its memory, emitted, with files at its streams."""
+    device = ListDevice(config)
+    return device.playback(f"lists-{config.row_width}", "list_device", to_verilog(device, "list_device") + MEMORY)

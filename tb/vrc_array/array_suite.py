@@ -1,16 +1,17 @@
-"""The array's unit test: every case against the golden renderer, in one simulation a configuration."""
+"""The rendering array's tests: every case is compared with the golden renderer."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from spec.config import DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
+from tb.common import exact
+from tb.common.exact import Outcome, every_pattern
 from tb.common.patterns import Pattern
-from tb.common.player import Recording, Run, play
+from tb.common.player import Recording
 from tb.common.runner import Waves
 from tb.vrc_array.array_check import golden_pixels, problems, run_of
 from tb.vrc_array.array_device import vrc_playback
@@ -27,90 +28,65 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "default": DEFAULT,
     "paper": PAPER,
 }
-"""Arrays that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = tuple(name for name in VARIANTS if name != "paper")
-"""All but PAPER's, which is DEFAULT's: they differ outside the array."""
+"""All configurations but PAPER, which differs from DEFAULT only outside the array."""
 
 PORTS = ("tiles", "entries", "pixels")
 
 
 @dataclass(frozen=True)
-class Planned:
-    """A run, the case whose pixels it must give, and a name for reports."""
+class Planned(exact.Planned):
+    """A run, and the case whose pixels it must produce."""
 
-    name: str
-    case: Case
-    run: Run
+    case: Case | None = None
 
 
-@dataclass
-class Outcome:
-    """Of one configuration.
-
-    Attributes:
-        failures: problems by run's name; empty when all is well.
-        runs, pixels, cycles: how much was simulated.
-        seconds: wall time, the build included.
-        recordings: what every run gave, by name.
-    """
-
-    failures: dict[str, list[str]] = field(default_factory=dict)
-    runs: int = 0
-    pixels: int = 0
-    cycles: int = 0
-    seconds: float = 0.0
-    recordings: dict[str, Recording] = field(default_factory=dict)
-
-    @property
-    def amount(self) -> str:
-        """What was compared."""
-        return f"{self.pixels} pixels"
+def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, **options: object) -> Planned:
+    """The run that plays a case; `options` are those of `Run`."""
+    return Planned(run_of(config, case, name, **options), {}, case=case)
 
 
 def corner_plan(config: AcceleratorConfig) -> list[Planned]:
-    """The hand-made cases, streams at full speed."""
-    return [Planned(case.name, case, run_of(config, case)) for case in (make(config) for make in CORNERS)]
+    """The hand-made cases, without pauses."""
+    return [plan_of(config, make(config)) for make in CORNERS]
 
 
 def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Planned]:
-    """Random frames, streams at full speed and pausing at random."""
+    """Random frames, in turn without pauses and with random pauses."""
     plan = []
     for k in range(count):
         case = random_case(config, f"random {k}", seed * 1000 + k)
         patterns = {} if k % 2 == 0 else {port: (Pattern.RANDOM, seed + i) for i, port in enumerate(PORTS)}
-        plan.append(Planned(case.name, case, run_of(config, case, patterns=patterns)))
+        plan.append(plan_of(config, case, patterns=patterns))
     return plan
 
 
 def stream_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """One small frame under every pattern on every port, alone and together."""
+    """One small frame with every pause pattern, on each port alone and on all ports together."""
     case = random_case(config, "streams", seed, tiles=8, mean_count=8)
-    plan = []
-    for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY):
-        for ports in (*((port,) for port in PORTS), PORTS):
-            patterns = {port: (pattern, seed + i) for i, port in enumerate(ports)}
-            plan.append(Planned(f"{pattern.value} pauses of {', '.join(ports)}", case, run_of(config, case, patterns=patterns)))
-    return plan
+    return [plan_of(config, case, name, patterns=patterns) for name, patterns in every_pattern(PORTS, seed).items()]
 
 
 def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Frames cut off by a reset and followed by a whole one; frames back to back without a reset, backgrounds changing."""
+    """Frames that are cut off by a reset and followed by a whole one, and frames back to back without a reset but with changing
+    backgrounds."""
     case = random_case(config, "frames", seed + 1, tiles=6, mean_count=10)
     rng = np.random.default_rng(seed)
     plan = []
     for cycles in (3, 40, int(rng.integers(50, 200)), int(rng.integers(200, 600))):
-        plan.append(Planned(f"cut off after {cycles} cycles", case, run_of(config, case, abort=cycles)))
-        plan.append(Planned(f"whole frame after a reset at {cycles}", case, run_of(config, case)))
+        plan.append(plan_of(config, case, f"cut off after {cycles} cycles", abort=cycles))
+        plan.append(plan_of(config, case, f"whole frame after a reset at {cycles}"))
     for k in range(3):
         other = Case(case.name, case.headers, case.entries, rng.integers(0, config.formats.colour.raw_max + 1, 3))
-        plan.append(Planned(f"back to back {k}", other, run_of(config, other, reset=False, quiet=0)))
+        plan.append(plan_of(config, other, f"back to back {k}", reset=False, quiet=0))
     return plan
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
-    traced = [Planned(case.name, case, run_of(config, case)) for case in traced_cases(config, seed)]
+    """All runs."""
+    traced = [plan_of(config, case) for case in traced_cases(config, seed)]
     return [
         *corner_plan(config), *random_plan(config, seed), *traced, *stream_plan(config, seed), *frame_plan(config, seed)]
 
@@ -118,26 +94,14 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def run_plan(
     config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
 ) -> Outcome:
-    """Plays a plan and compares every pixel; raises SimulationError when there is nothing to compare."""
-    begin = time.perf_counter()
-    recordings = play(vrc_playback(config), [p.run for p in plan], folder, waves=waves, progress=progress)
-    outcome = Outcome()
-    for planned, recording in zip(plan, recordings, strict=True):
-        outcome.cycles += recording.cycles
-        if planned.run.abort is not None:
-            continue
-        outcome.runs += 1
-        outcome.pixels += 256 * len(planned.case.headers)
-        outcome.recordings[planned.name] = recording
-        wrong = problems(config, planned.case, recording, golden_pixels(config, planned.case))
-        if planned.run.quiet and recording.observed["busy"]:
-            wrong.append("the array is still busy after its last pixel")
-        if wrong:
-            outcome.failures[planned.name] = wrong
-    outcome.seconds = time.perf_counter() - begin
-    return outcome
+    """Plays a plan and compares every pixel. Raises SimulationError when the simulation itself fails."""
+    def judge(item: Planned, recording: Recording) -> list[str]:
+        busy = ["the array is still busy after its last pixel"] if item.run.quiet and recording.observed["busy"] else []
+        return [*problems(config, item.case, recording, golden_pixels(config, item.case)), *busy]
+
+    return exact.run_plan(vrc_playback(config), plan, folder, waves=waves, progress=progress, judge=judge)
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds worth a line each: none, the plan holds no frame that shows the array's own."""
+    """No lines: no run of the plan measures the array's own speed."""
     return []

@@ -1,8 +1,6 @@
-"""Splat fetch between files, and a memory that keeps its answers back until they are due.
+"""Splat fetch in a test bench whose memory delays its answers.
 
-The unit's own `reads` go to a file, and `data` come from one: as the requests are compared with the golden ones, what is in
-the data file is what the memory holds there. Between them stands only the memory's latency: a beat is shown `delay` + 1 cycles
-after its request left, no sooner. `frame` is a setting; where it changes, `clear` is high for a cycle.
+When the setting `frame` changes, `clear` is high for one cycle.
 """
 
 from __future__ import annotations
@@ -10,70 +8,42 @@ from __future__ import annotations
 from functools import cache
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
-from rtl.shapes import layout
 from rtl.vrc_array.splat_fetch import SplatFetch
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request
 from spec.queues import COUNTER_BITS
 from spec.records import array_entry, chunk_entry, tile_use
-from tb.common.playback import Playback, Stream
+from tb.common.bench import Bench
+from tb.common.playback import Playback
 
 MOST_DELAY = 127
-"""Cycles from a request to its beat."""
-
-_SETTINGS = (("views_base", BEAT_BITS), ("view_shift", 2))
-_OBSERVED = (("hits", COUNTER_BITS), ("misses", COUNTER_BITS), ("error", 1), ("busy", 1))
+"""Largest `delay`, in cycles from a request to its beat."""
 
 
-class FetchBench(wiring.Component):
-    """The unit, its `data` delayed and its `clear` made of a setting that changes."""
+class FetchBench(Bench):
+    """Splat fetch with delayed `data`, and with a `clear` strobe that a changed setting causes."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        super().__init__({
-            "sorted": In(stream.Signature(layout(chunk_entry(config)))),
-            "tiles": In(stream.Signature(layout(tile_use(config)))),
-            "data": In(stream.Signature(layout(read_data(config)))),
-            "entries": Out(stream.Signature(layout(array_entry(config)))),
-            "reads": Out(stream.Signature(layout(read_request(config)))),
-            **{name: In(bits) for name, bits in _SETTINGS},
-            **{name: Out(bits) for name, bits in _OBSERVED},
-            "frame": In(8),
-            "delay": In(range(MOST_DELAY + 1)),
-        })
+        super().__init__(
+            {"sorted": chunk_entry(config), "tiles": tile_use(config), "data": read_data(config)},
+            {"entries": array_entry(config), "reads": read_request(config)},
+            {"views_base": BEAT_BITS, "view_shift": 2, "frame": 8, "delay": MOST_DELAY.bit_length()},
+            {"hits": COUNTER_BITS, "misses": COUNTER_BITS, "error": 1, "busy": 1})
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.unit = unit = SplatFetch(self.config)
-        for name in ("sorted", "tiles", "entries", "reads"):
-            port, own = getattr(unit, name), wiring.flipped(getattr(self, name))
-            wiring.connect(m, *((port, own) if name in ("entries", "reads") else (own, port)))
-        before, age, due = Signal(8), Signal(MOST_DELAY + 1), Signal(16)
-        left, answered = self.reads.valid & self.reads.ready, self.data.valid & self.data.ready
-        m.d.comb += [
-            *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _SETTINGS),
-            *(getattr(self, name).eq(getattr(unit, name)) for name, _ in _OBSERVED),
-            unit.clear.eq(before != self.frame),
-            unit.data.payload.eq(self.data.payload),
-            unit.data.valid.eq(self.data.valid & due.any()),
-            self.data.ready.eq(unit.data.ready & due.any()),
-        ]
-        # A request that leaves is 0 cycles old at the next edge; a shift register counts the others' age.
-        m.d.sync += [
-            before.eq(self.frame), age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
+        self.join(m, unit, apart=("data",))
+        self.delay_answers(m, unit, MOST_DELAY)
+        before = Signal(8)
+        m.d.comb += unit.clear.eq(before != self.frame)
+        m.d.sync += before.eq(self.frame)
         return m
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
-    return Playback(
-        name=f"fetch-{config.splat_cache_lines}", module="fetch_bench",
-        verilog=to_verilog(FetchBench(config), "fetch_bench"),
-        inputs=(Stream("sorted", chunk_entry(config)), Stream("tiles", tile_use(config)), Stream("data", read_data(config))),
-        outputs=(Stream("entries", array_entry(config)), Stream("reads", read_request(config))),
-        settings=(*_SETTINGS, ("frame", 8), ("delay", MOST_DELAY.bit_length())), observed=_OBSERVED)
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
+    return FetchBench(config).playback(f"fetch-{config.splat_cache_lines}", "fetch_bench")

@@ -1,29 +1,21 @@
-"""The warp unit between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle, tiles read
-one by one when the frame is finished."""
+"""The warp unit in a test bench that supplies what files of items cannot: the strobe that begins a frame, and a memory that
+becomes idle. The bench also reads the tiles one by one when the frame is finished."""
 
 from __future__ import annotations
 
 from functools import cache
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
 
-from rtl.emit import to_verilog
-from rtl.shapes import layout
 from rtl.warp_unit.warp_unit import EVENTS, WarpUnit
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, write_request
 from spec.queues import COUNTER_BITS
 from spec.records import Field, Record, frame_tiles, pixel_row, tile_index, uint
 from spec.stereo import DISPARITY_SCALE_BITS
+from tb.common.bench import Bench
 from tb.common.framed import frame_by_frame
-from tb.common.playback import Playback, Stream
-
-_SETTINGS = (("width", 14), ("height", 14), ("source_right", 1), ("disparity_scale", DISPARITY_SCALE_BITS),
-             ("target_frame_base", BEAT_BITS))
-
-_OBSERVED = (*((name, COUNTER_BITS) for name in EVENTS), ("finished", 1), ("busy", 1), ("early", 1))
+from tb.common.playback import Playback
 
 
 def warped_tile(config: AcceleratorConfig) -> Record:
@@ -34,36 +26,30 @@ def warped_tile(config: AcceleratorConfig) -> Record:
     ))
 
 
-class WarpBench(wiring.Component):
-    """The unit, given frames and a memory by `frame_by_frame`.
+class WarpBench(Bench):
+    """The warp unit, with frames and a memory supplied by `frame_by_frame`.
 
-    `tiles` are the first `tile_count` bits of the mask, once the frame is finished.
+    `tiles` gives the first `tile_count` bits of the mask after the frame is finished.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        super().__init__({
-            "rows": In(stream.Signature(layout(pixel_row(config)))),
-            "writes": Out(stream.Signature(layout(write_request(config)))),
-            "tiles": Out(stream.Signature(layout(warped_tile(config)))),
-            **{name: In(bits) for name, bits in _SETTINGS},
-            **{name: Out(bits) for name, bits in _OBSERVED},
-            "tile_count": In(range(frame_tiles(config) + 1)), "frame": In(8),
-        })
+        super().__init__(
+            {"rows": pixel_row(config)}, {"writes": write_request(config), "tiles": warped_tile(config)},
+            {"width": 14, "height": 14, "source_right": 1, "disparity_scale": DISPARITY_SCALE_BITS,
+             "target_frame_base": BEAT_BITS, "tile_count": frame_tiles(config).bit_length(), "frame": 8},
+            {**dict.fromkeys(EVENTS, COUNTER_BITS), "finished": 1, "busy": 1, "early": 1})
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.unit = unit = WarpUnit(self.config)
+        self.join(m, unit)
         frame_by_frame(m, self, unit)
-        m.d.comb += [
-            *(getattr(unit, name).eq(getattr(self, name)) for name, _ in _SETTINGS),
-            *(getattr(self, name).eq(getattr(unit, name)) for name in (*EVENTS, "finished", "busy")),
-        ]
         self._tiles(m, unit)
         return m
 
     def _tiles(self, m: Module, unit: WarpUnit) -> None:
-        """A tile's bit every three cycles."""
+        """Reads the bits of the mask, one tile every three cycles."""
         tile, asked, known = Signal(range(frame_tiles(self.config) + 1)), Signal(), Signal()
         m.d.comb += [
             unit.tile.eq(tile), self.tiles.valid.eq(known), self.tiles.payload.tile.eq(tile)]
@@ -80,9 +66,5 @@ class WarpBench(wiring.Component):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
-    return Playback(
-        name=f"warp-{config.warp_lanes}-{config.cores_x}", module="warp_bench",
-        verilog=to_verilog(WarpBench(config), "warp_bench"), inputs=(Stream("rows", pixel_row(config)),),
-        outputs=(Stream("writes", write_request(config)), Stream("tiles", warped_tile(config))),
-        settings=(*_SETTINGS, ("tile_count", frame_tiles(config).bit_length()), ("frame", 8)), observed=_OBSERVED)
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
+    return WarpBench(config).playback(f"warp-{config.warp_lanes}-{config.cores_x}", "warp_bench")

@@ -1,7 +1,7 @@
 """Samples of the embedded scene's visible surfaces, and their division into patches: one patch becomes one Gaussian.
 
-Rays through the pixels of the cameras give samples. Clustering them by k-means, whose distance also counts normal and
-colour, and which never joins two primitives, splits surfaces into patches that end where texture, shape or object end.
+Rays through the pixels of the cameras give the samples. They are clustered by k-means, whose distance also counts the normal
+and the colour and which never joins samples of two primitives. So a patch ends where texture, shape or object end.
 """
 
 from __future__ import annotations
@@ -17,28 +17,29 @@ from golden.scenes.embedded.views import camera_rays
 from golden.scenes.embedded.world import CENTRE, HALF, embedded_world
 
 SKY_RADIUS = 250.0
-"""Metres from the camera at which the sky's samples stand: behind the farthest hill."""
+"""Distance in metres from the camera at which the sky's samples are placed: behind the farthest hill."""
 
 ROUNDS = 5
-"""k-means rounds; more move few samples."""
+"""Number of k-means rounds; further rounds move few samples."""
 
 NORMAL_WEIGHT, COLOUR_WEIGHT = 2.0, 30.0
-"""Squared distances of the clustering, against 1 for the local spacing: per squared chord between normals, and per
-squared colour difference."""
+"""Weights of the squared chord between normals and of the squared colour difference in the clustering's distance. The squared
+distance in units of the local spacing has weight 1."""
 
 CHANGE_DETAIL, SLENDER_DETAIL, MIRROR_DETAIL = 6.0, 7.0, 10.0
-"""What asks for patches beyond the even share: a full change of colour or object, a wire, a full mirror."""
+"""Added to a sample's detail, which is 1 elsewhere, so that more patches lie there: at a full change of colour or object, on a
+wire, and on a full mirror."""
 
 SLENDER = 0.021
-"""Metres: what is thinner than twice this both ways counts as a wire: wires, glazing bars, legs."""
+"""Metres. A box or tube counts as a wire if two of its half extents are below this; wires, glazing bars and legs do."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Traced samples, one a pixel, camera by camera.
+    """Traced samples, one for each pixel of each camera, in the order of the cameras.
 
     Attributes:
-        position: (N, 3) float64, metres; the sky at SKY_RADIUS from the camera.
+        position: (N, 3) float64, metres; the sky lies at SKY_RADIUS from the camera.
         normal: (N, 3) float64, unit, facing the camera.
         colour: (N, 3) float64 in [0, 1].
         primitive: (N,) int64, MISS for the sky.
@@ -53,7 +54,8 @@ class Samples:
 
 
 def sample_views(cameras: list[Camera], rng: np.random.Generator) -> Samples:
-    """One jittered ray a pixel. A sample has more detail where the colour or the primitive changes beside it."""
+    """Traces one ray through a random place in each pixel. A sample's detail is higher where colour or primitive change
+    beside it."""
     world = embedded_world()
     slender = np.isin(world.shape, (BOX, TUBE)) & (np.sort(world.size, axis=1)[:, 1] < SLENDER)
     special = SLENDER_DETAIL * slender + MIRROR_DETAIL * world.mirror[world.material]
@@ -76,7 +78,10 @@ def sample_views(cameras: list[Camera], rng: np.random.Generator) -> Samples:
 
 
 def contract(position: np.ndarray) -> np.ndarray:
-    """Positions (N, 3) with what lies beyond the room drawn onto a slowly growing sphere: distances follow the angle seen."""
+    """Positions (N, 3) in which everything beyond the room is drawn onto a sphere that grows slowly with distance.
+
+    Distances between far points then follow the angle between them as seen from the room.
+    """
     offset = position - CENTRE
     radius = np.linalg.norm(offset, axis=1, keepdims=True)
     inner = np.sqrt(3.0) * HALF
@@ -89,14 +94,14 @@ def label_sums(label: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 
 
 def cluster(samples: Samples, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(N,) int64 label of each sample: k-means over the eight nearest centres of the sample's primitive.
+    """(N,) int64 label of each sample, found by k-means over the eight nearest centres of the sample's primitive.
 
-    Labels are in [0, count), or in [0, primitives seen) where that is more: every primitive has a cluster.
+    Labels lie in [0, count), or in [0, number of primitives seen) if that is more, because every primitive has a cluster.
     """
-    order = rng.exponential(size=len(samples.detail)) / samples.detail  # its smallest values are a weighted draw
+    order = rng.exponential(size=len(samples.detail)) / samples.detail  # the smallest values are a draw weighted by detail
     order[np.unique(samples.primitive, return_index=True)[1]] = -1.0
     seeds = np.argsort(order, kind="stable")[: max(count, (order < 0.0).sum())]
-    # The primitive is a fourth coordinate, in steps wider than the room: neighbours belong to the same one.
+    # The primitive is a fourth coordinate in steps wider than the room, so the nearest centres belong to the same primitive.
     place = np.column_stack([contract(samples.position), 100.0 * samples.primitive])
     centre, normal, colour = place[seeds], samples.normal[seeds], samples.colour[seeds]
     for _ in range(ROUNDS):

@@ -1,6 +1,6 @@
 """A small deterministic ray tracer in numba: unit shapes under affine maps, hard shadows, one mirror bounce.
 
-Every primitive is one of five unit shapes carried to its place by an affine map. A ray is taken to the shape's own
+Every primitive is one of five unit shapes that an affine map brings to its place. A ray is transformed into the shape's own
 frame without normalising its direction, so its parameter t is the same number in both frames. The float operations of
 a ray depend on that ray alone: results are bit-identical from run to run and for any number of threads.
 """
@@ -21,10 +21,11 @@ RECT, DISC, BALL, BOX, TUBE = range(5)
 over 0 <= z <= 1 whose radius goes from 1 to `param[0]`."""
 
 MISS = -1
-"""The primitive index of a ray that reaches the sky."""
+"""Primitive index of a ray that reaches the sky."""
 
 EPSILON = 1e-4
-"""Metres by which secondary rays start off the surface: 1000 times float64's error at 100 m, a twentieth of a wire."""
+"""Distance in metres from the surface at which secondary rays start: far above float64's rounding error at 100 m, and far
+below the thickness of a wire."""
 
 
 class World(NamedTuple):
@@ -38,14 +39,14 @@ class World(NamedTuple):
         material: (P,) int64.
         group: (G, 2) int64, first and one past the last primitive.
         bound: (G, 4) float64, a sphere around each group: centre and radius.
-        pattern: (M,) int64, a texture of `embedded_textures`.
+        pattern: (M,) int64, a texture of `golden.scenes.embedded.textures`.
         colours: (M, 2, 3) float64, the texture's two colours, in [0, 1].
         texel: (M, 2) float64, the texture's period in metres.
         mirror: (M,) float64, reflectance at normal incidence (Schlick's F0); 0 is diffuse.
         shine: (M,) float64, Phong strength of the lights' highlights; 0 is none.
         emission: (M,) float64, share of the colour that ignores the lighting, 1 for the far background.
         light: (L, 3) float64, light sample points in metres.
-        light_axis: (L, 3) float64, direction in which the sample emits, cosine-weighted; zero emits evenly.
+        light_axis: (L, 3) float64, direction in which the sample emits, weighted by the cosine; a zero vector emits evenly.
         light_colour: (L, 3) float64, radiant intensity.
         sun: (2, 3) float64, unit direction towards the sun, and its colour.
         ambient: (2, 3) float64, light from below and from above.
@@ -98,7 +99,7 @@ def _hit_flat(world, p, o, d):
 
 @compiled(error_model="numpy")
 def _hit_box(o, d):
-    """Slab test; from inside, the far side counts."""
+    """Ray parameter at the unit box by the slab test, inf without a hit; a ray from inside hits the far side."""
     near, far = -math.inf, math.inf
     for k in range(3):
         a, b = (-1.0 - o[k]) / d[k], (1.0 - o[k]) / d[k]
@@ -110,7 +111,7 @@ def _hit_box(o, d):
 
 @compiled(error_model="numpy")
 def _hit_quadric(world, p, o, d):
-    """Unit sphere, or open frustum x^2 + y^2 = (1 + k z)^2 over 0 <= z <= 1; the nearest admissible root."""
+    """Ray parameter at the unit sphere or the open frustum x^2 + y^2 = (1 + k z)^2, 0 <= z <= 1; inf without a hit."""
     tube = world.shape[p] == TUBE
     k = world.param[p, 0] - 1.0
     a = d[0] * d[0] + d[1] * d[1]
@@ -145,7 +146,7 @@ def _misses_bound(world, g, o, d):
 
 @compiled(error_model="numpy")
 def _nearest(world, o, d, limit, any_hit):
-    """(t, primitive) of the first hit along unit `d` within `limit`, or of any hit; (limit, MISS) without one."""
+    """(t, primitive) of the first hit along unit `d` within `limit`, or with `any_hit` of any; (limit, MISS) without one."""
     best, found = limit, MISS
     for g in range(len(world.group)):
         if _misses_bound(world, g, o, d):
@@ -221,7 +222,7 @@ def _lighting(world, at, normal, d, shine):
             to_light = scale(away, 1.0 / distance)
             axis = (world.light_axis[i, 0], world.light_axis[i, 1], world.light_axis[i, 2])
             emitted = max(0.0, -dot(axis, to_light)) if dot(axis, axis) > 0.0 else 1.0
-            strength = emitted / (0.25 + distance * distance)  # the 0.25 m^2 keeps what stands next to a light in range
+            strength = emitted / (0.25 + distance * distance)  # the 0.25 m^2 limits the brightness right beside a light
             colour = (world.light_colour[i, 0], world.light_colour[i, 1], world.light_colour[i, 2])
         else:
             distance, strength = math.inf, 1.0
@@ -256,7 +257,7 @@ def _shade(world, p, at, d):
 
 @compiled(error_model="numpy")
 def _radiance(world, o, d):
-    """(t, primitive, normal, colour) along the unit ray; one mirror bounce, whose hit is shaded without another."""
+    """(t, primitive, normal, colour) along the unit ray `d`, with one mirror bounce whose hit does not reflect again."""
     t, p = _nearest(world, o, d, math.inf, False)
     if p == MISS:
         return t, p, scale(d, -1.0), sky(d)

@@ -1,7 +1,7 @@
 """The embedded scene: posed images, true depth, surface points and a Gaussian model of a procedural room.
 
-Everything is computed, from nothing but code: no file, no download. The room's inventory is `embedded_world`, its tracer
-`raytrace`, its cameras `embedded_views`; the Gaussian model is made in `embedded_patches` and `embedded_splats`.
+Everything is computed by code, and no file is needed. In this package, `world` has the room's objects, `raytrace` the ray
+tracer and `views` the cameras; `patches` and `splats` make the Gaussian model.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def render_reference(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.n
 
     Args:
         camera: any camera in the room.
-        samples: rays per pixel for the colour, the same pattern in each pixel.
+        samples: rays per pixel for the colour; every pixel has the same pattern of rays.
 
     Returns:
-        image: (H, W, 3) float32 in [0, 1], as displayed (no further gamma): the mean of the samples.
-        depth: (H, W) float32, z depth of the pixel's centre in metres, inf in the sky.
+        image: (H, W, 3) float32 in [0, 1], the mean of the samples; display values, to which no gamma is applied.
+        depth: (H, W) float32, z depth at the pixel's centre in metres, inf in the sky.
 
     Raises:
         ValueError: samples is below 1.
@@ -58,11 +58,11 @@ def render_reference(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.n
 
 
 def surface_points(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What structure from motion would find: random pixels of the embedded cameras at their true depth.
+    """Surface points such as structure from motion would find: random pixels of the embedded cameras at their true depth.
 
     Args:
         count: number of points.
-        seed: of the pixels drawn.
+        seed: seed of the random pixels.
 
     Returns:
         points: (N, 3) float64, metres, on visible surfaces, none in the sky.

@@ -1,7 +1,7 @@
-"""A Gaussian model of the embedded scene, made directly from its patches, without training.
+"""A Gaussian model of the embedded scene, made directly from the patches of its surfaces, without training.
 
-A patch's moments are its Gaussian: the mean, and a covariance that is flat on walls and a needle on wires. Its colour is
-its samples' mean; on glossy materials spherical harmonics are fitted to traced views of it.
+A patch's mean and covariance become its Gaussian, which is flat on walls and needle-shaped on wires. Its colour is the mean of
+its samples. On glossy materials, spherical harmonics are fitted to the colours that rays from many cameras see.
 """
 
 from __future__ import annotations
@@ -22,59 +22,62 @@ from golden.scenes.embedded.world import CENTRE, embedded_world
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
 from spec.constants import SH_C0
 from spec.harmonics import basis_beyond_dc
-from spec.paths import ROOT
+from spec.paths import cache_folder
 from spec.sources import fingerprint, sources_of
 
 SAMPLE_VIEWS = 48
-"""Cameras that samples are taken from: twice the default views, so that other cameras on the ring find no gaps."""
+"""Number of cameras that samples are taken from: twice the default number, so that other cameras on the ring find no gaps."""
 
 SAMPLE_ZOOM = 0.85
-"""Focal length of those cameras over the default ones': they see a margin around every frame."""
+"""Focal length of those cameras relative to the default ones: they see a margin around every frame."""
 
 SAMPLES_PER_SPLAT = 15
-"""Rays traced for each splat: enough for the nine moments of a patch."""
+"""Rays traced for each splat: enough to estimate the nine moments (mean and covariance) of a patch."""
 
 INFLATION = (1.7, 2.4)
-"""Standard deviations of a Gaussian over those of its patch, in textured and in even places: patches tile a surface,
-Gaussians have to overlap, and blur only where there is something to blur."""
+"""Standard deviations of a Gaussian relative to those of its patch, in textured and in even places. Patches tile a surface,
+but Gaussians have to overlap; in textured places they overlap less, because overlap blurs."""
 
 EVEN_CONTRAST = 0.12
-"""Sum of a colour's differences to the neighbours' at which a place stops being even."""
+"""Sum of the colour differences to the neighbouring patches at which a place stops counting as even."""
 
 EDGE_SIGMAS = 1.4
-"""Standard deviations between a Gaussian's mean and the edge of its primitive, at least: silhouettes stay sharp."""
+"""Smallest distance between a Gaussian's mean and the edge of its primitive, in standard deviations: it keeps silhouettes
+sharp."""
 
 TUBE_WIDTH = 0.6
-"""EDGE_SIGMAS standard deviations of a Gaussian across a tube, at most, in radii of the tube."""
+"""Largest width of a Gaussian across a tube: EDGE_SIGMAS of its standard deviations may be this many radii of the tube."""
 
 THINNEST = 1e-4
-"""Smallest standard deviation in metres at the room's scale: what a flat patch has along its normal."""
+"""Smallest standard deviation in metres inside the room: a flat patch has it along its normal."""
 
 FOOTPRINT = 0.006
-"""Metres: the renderers' low-pass, 0.55 px, at 2.2 m from a 256x256 camera. Thinner splats get less opacity."""
+"""Size in metres of the renderers' low-pass filter, 0.55 px, at a distance of 2.2 m from a 256x256 camera. Thinner splats
+get less opacity."""
 
 OPACITY = 0.99
 """Opacity of a splat wider than FOOTPRINT."""
 
 GLOSS_VIEWS = 120
-"""Cameras whose views of the glossy patches the spherical harmonics are fitted to."""
+"""Number of cameras that look at the glossy patches; the spherical harmonics are fitted to the colours that they see."""
 
 NEARBY = 0.06
-"""Metres between a patch's mean and where a ray towards it meets its primitive, at most."""
+"""Largest distance in metres between a patch's mean and the point where a ray towards it meets its primitive."""
 
 RIDGE = (0.02, 0.0005, 0.001, 0.002)
-"""Ridge of the SH fit for degrees 0 to 3, in shares of GLOSS_VIEWS: higher degrees need more evidence, and degree 0 has
-the samples' mean to fall back on."""
+"""Ridge parameter of the SH fit for degrees 0 to 3, as shares of GLOSS_VIEWS. Higher degrees need more evidence; degree 0
+falls back on the mean of the samples."""
 
-CACHE = ROOT / "build" / "cache"
-"""Where `cached_embedded_model` keeps its files."""
+CACHE = cache_folder("scenes")
+"""Folder in which `cached_embedded_model` keeps its files."""
 
 
 def _edges(samples: Samples, first: np.ndarray, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where patches' primitives end: (N, 3, 3) orthonormal axes as columns, (N, 3) metres from `mean` to the edge.
+    """Where patches' primitives end: (N, 3, 3) orthonormal axes as columns, and (N, 3) metres from `mean` to the edge along
+    them.
 
-    The axes are the primitive's own (radial instead of x on discs); inf where a surface closes on itself. The sky has
-    no edge.
+    The axes are the primitive's own; on discs the first axis is radial. The distance is inf where a surface closes on itself,
+    and for the sky, which has no edge.
     """
     world, primitive = embedded_world(), samples.primitive[first]
     axes = np.linalg.inv(world.to_local[primitive, :, :3])
@@ -99,13 +102,13 @@ def _edges(samples: Samples, first: np.ndarray, mean: np.ndarray) -> tuple[np.nd
 
 
 def _covariances(samples: Samples, label: np.ndarray, mean: np.ndarray, spacing: np.ndarray, even: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) covariances: the patches' own, widened to overlap, kept off the edges of their primitives."""
+    """(N, 3, 3) covariances: those of the patches, widened so that they overlap, and kept off the edges of their primitives."""
     count = len(mean)
     offset = samples.position - mean[label]
     moments = label_sums(label, (offset[:, :, None] * offset[:, None, :]).reshape(-1, 9), count).reshape(-1, 3, 3)
     first = np.unique(label, return_index=True)[1]
     normal = samples.normal[first]
-    # One more member of the local width, flat on the surface, stands in where a patch has few.
+    # One more member, flat on the surface and as wide as the local spacing, helps patches that have few samples.
     moments += (np.eye(3) - normal[:, :, None] * normal[:, None, :]) * (spacing**2 / 12.0)[:, None, None]
     covariance = moments / (np.bincount(label) + 1.0)[:, None, None]
     gain = INFLATION[0] + (INFLATION[1] - INFLATION[0]) * even
@@ -122,11 +125,10 @@ def _quaternions(rotation: np.ndarray) -> np.ndarray:
 
 
 def _fit_harmonics(primitive: np.ndarray, mean: np.ndarray, base: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Colours by ridge regression on views from GLOSS_VIEWS cameras: (N, 3) constant terms, (N, K, 3) harmonics.
+    """Colours from ridge regression on what GLOSS_VIEWS cameras see: (N, 3) constant terms and (N, K, 3) harmonics.
 
-    A ray from each camera to each patch of a glossy material is a sample if it meets the patch's primitive first.
-    Elsewhere the constant is `base` and the harmonics are 0: the tracer knows that those materials look alike from
-    everywhere.
+    A ray from each camera to each patch of a glossy material is a sample if the patch's primitive is the first thing it meets.
+    Patches of other materials look alike from everywhere, so their constant is `base` and their harmonics are 0.
     """
     world, terms = embedded_world(), SH_REST_COUNT[degree]
     material = world.material[primitive]
@@ -136,7 +138,7 @@ def _fit_harmonics(primitive: np.ndarray, mean: np.ndarray, base: np.ndarray, de
     toward = mean[glossy, None] - eyes
     direction = (toward / np.linalg.norm(toward, axis=2, keepdims=True)).reshape(-1, 3)
     distance, hit, _, colour = trace(world, np.tile(eyes, (len(glossy), 1)), direction)
-    # A mean lies inside a curved surface, so the ray meets that side of it or, seen from behind, the far side first.
+    # The mean of a curved patch lies inside the surface: the ray meets the patch itself or, from behind, the far side first.
     near = np.abs(distance - np.linalg.norm(toward, axis=2).ravel()) < NEARBY
     seen = near & (hit == np.repeat(primitive[glossy], len(eyes)))
     basis = np.column_stack([np.ones(len(direction)), basis_beyond_dc(direction, terms)]) * seen[:, None]
@@ -154,13 +156,16 @@ def embedded_model(count: int = 20000, seed: int = 0, sh_degree: int = 3) -> Gau
     """A Gaussian model of the embedded scene, made from traced samples without training.
 
     Args:
-        count: number of Gaussians wanted; a few less where patches end up without a sample, and never less than one
-            for each primitive that a camera sees.
-        seed: of the samples; the same seed gives the same model, bit for bit.
+        count: number of Gaussians wanted. The model has a few less where patches end up without a sample, and never less than
+            one for each primitive that a camera sees.
+        seed: seed of the samples; the same seed gives the same model, bit for bit.
         sh_degree: 0..3.
 
     Returns:
-        A model of one level, in metres, z up. Colours beyond degree 0 are non-zero on glossy objects only.
+        A model of one level, in metres, z up. SH coefficients beyond degree 0 are non-zero on glossy objects only.
+
+    Raises:
+        ValueError: `count` is below 1, or `sh_degree` is not 0..3.
     """
     if count < 1:
         raise ValueError(f"count must be at least 1, not {count!r}")
@@ -196,9 +201,9 @@ def _source_hash() -> str:
 
 
 def cached_embedded_model(count: int = 20000, seed: int = 0, sh_degree: int = 3, folder: Path = CACHE) -> GaussianModel:
-    """`embedded_model`, kept in `folder` as one `.npz` for each set of arguments and state of the source.
+    """As `embedded_model`, but keeps the model in `folder`, one `.npz` for each set of arguments and state of the source code.
 
-    A file that cannot be read is made anew. Arguments as `embedded_model`.
+    A file that cannot be read is made anew.
     """
     path = folder / f"embedded-{count}-{seed}-{sh_degree}-{_source_hash()}.npz"
     arrays = [field.name for field in fields(GaussianModel) if field.name not in ("name", "dropped")]

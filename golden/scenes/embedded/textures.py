@@ -1,4 +1,4 @@
-"""Procedural textures and the sky of the embedded scene, in numba; vectors are tuples of three floats."""
+"""Procedural textures and the sky of the embedded scene, in numba. Vectors are tuples of three floats."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from golden.kernels import compiled
 
 PLAIN, CHECKER, PLANKS, BRICK, STRIPES, MOTTLE, TEXT, BOOKS, STAR, RUG = range(10)
-"""Textures: (pattern, colours a and b, u, v in periods) to a colour."""
+"""The patterns that `texture` accepts."""
 
 
 @compiled
@@ -36,7 +36,7 @@ def axpy(s, a, b):
 
 @compiled
 def mix(a, b, w):
-    """a at w = 0, b at w = 1."""
+    """Linear interpolation: a at w = 0, b at w = 1."""
     return (a[0] + (b[0] - a[0]) * w, a[1] + (b[1] - a[1]) * w, a[2] + (b[2] - a[2]) * w)
 
 
@@ -55,7 +55,7 @@ def smooth(x, lo, hi):
 
 @compiled
 def cell_random(i, j):
-    """A number in [0, 1) for an integer cell; 32-bit integer hash (multiply and xor-shift)."""
+    """A pseudo-random number in [0, 1) for an integer cell, from a 32-bit hash (multiply and xor-shift)."""
     h = (i * 374761393 + j * 668265263) & 0xFFFFFFFF
     h = ((h ^ (h >> 13)) * 1274126177) & 0xFFFFFFFF
     h = ((h ^ (h >> 16)) * 2246822519) & 0xFFFFFFFF
@@ -64,7 +64,7 @@ def cell_random(i, j):
 
 @compiled
 def value_noise(u, v):
-    """Smooth noise in [0, 1): hashed lattice values, smoothstep between them."""
+    """Smooth noise in [0, 1): hashed values at the lattice points, with smoothstep interpolation between them."""
     a, b = math.floor(u), math.floor(v)
     s, t = smooth(u - a, 0.0, 1.0), smooth(v - b, 0.0, 1.0)
     low = cell_random(a, b) + (cell_random(a + 1, b) - cell_random(a, b)) * s
@@ -80,7 +80,7 @@ def fractal(u, v):
 
 @compiled
 def _planks(a, b, u, v):
-    """Boards along u, one period wide, four long, staggered by row, with grain and dark joints."""
+    """Boards along u with grain and dark joints, one period wide and four long, each row offset from the one before."""
     row = math.floor(v)
     along = u / 4.0 + 0.37 * row
     board = cell_random(math.floor(along), row)
@@ -103,7 +103,7 @@ def _brick(a, b, u, v):
 
 @compiled
 def _text(a, b, u, v):
-    """Lines of words: dark glyph strokes `b` on paper `a`, a heading above."""
+    """Lines of words: dark strokes of colour `b` on paper of colour `a`, with every sixth line empty."""
     line = math.floor(v)
     column = math.floor(1.6 * u)
     x, y = 1.6 * u - column, v - line
@@ -137,7 +137,7 @@ def _books(a, b, u, v):
 
 @compiled
 def _star(a, b, u, v):
-    """A Siemens star of 18 pairs within one period of the centre, a ring around it: every frequency up to the limit."""
+    """A Siemens star of 18 pairs of sectors, one period in radius, and a ring around it; it has all spatial frequencies."""
     r = math.sqrt(u * u + v * v)
     if r > 1.0:
         return b if 1.08 < r < 1.16 else a

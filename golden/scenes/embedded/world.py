@@ -1,4 +1,4 @@
-"""The embedded scene's inventory: a furnished room with a window onto hills. Metres; z up, y north, x east."""
+"""The embedded scene's objects: a furnished room with a window onto hills. Lengths are metres; x is east, y north, z up."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from golden.scenes.embedded import textures as tx
 from golden.scenes.embedded.raytrace import BALL, BOX, DISC, RECT, TUBE, World
 
 HALF = 2.3
-"""Half the room's edge: the floor is 4.6 m square."""
+"""Half the room's edge in metres: the floor is 4.6 m square."""
 HEIGHT = 2.6
-"""Height of the ceiling."""
+"""Height of the ceiling in metres."""
 WINDOW = (0.95, 0.68)
-"""Half width and half height of the window, centred in the north wall."""
+"""Half width and half height of the window in the middle of the north wall, in metres."""
 CENTRE = np.array([0.0, 0.0, 0.5 * HEIGHT])
 """The middle of the room."""
 
@@ -58,7 +58,7 @@ class _Builder:
         self.groups: list[list[tuple[int, np.ndarray, np.ndarray, tuple[float, float], int]]] = []
 
     def group(self) -> None:
-        """Start a group: what follows shares one bounding sphere."""
+        """Starts a group of primitives: those added next share one bounding sphere."""
         self.groups.append([])
 
     def add(self, shape: int, material: str, origin, x, y, z, param: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -94,7 +94,7 @@ class _Builder:
         self.add(TUBE, material, start, side, other, axis, ((end_radius or radius) / radius, 0.0))
 
     def world(self, lights: tuple[np.ndarray, np.ndarray, np.ndarray]) -> World:
-        """Pack; `lights` are the sample points, their axes and their colours."""
+        """Packs the primitives; `lights` are the lights' sample points, their axes and their colours."""
         flat = [primitive for group in self.groups for primitive in group]
         shapes, axes, origins, params, materials = zip(*flat, strict=True)
         inverse = np.linalg.inv(np.array(axes))
@@ -113,7 +113,7 @@ class _Builder:
 
 
 def _bound(group: list) -> np.ndarray:
-    """Centre and radius of a sphere around a group: the corners of every primitive's local box."""
+    """Centre and radius of a sphere around the corners of the boxes that hold a group's primitives."""
     corners = []
     for shape, axes, origin, param, _ in group:
         wide = max(1.0, param[0]) if shape == TUBE else 1.0
@@ -127,7 +127,7 @@ def _bound(group: list) -> np.ndarray:
 
 
 def _room(b: _Builder) -> None:
-    # Floor, ceiling and walls reach 6 cm past the corners, unseen, so that splats at the edges can cover the seams.
+    # Floor, ceiling and walls extend 6 cm past the corners, where no camera sees them, so that splats cover the seams.
     half, mid, over = HALF * np.eye(3), 0.5 * HEIGHT * Z, 1.0 + 0.06 / HALF
     x, y, z = over * half[0], over * half[1], over * mid
     b.group()
@@ -177,7 +177,7 @@ def _table(b: _Builder) -> None:
 
 
 def _plant(b: _Builder) -> None:
-    """A glazed vase with arching leaves: two ellipses a leaf, on a bent stem."""
+    """A glazed vase with arching leaves; each leaf is two ellipses on a bent stem."""
     foot = np.array([-0.10, 0.46, 0.74])
     b.group()
     b.tube("glaze", foot, foot + 0.16 * Z, 0.06, 0.105)
@@ -210,7 +210,7 @@ def _chair(b: _Builder, at: np.ndarray, yaw: float) -> None:
 
 
 def _lattice(b: _Builder) -> None:
-    """A wire trellis in a thin frame: 6 mm wires, about a pixel wide at 256x256."""
+    """A wire trellis in a thin frame; its 6 mm wires are about a pixel wide at 256x256."""
     foot, x, w, h = np.array([1.22, 0.62, 0.0]), np.array([0.78, -0.62, 0.0]), 0.40, 1.45
     x /= np.linalg.norm(x)
     b.group()
@@ -257,7 +257,7 @@ def _outside(b: _Builder) -> None:
 
 
 def _lights() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Three samples of the lamp, four of the window: enough for soft-looking shadows, and the same for every ray."""
+    """Three samples of the lamp and four of the window: enough for soft-looking shadows, and the same for every ray."""
     lamp = [np.array([0.09 * math.cos(a), 0.2 + 0.09 * math.sin(a), 1.95]) for a in np.radians((90, 210, 330))]
     pane = [CENTRE + np.array([0.45 * i, HALF - 0.12, 0.34 * k]) for i in (-1, 1) for k in (-1, 1)]
     axes = [-Z] * len(lamp) + [-Y] * len(pane)

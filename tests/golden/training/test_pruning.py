@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch")
 from golden.diff.gaussians import Gaussians  # noqa: E402
 from golden.training.evaluate import Gate, evaluate  # noqa: E402
 from golden.training.finetune import FineTuneStage  # noqa: E402
-from golden.training.prune_baselines import OneShotStage, baseline_stage  # noqa: E402
+from golden.training.prune_baselines import baseline_stage  # noqa: E402
 from golden.training.pruning import PruneOptions, PruneStage  # noqa: E402
 from golden.training.retrain import Retraining  # noqa: E402
 from tests.helpers.training_samples import guarded, same, small_dense, small_scene  # noqa: E402
@@ -156,8 +156,6 @@ def test_stages_refuse(scene, dense):
         PruneStage(scene, dense, "X")
     with pytest.raises(ValueError, match="'ce'"):
         baseline_stage("ce", scene, dense)
-    with pytest.raises(ValueError, match=r"points.*0"):
-        OneShotStage(scene, dense, "count", 0, 1)
     with pytest.raises(ValueError, match="0 and 100"):
         FineTuneStage(scene, dense, iterations=0)
 
@@ -167,16 +165,6 @@ def test_baselines_go_through_the_same_loop(scene, dense, criterion):
     stage = run(baseline_stage(criterion, scene, dense, "L", replace(QUICK, iterations=6)))
     assert stage.gate == Gate.of(evaluate(dense, scene, scene.validation), 0.03)
     assert {row.gamma for row in stage.history} == {0.0} and stage.history[1].points < len(dense)
-
-
-def test_one_shot_keeps_as_many_as_asked_for_and_retrains(scene, dense):
-    """Half of the points go; retraining brings the loss down; a resumed run is the same."""
-    stage = OneShotStage(scene, dense, "importance", len(dense) // 2, 40)
-    losses = [stage.step()["loss"] for _ in range(40)]
-    assert len(stage.result()) == len(dense) // 2 and sum(losses[-20:]) < sum(losses[:20])
-    first, second = (OneShotStage(scene, dense, "importance", len(dense) // 2, 40) for _ in range(2))
-    second.load(run(first, 10).state())
-    assert same(run(second).result(), stage.result())
 
 
 def test_fine_tuning_lowers_hvsq_and_keeps_the_gate(scene, dense):

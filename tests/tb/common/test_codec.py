@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from spec.config import TINY
-from spec.errors import InputError
 from spec.formats import SQ, UQ
 from spec.packing import pack, unpack
 from spec.records import RECORDS, Field, Record
 from tb.common.codec import read_hex, write_hex
-from tb.common.patterns import PERIOD, Pattern, pattern_by_name
+from tb.common.patterns import PERIOD, Pattern
 
 
 def random_rows(record: Record, count: int, seed: int = 0) -> np.ndarray:
@@ -74,9 +73,3 @@ def test_patterns_are_as_they_say(pattern):
     else:
         assert (pauses != pattern.pauses(4)).any()
         assert runs.max() >= (90 if pattern is Pattern.BURSTY else 5)
-
-
-def test_an_unknown_pattern_names_the_known():
-    assert pattern_by_name("bursty") is Pattern.BURSTY
-    with pytest.raises(InputError, match=r"sometimes.*never, always, random, bursty"):
-        pattern_by_name("sometimes")

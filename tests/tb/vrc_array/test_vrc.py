@@ -42,7 +42,7 @@ def planned(name):
 
 def test_tiny_is_bit_exact(tiny):
     assert tiny.failures == {}
-    assert tiny.runs == len(quick_plan(TINY)) - 4 and tiny.pixels > 80_000  # four runs are cut off
+    assert tiny.runs == len(quick_plan(TINY)) - 4 and tiny.items * TINY.cores_x > 80_000  # four runs are cut off
 
 
 def test_a_presets_numbers_are_bit_exact(tmp_path):
@@ -62,7 +62,7 @@ def test_other_machines_are_bit_exact(name, tmp_path):
 def test_default_takes_an_entry_a_cycle(tmp_path):
     config = array_suite.VARIANTS["default"]
     case = next(make for make in CORNERS if make.__name__ == "_long")(config)
-    plan = [array_suite.Planned(case.name, case, array_suite.run_of(config, case))]
+    plan = [array_suite.plan_of(config, case)]
     assert array_suite.run_plan(config, plan, tmp_path).recordings[case.name].cycles < len(case.entries) + 150
 
 

@@ -1,0 +1,124 @@
+"""How a frame runs on the machine: the options that `msv2 frame` and `msv2 perf` share and understand alike."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+from spec.command_line import choice
+from spec.errors import InputError
+from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.records import COUNT_BITS
+
+MACHINES = ("scene", "full")
+"""`scene` is a machine with only the units that the frame needs; `full` has all units of the configuration, and some of them
+idle."""
+
+PIXELS = ("wide", "display")
+"""Formats of the frame in memory: FramePixel and DisplayPixel of `spec.memory`."""
+
+LONGEST_LATENCY = 1 << 20
+"""Largest accepted latency of the memory in cycles."""
+
+BANDWIDTHS = (0.01, 1000.0)
+"""Smallest and largest accepted number of bytes that memory moves in a cycle."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a frame runs.
+
+    Attributes:
+        full: whether the machine has all units of its configuration; otherwise it has those that the frame needs.
+        merge: whether tiles are merged.
+        incremental: whether stages hand over incrementally, or else whole groups through double buffers; None: as the
+            configuration says.
+        beta: merge threshold in intersections, 0 without merging; None: the machine finds it.
+        display: whether a pixel takes 4 bytes in memory instead of 16.
+        latency: latency of the memory in cycles.
+        bytes_per_cycle: bandwidth of the memory, for reads and writes together; None: one beat read and one beat written in
+            every cycle.
+    """
+
+    full: bool
+    merge: bool
+    incremental: bool | None
+    beta: int | None
+    display: bool
+    latency: int
+    bytes_per_cycle: float | None
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments that `run_options` reads."""
+    group = parser.add_argument_group("the machine and its memory")
+    add = group.add_argument
+    add("--machine", default="scene", metavar="|".join(MACHINES),
+        help="units for active effects only, or all units of the configuration (default: scene)")
+    add("--pixels", metavar="|".join(PIXELS), help="format of the frame in memory (default: wide; display for two eyes)")
+    add("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
+    add("--pipeline", metavar="0|1",
+        help="stages hand over incrementally (default: the configuration's, 1); 0 is another machine, with double buffers")
+    add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
+    add("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
+        help=f"bandwidth of the memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
+    add("--latency", type=int, default=100, metavar="N", help="latency of the memory in cycles (default: 100)")
+
+
+def run_options(args: argparse.Namespace) -> RunOptions:
+    """The options that parsed arguments describe; the arguments must include `stereo`.
+
+    Raises:
+        InputError: a value is not accepted.
+    """
+    choice("machine", args.machine, MACHINES)
+    pixels = choice("pixels", args.pixels or ("display" if args.stereo else "wide"), PIXELS)
+    merge = parse_switch("merge", args.merge)
+    incremental = None if args.pipeline is None else parse_switch("pipeline", args.pipeline)
+    if not 1 <= args.latency <= LONGEST_LATENCY:
+        raise InputError(f"latency {args.latency} is not accepted: 1..{LONGEST_LATENCY} are")
+    return RunOptions(args.machine == "full", merge, incremental, parse_beta(args.beta, merge), pixels == "display",
+                      args.latency, parse_bandwidth(args.bandwidth))
+
+
+def parse_beta(text: str, merge: bool) -> int | None:
+    """The merge threshold; None for automatic, 0 if nothing is merged.
+
+    Raises:
+        InputError: the text is neither 'auto' nor an accepted number.
+    """
+    most = (1 << COUNT_BITS) - 1
+    if text != "auto" and not (text.isdigit() and int(text) <= most):
+        raise InputError(f"beta {text!r} is not accepted: 0..{most} or 'auto' are")
+    if not merge:
+        return 0
+    return None if text == "auto" else int(text)
+
+
+def parse_bandwidth(text: str) -> float | None:
+    """Bytes in a cycle; None for "unlimited".
+
+    Raises:
+        InputError: the text is neither "unlimited" nor an accepted number.
+    """
+    if text == "unlimited":
+        return None
+    low, high = BANDWIDTHS
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not low <= value <= high:
+        raise InputError(f"bandwidth {text!r} is not accepted: {low:g}..{high:g} bytes a cycle or 'unlimited' are")
+    return value
+
+
+def parse_switch(name: str, text: str) -> bool:
+    """The value of "0" or "1".
+
+    Raises:
+        InputError: the text is neither; the message calls the value `name`.
+    """
+    if text not in ("0", "1"):
+        raise InputError(f"{name} {text!r} is not accepted: 0 or 1 is")
+    return text == "1"

@@ -1,0 +1,127 @@
+"""What a module's ports carry, as comments: streams with their records field by field, all others with a line each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from amaranth.hdl import Shape
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In
+
+from msv2.document.formats import field_format
+from msv2.document.text import doc_of
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.memory import MEMORY_RECORDS
+from spec.records import RECORDS, Record
+from spec.stereo import STEREO_RECORDS
+
+HANDSHAKE = (
+    "The sender of a stream NAME drives NAME__payload and NAME__valid, its receiver drives NAME__ready.",
+    "An item moves at each rising edge of clk at which valid and ready are high. Once valid is high, valid and",
+    "payload stay as they are until the item has moved; valid does not wait for ready.")
+
+_CLOCKS = {"clk": "clock; everything happens at its rising edge", "rst": "synchronous reset, active high"}
+
+
+def port_notes(
+    component: wiring.Component, config: AcceleratorConfig, ports: list[tuple[str, str, int]], names: dict[str, str],
+) -> list[str]:
+    """Lines about all ports of a component.
+
+    Args:
+        component: the unit.
+        config: its configuration.
+        ports: name, direction and bits of its Verilog ports.
+        names: Verilog's name of each port by Amaranth's; they differ where that is a keyword of Verilog.
+    """
+    docs, records = _documented(component), _records(config)
+    lines = [f"{name}: {way}, {_bits(width)}: {_CLOCKS[name]}" for name, way, width in ports if name in _CLOCKS]
+    notes = list(_notes(component.signature, "", docs, records))
+    changed = {old: new for old, new in names.items() if old != new}
+    notes = [(is_stream, [_renamed(line, changed) for line in group]) for is_stream, group in notes]
+    if any(is_stream for is_stream, _ in notes):
+        lines += ["", *HANDSHAKE]
+    together = {pattern[:-1]: text for pattern, text in docs.items() if pattern.endswith("*")}
+    lines.append("")
+    for start, text in together.items():
+        lines += [f"{start}*: {text}", *(f"    {line}" for _, group in notes for line in group if line.startswith(start)), ""]
+    return [*lines, *(line for _, group in notes for line in group if not line.startswith(tuple(together)))]
+
+
+def _documented(component: wiring.Component) -> dict[str, str]:
+    """What the docstring of the component's class says of its ports, by name."""
+    _, _, listed = doc_of(type(component)).partition("Ports:\n")
+    found, listed = {}, listed.partition("\n\n")[0]
+    for names, text in re.findall(r"^    ([\w*]+(?:, [\w*]+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE):
+        found |= {name: " ".join(text.split()) for name in names.split(", ")}
+    return found
+
+
+def _records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]]:
+    """Layouts and their records; those of a machine with stereo too, as some of its units can be made by themselves."""
+    configs = (config,) if config.stereo or not config.depth else (config, config.with_(stereo=True))
+    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS)]
+    makers += [(make, configs[-1]) for make in STEREO_RECORDS if configs[-1].stereo]
+    return [(layout(record), record) for record in (make(one) for make, one in makers)]
+
+
+def _doc(name: str, docs: dict[str, str]) -> str:
+    return f": {docs[name]}" if docs.get(name) else ""
+
+
+def _notes(
+    signature: wiring.Signature, before: str, docs: dict[str, str], records: list, *, flipped: bool = False,
+) -> Iterator[tuple[bool, list[str]]]:
+    """Whether it is a stream, and lines, of each member."""
+    for name, member in signature.members.items():
+        path, inward = before + name, (member.flow is In) != flipped
+        way = "input" if inward else "output"
+        several = "".join(f"[0..{count - 1}]" for count in member.dimensions)
+        doc = _doc(path, docs)
+        if member.is_port:
+            width = Shape.cast(member.shape).width
+            yield False, [f"{path}{several}: {way}, {_bits(width)}{doc}", *_fields(member.shape, records)]
+        elif isinstance(member.signature, stream.Signature):
+            payload = member.signature.members["payload"].shape
+            record, bits = _record(payload, records), _bits(Shape.cast(payload).width)
+            of = f"of {record.name}, {bits}" if record else f"of {bits}"
+            yield True, [f"{path}{several}: {way} stream {of}{doc}", *_fields(payload, records)]
+        else:
+            yield from _notes(member.signature, f"{path}__", docs, records, flipped=inward)
+
+
+def _renamed(line: str, names: dict[str, str]) -> str:
+    name, colon, rest = line.partition(":")
+    return f"{names.get(name, name)}{colon}{rest}"
+
+
+def _record(shape: object, records: list[tuple[data.StructLayout, Record]]) -> Record | None:
+    return next((record for known, record in records if known == shape), None) if isinstance(shape, data.Layout) else None
+
+
+def _fields(shape: object, records: list) -> list[str]:
+    """Bits, name, format and meaning of every field, lowest first."""
+    record = _record(shape, records)
+    if record:
+        rows, offset = [], 0
+        for f in record.fields:
+            rows.append((offset, f.width, f.name, field_format(f), " ".join(f.doc.split())))
+            offset += f.width
+    elif isinstance(shape, data.StructLayout):
+        rows = [(field.offset, field.width, name, "", "") for name, field in shape]
+    else:
+        return []
+    widest = [max(len(text) for text in column) for column in zip(*((_span(low, width), name, number)
+              for low, width, name, number, _ in rows), strict=True)]
+    return [f"    {_span(low, width):>{widest[0]}}  {name:{widest[1]}}  {number:{widest[2]}}  {doc}".rstrip()
+            for low, width, name, number, doc in rows]
+
+
+def _span(low: int, width: int) -> str:
+    return f"[{low + width - 1}:{low}]" if width > 1 else f"[{low}]"
+
+
+def _bits(width: int) -> str:
+    return f"{width} bit{'s' if width != 1 else ''}"

@@ -1,0 +1,79 @@
+"""A component that holds a unit under test and has the ports that `tb.common.playback` plays.
+
+A subclass adds the logic that files cannot replace, such as delays of the memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.emit import to_verilog
+from rtl.shapes import layout
+from spec.records import Record
+from tb.common.playback import Playback, Stream
+
+
+class Bench(wiring.Component):
+    """The base class of a bench: a subclass creates the unit, connects it with `join`, and adds its own logic.
+
+    Parameters:
+        inputs: the streams into the bench, by name.
+        outputs: the streams out of the bench, by name.
+        settings: the widths in bits of plain inputs, by name; they are constant during a run.
+        observed: the widths in bits of plain outputs, by name; they are read at the end of a run.
+    """
+
+    def __init__(
+        self, inputs: Mapping[str, Record], outputs: Mapping[str, Record], settings: Mapping[str, int],
+        observed: Mapping[str, int],
+    ) -> None:
+        self.inputs, self.outputs, self.settings, self.observed = inputs, outputs, settings, observed
+        super().__init__({
+            **{name: In(stream.Signature(layout(record))) for name, record in inputs.items()},
+            **{name: Out(stream.Signature(layout(record))) for name, record in outputs.items()},
+            **{name: In(bits) for name, bits in settings.items()},
+            **{name: Out(bits) for name, bits in observed.items()},
+        })
+
+    def join(self, m: Module, unit: wiring.Component, *, apart: tuple[str, ...] = ()) -> None:
+        """Connects every port of the unit to the port of the bench with the same name, except for the streams `apart`."""
+        own = unit.signature.members.keys() - {*apart}
+        for name in [name for name in self.inputs if name in own]:
+            wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(unit, name))
+        for name in [name for name in self.outputs if name in own]:
+            wiring.connect(m, getattr(unit, name), wiring.flipped(getattr(self, name)))
+        m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in self.settings if name in own]
+        m.d.comb += [getattr(self, name).eq(getattr(unit, name)) for name in self.observed if name in own]
+
+    def delay_answers(self, m: Module, unit: wiring.Component, most: int) -> None:
+        """Passes `data` to the unit, each item at the earliest `delay` + 1 cycles after its request left `reads`.
+
+        The requests go to a file, and the answers come from a file. This file can stand for the memory because the requests are
+        compared with the golden ones, so it is known in advance which beats they read. `most` is the largest `delay`.
+        """
+        age, due = Signal(most + 1), Signal(16)
+        left, answered = self.reads.valid & self.reads.ready, self.data.valid & self.data.ready
+        m.d.comb += [
+            unit.data.payload.eq(self.data.payload), unit.data.valid.eq(self.data.valid & due.any()),
+            self.data.ready.eq(unit.data.ready & due.any()),
+        ]
+        # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
+        m.d.sync += [age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
+
+    def playback(self, name: str, module: str, verilog: str | None = None) -> Playback:
+        """The bench with a file at each stream.
+
+        Args:
+            name: the name of the build folder.
+            module: the name of the bench's Verilog module.
+            verilog: the bench's Verilog if it has been emitted before; None emits it.
+        """
+        return Playback(
+            name=name, module=module, verilog=verilog or to_verilog(self, module),
+            inputs=tuple(Stream(*item) for item in self.inputs.items()),
+            outputs=tuple(Stream(*item) for item in self.outputs.items()),
+            settings=tuple(self.settings.items()), observed=tuple(self.observed.items()))
