@@ -14,12 +14,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output, read_json
+from golden.scenes.files import read_json
 from golden.scenes.request import make_folder
 from msv2.cases import command
 from msv2.cases.case import COLUMNS
 from msv2.cases.report import HEADINGS
 from msv2.studies.page import table, write_page
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import write_report
 from spec.paths import REPORTS
 
@@ -53,20 +54,17 @@ def markdown(report: Mapping[str, Any]) -> str:
 
 def picture(report: Mapping[str, Any], path: Path) -> bool:
     """The table as a picture: a square for each outcome, a bar for the worst error; False where matplotlib is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
+    pyplot = find_pyplot()
+    if pyplot is None:
         return False
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     colours = {"pass": "#4c9f70", "FAIL": "#c8402f", "-": "#dddddd"}
     rows, columns = report["results"], [name for name in COLUMNS if name in report["columns"]]
-    figure, (grid, bars) = plt.subplots(1, 2, figsize=(9, 0.2 * len(rows) + 1.2), sharey=True, width_ratios=(len(columns), 4))
+    figure, (grid, bars) = pyplot.subplots(
+        1, 2, figsize=(9, 0.2 * len(rows) + 1.2), sharey=True, width_ratios=(len(columns), 4))
     for y, row in enumerate(rows.values()):
         for x, name in enumerate(columns):
             if name in row["columns"]:
-                grid.add_patch(plt.Rectangle((x, y - 0.45), 0.92, 0.9, color=colours[row["columns"][name]["outcome"]]))
+                grid.add_patch(pyplot.Rectangle((x, y - 0.45), 0.92, 0.9, color=colours[row["columns"][name]["outcome"]]))
     grid.set_xlim(0, len(columns))
     grid.set_ylim(len(rows) - 0.5, -0.5)
     grid.set_xticks([x + 0.46 for x in range(len(columns))], [HEADINGS[name] for name in columns])
@@ -82,9 +80,7 @@ def picture(report: Mapping[str, Any], path: Path) -> bool:
     for side in ("top", "right", "bottom", "left"):
         grid.spines[side].set_visible(False)
     figure.tight_layout()
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=110)
-    plt.close(figure)
+    save_figure(figure, path)
     return True
 
 
