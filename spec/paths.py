@@ -45,6 +45,11 @@ def cache_folder(*parts: str) -> Path:
     return base.joinpath(*parts)
 
 
+def data_folder() -> Path:
+    """The folder of captured scenes that MSV2_DATA names; without it, shared/data beside the checkout."""
+    return Path(os.environ.get("MSV2_DATA") or ROOT.parent / "shared" / "data")
+
+
 def short_path(path: Path) -> str:
     """A path as messages print it: relative to the current folder where it lies in it."""
     path, here = path.absolute(), Path.cwd()

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from golden.scenes.load import EMBEDDED
-from spec.paths import ROOT
+from spec.paths import data_folder
 
 CAPTURED = {
     "truck": "trained/truck.splat", "rock_sh3": "trained/rock_sh3", "garden_large": "trained/garden_large",
     "fern": "posed/fern", "cones": "stereo/cones"}
-"""Place below `data_folder` by name: models that others trained, posed photographs, a pair of photographs with disparities."""
-
-
-def data_folder() -> Path:
-    """The folder that MSV2_DATA names; without it, shared/data beside the checkout."""
-    return Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data"))
+"""Place below `spec.paths.data_folder` by name: models that others trained, posed photographs, a stereo pair."""
 
 
 def captured_path(name: str) -> Path | None:

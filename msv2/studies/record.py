@@ -34,11 +34,10 @@ from typing import Any
 
 import numpy as np
 
-from golden.scenes.captured import data_folder
 from golden.scenes.request import write_json
 from spec.config import AcceleratorConfig
 from spec.overrides import config_record
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT, data_folder
 from spec.sources import fingerprint, sources_of
 
 PROVENANCE = "provenance"
@@ -78,7 +77,9 @@ def begin(study: str, arguments: Iterable[str]) -> None:
 def _word(text: str) -> str:
     """A word of a command line as a shell takes it, with the variables MSV2_DATA and MSV2_PDK for their folders."""
     word = shown(text)
-    return f"${word}" if word.startswith(("MSV2_DATA/", "MSV2_PDK/")) else shlex.quote(word)
+    if not word.startswith(("MSV2_DATA/", "MSV2_PDK/")):
+        return shlex.quote(word)
+    return f"${word}" if shlex.quote(word) == word else f'"${word}"'
 
 
 def command(module: str | None = None) -> str:
@@ -153,7 +154,7 @@ def input_hash(path: Path) -> str:
     """
     if path.is_dir():
         return fingerprint(file for file in sorted(path.rglob("*")) if file.is_file())
-    if path.parent == ROOT / "reports" and path.suffix == ".json":
+    if path.parent == REPORTS and path.suffix == ".json":
         content = json.loads(path.read_text())
         content.pop(PROVENANCE, None)
         return fingerprint((), json.dumps(content, sort_keys=True))

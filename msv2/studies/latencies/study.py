@@ -4,8 +4,8 @@
 
 A latency is measured in the paper's machine, from the cycle in which an item is transferred to the cycle in which the result is
 offered. The unit holds nothing else, and memory answers a request in the next cycle. Where a unit waits for memory, `_request`
-names the latency up to the request, and `_answer` that from the answer on. msv2/studies/results/tables.py makes the README's
-table of units from them.
+names the latency up to the request, and `_answer` that from the answer on. msv2/studies/results/units.py makes the
+table of docs/units.md from them.
 """
 
 from __future__ import annotations

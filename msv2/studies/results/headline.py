@@ -93,7 +93,7 @@ def _training(reports: Reports) -> Iterable[Row]:
     points = " and ".join(f"{found[labels.DENSE]['points']:,}" for found in rows.values())
     size, times = labels.PAPER_SIZE_PERCENT[labels.PRUNED], labels.PAPER_SPEED[labels.ENHANCED]
     yield ("model left by pruning, of the dense one", f"{size:g} %", each(share),
-           f"missed: our dense models have {points} points, the paper's have millions, of which more are superfluous")
+           f"missed: our dense models are capped at {points} points, so that fewer of them are superfluous")
     yield ("pruned and foveated over the dense model", f"{times:.1f}x", each(speed),
            "missed for the same reason; cycles of the integer renderer's frames against a GPU's seconds")
 

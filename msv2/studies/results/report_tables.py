@@ -1,4 +1,4 @@
-"""The README's tables of the cycle model, of area and energy, of two eyes and of effects."""
+"""Tables of docs/results.md: the cycle model, area and energy, performance, two eyes, effects."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> st
             f"{1e5 * mean(lambda p, t: t['hvsq']['dense']['mean']):.2f} "
             f"({1e5 * mean(lambda p, t: p['rendered']['hvsq']['dense']['mean']):.2f})",
         ])
-    return table(["scene", "floor: entries in foveal tiles", "tiles rendered for holes", "cycles of one eye", "of two eyes",
+    return table(["scene", "floor: intersections in the fovea", "tiles rendered for holes", "cycles of one eye", "of two eyes",
                    "warping costs", "binocular HVSQ 1e-5 (both rendered)"], rows)
 
 

@@ -1,14 +1,14 @@
-"""Runs the studies on which the README's tables are based, keeps the numbers in reports/, and writes the tables.
+"""Runs what the generated tables rest on, keeps the numbers in reports/, and writes the tables of README.md and docs/.
 
-    python -m msv2.studies results                     everything but training (about 20 minutes); scenes in MSV2_DATA,
-                                                       liberty files in MSV2_PDK
-    python -m msv2.studies results --only frames       one part: accuracy, frames, machine, sorting, order, latencies,
-                                                       synthesis, culling_area, colour, bench
-    python -m msv2.studies results --only training     the tables of training, for the embedded scene and for posed/fern in
-                                                       MSV2_DATA; finished runs in build/train are used, others take hours
-    python -m msv2.studies results --only synthesis --unit splat_fetch    the row of one unit alone; the others stay
-    python -m msv2.studies results --only tables       only rewrites the tables from reports/
-    python -m msv2.studies results --check             exits with 1 where the README differs from reports/
+    msv2 study run results                      everything but training (hours where nothing is kept); scenes in MSV2_DATA,
+                                                liberties in MSV2_PDK
+    msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
+                                                culling_area, colour, bench
+    msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
+                                                finished runs in build/train are not trained again, else it takes hours
+    msv2 study run results --only synthesis --unit splat_fetch    one unit's row alone; the others stay
+    msv2 study run results --only tables        only writes the tables again, from reports/
+    msv2 study run results --check              exit 1 where a page differs from what reports/ give
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README is stale")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
         raise InputError(f"--unit {args.unit} is of --only synthesis, not of {args.only or 'everything'}")

@@ -13,7 +13,7 @@ from msv2.studies.accuracy.study import as_markdown
 from msv2.studies.results.headline import HEADLINE_TABLES
 from msv2.studies.results.report_tables import REPORT_TABLES
 from msv2.studies.results.units import units_table
-from msv2.studies.training.readme_tables import TRAINING_TABLES
+from msv2.studies.training.results_tables import TRAINING_TABLES
 from spec.constants import TILE
 from spec.paths import DOCS, ROOT
 
@@ -105,8 +105,8 @@ def frames_table(reports: Reports) -> str:
         exact = all(r["bit_exact"] and not r["counter_errors"] for r in ways.values())
         rows.append([f"{scene}, {width}x{height}", "4 levels" if foveated else "-", f"{both['entries']:,}", f"{both['ops']:,}",
                      f"{both['geometry_cycles']:,}", *cycles, f"yes, {len(ways)} of {len(ways)}" if exact else "NO"])
-    header = ["frame", "foveation", "entries", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining", "both",
-              "every bit and counter"]
+    header = ["frame", "foveation", "intersections", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining",
+              "both", "every bit and counter"]
     return page.table(header, rows)
 
 
@@ -126,8 +126,9 @@ def machine_table(reports: Reports) -> str:
             f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
             f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
             f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
-    header = ["foveated frame", "memory, a cycle", "entries", "spilled in sorting", "geometry cycles", "rendering: baseline",
-              "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
+    header = ["foveated frame", "memory, a cycle", "intersections", "spilled in sorting", "geometry cycles",
+              "rendering: baseline", "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame",
+              "phases overlapped, at best"]
     return page.table(header, rows)
 
 
@@ -137,8 +138,8 @@ def sorting_table(reports: Reports) -> str:
     rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
              f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
              f"{r['entries_written']:,}", f"{r['taken_per_cycle']:.3f}"] for r in report["rows"]]
-    return page.table(["frame", "entries", "groups", f"entries in groups beyond {report.get('buffer_entries', 0):,}",
-                     "entries written to memory", "entries taken a cycle"], rows)
+    return page.table(["frame", "intersections", "groups", f"of them in groups beyond {report.get('buffer_entries', 0):,}",
+                     "written to memory", "taken a cycle"], rows)
 
 
 def culling_table(reports: Reports) -> str:
@@ -154,8 +155,8 @@ def culling_table(reports: Reports) -> str:
                 f"{r['bytes_per_cycle']} B" if r["bytes_per_cycle"] else "the bus's", f"{events['points']:,}", f"{culled:,}",
                 f"{events['survivors']:,}", f"{cycles:,}", f"{events['points'] / cycles:.3f}",
                 f"{cycles / events['survivors']:.2f}" if events["survivors"] else "-"])
-    header = ["frame", "memory, a cycle", "points", "culled", "with an entry", "geometry cycles", "points a cycle",
-              "cycles a splat with an entry"]
+    header = ["frame", "memory, a cycle", "points", "culled", "visible", "geometry cycles", "points a cycle",
+              "cycles a visible splat"]
     return page.table(header, rows)
 
 
@@ -201,7 +202,7 @@ TABLES: dict[str, Callable[[Reports], str | None]] = {
     "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
     **HEADLINE_TABLES,
 }
-"""The tables by name. Where a function returns None because its report is missing, the README keeps its text."""
+"""By name; None where a table's report is not there: what the page has stays."""
 
 
 PAGES = (ROOT / "README.md", DOCS / "results.md", DOCS / "units.md")

@@ -1,4 +1,4 @@
-"""The README's tables of training, made from reports/training*.json. The module needs no torch."""
+"""The tables of training in docs/results.md, made of reports/training*.json; needs no torch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msv2.studies.training import tables_text
 
 Reports = Mapping[str, Mapping[str, Any]]
 
-PICTURE = "![latency of pruned versions against points and intersections; HVSQ of levels against points](reports/training.png)"
+PICTURE = "![latency of pruned versions against points and intersections; HVSQ against points](../reports/training.png)"
 
 
 def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
