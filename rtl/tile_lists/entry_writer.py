@@ -126,7 +126,7 @@ class EntryWriter(wiring.Component):
             "full": Out(1), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         advance, passed, begun = Signal(), Signal(), Signal()
         slot = self._places(m, advance, passed, begun)

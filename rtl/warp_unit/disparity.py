@@ -95,7 +95,7 @@ class Disparity(wiring.Component):
             "carries": Out(1), "early": Out(carried_layout(config)), "late": In(carried_layout(config)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         n, p = self.config.formats, Pipeline(m, load=self.load)
         loads = p.control("load", self.load)

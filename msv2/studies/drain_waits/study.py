@@ -61,7 +61,7 @@ class ArrayAndWriter(wiring.Component):
             **{name: Out(COUNTER_BITS) for name in _OBSERVED}, "finished": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.array = array = self._array
         m.submodules.writer = writer = PixelWriter(self.config)
