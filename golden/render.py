@@ -1,4 +1,4 @@
-"""Render a scene with the integer golden renderer: pictures and numbers."""
+"""Render a scene with the integer renderer, whose pixels equal the hardware's, and write pictures and numbers."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, object]:
-    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage.
+    """The content of stats.json: counts, culled points by reason, intersections per tile, coverage, seconds by stage.
 
-    The compilation of kernels is in `compile` alone: neither a stage nor the total has it.
+    The time of compiling kernels is in `compile` only; neither a stage nor the total includes it.
     """
     counts = np.diff(frame.entries.start)
     reason = np.bincount(frame.projected.reason, minlength=4)
@@ -85,7 +85,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
 
 
 def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, float]:
-    """Errors against the oracle given the same level planes, and against exact eccentricities where there is a gaze."""
+    """Errors against the oracle with the same level planes and, if there is a gaze, with exact eccentricities."""
     given = {"foveation": request.foveation, "background": request.background, "support_sigma": frame.config.support_sigma}
     oracle = render_oracle(request.model, request.camera, weights="plane", **given)
     numbers = {"psnr_vs_oracle_db": psnr_vs(frame.image, oracle.image),

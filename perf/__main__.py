@@ -33,7 +33,7 @@ MEMORIES = ("ideal", "lpddr3")
 CACHE = cache_folder("traces")
 
 EPILOG = """\
-Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: when each group was in which stage.
+Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: the times at which each group was in each stage.
 
 examples:
   %(prog)s                                            the embedded scene
@@ -52,7 +52,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_config_arguments(parser, "default")
     add_run_arguments(parser)
     parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
-                        help="ideal: the RTL bench's, of a bandwidth and a latency (default); lpddr3: four channels")
+                        help="ideal (default): the memory of the RTL's test bench, with a bandwidth and a latency; "
+                             "lpddr3: four channels")
     add_out_argument(parser, "build/perf/frame")
     parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser.parse_args(argv)

@@ -59,14 +59,14 @@ def _variants(test: str) -> list[str]:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m tb.sim", __doc__, EXAMPLES)
-    parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(UNITS)}")
-    parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
+    parser.add_argument("--test", default="all", help=f"the test to run: all (default), {', '.join(UNITS)}")
+    parser.add_argument("--config", default="all", help=f"the configuration: all (default), {', '.join(_variants('all'))}")
     add_set_argument(parser)
-    parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
-    parser.add_argument("--runs", default="", help="only runs whose name contains this")
-    parser.add_argument("--waves", action="store_true", help="record waves (FST): of the first variant or that of --config")
-    parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
-    parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
+    parser.add_argument("--seed", type=int, default=0, help="seed of random stimuli and pauses (default: 0)")
+    parser.add_argument("--runs", default="", help="run only the runs whose name contains this text")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST) of the first configuration, or of --config")
+    parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record only these cycles")
+    parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record only these scopes, such as tb.dut.setup*")
     return parser.parse_args(argv)
 
 

@@ -15,4 +15,4 @@ def import_torch() -> None:
     try:
         import torch  # noqa: F401
     except ImportError as error:
-        raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
+        raise InputError("this needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error

@@ -31,14 +31,14 @@ GRADIENTS = "msv2.cases.gradients"
 """The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
 
 EPILOG = """\
-Writes stability.json; the study `stability` makes a page and a picture of it. Exit status 1 where a case fails or a seeded
+Writes stability.json; the study `stability` makes a page and a picture of it. The exit status is 1 if a case fails or a seeded
 fault is not caught.
 
 examples:
   %(prog)s                                     everything
   %(prog)s --columns oracle,golden --no-faults    in a minute, without a simulator
-  %(prog)s --case 06-needle-at-the-frustum     one case, everywhere
-  %(prog)s --columns rtl --add                 the machine, beside what other columns gave before
+  %(prog)s --case 06-needle-at-the-frustum     one case in all columns
+  %(prog)s --columns rtl --add                 the machine; earlier results of other columns are kept
 """
 
 
@@ -102,11 +102,13 @@ def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m msv2.cases", __doc__, EPILOG)
-    parser.add_argument("--case", action="append", metavar="CASE", help="only this one, by id or name; may be given again")
-    parser.add_argument("--columns", default=",".join(COLUMNS), help="of oracle, golden, gradient, rtl (default: all)")
+    parser.add_argument("--case", action="append", metavar="CASE", help="run only this case, by id or name; can be repeated")
+    parser.add_argument("--columns", default=",".join(COLUMNS),
+                        help="columns among oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
-    parser.add_argument("--add", action="store_true", help="to the results in the output folder: what is not run now stays")
+    parser.add_argument("--add", action="store_true",
+                        help="add to the results in the output folder; those not run now are kept")
     return parser.parse_args(argv)
 
 

@@ -7,7 +7,6 @@ The directional derivatives of a weighted sum of the image are compared with fin
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -27,6 +26,7 @@ from msv2.cases.case import GRADIENT, Case, Gradients, Seen, Shot, require
 from msv2.cases.check import Cell, check_shots, see_oracle, told_cell
 from msv2.cases.golden_faults import Fault, replaced, told
 from msv2.cases.registry import CASES, case_named
+from spec.command_line import command_parser
 from spec.constants import ALPHA_MAX_L1, COVERAGE_VALID, SH_C0
 
 STEPS = {"sh_dc": 1e-4, "opacity": 1e-8, "means": 1e-9, "log_scales": 1e-8, "quats": 1e-8}
@@ -205,12 +205,10 @@ def _told_fault(fault: Fault) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases.gradients", description=__doc__,
-        formatter_class=argparse.RawTextHelpFormatter)
+    parser = command_parser("python -m msv2.cases.gradients", __doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help="ids of cases (default: all)")
-    parser.add_argument("--faults", action="store_true", help="run the seeded faults, too")
-    parser.add_argument("--json", metavar="FILE", help="write there instead of to the screen")
+    parser.add_argument("--faults", action="store_true", help="also run the seeded faults")
+    parser.add_argument("--json", metavar="FILE", help="write the results to this file instead of the screen")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
     chosen = [case for case in CASES if not args.cases or case.id in args.cases]

@@ -13,6 +13,7 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -21,14 +22,15 @@ from spec.paths import BUILD
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
 
-  machine_inversions    by the machine's own z, rounded as it rounds: pairs of which not both keys are saturated. Must be 0.
-  saturated_inversions  the same for pairs whose keys both are
-  equal_keys            pairs that the Gaussian's index puts in order
-  float64_inversions    by z in float64, as the oracle projects; largest_gap is the largest (z1 - z2) / z1 among them
-  max_abs_error         largest difference of a colour of a pixel when the same entries are blended by float64 z instead;
-                        worst_pixel is where, changed_pixels how many differ at all, psnr_db what that is in all
+  machine_inversions    inversions by the machine's own, rounded z, among pairs with at most one saturated key; must be 0
+  saturated_inversions  inversions by the machine's z among pairs whose keys are both saturated
+  equal_keys            pairs with equal keys, which are ordered by the index of the Gaussian
+  float64_inversions    inversions by the oracle's float64 z; largest_gap is the largest (z1 - z2) / z1 among them
+  max_abs_error         the largest difference in a pixel's colour if the same intersections are blended in the order of
+                        float64 z; worst_pixel is its place, changed_pixels the number of pixels that differ, and psnr_db
+                        the PSNR between the two images
 
-Exit status 1 where machine_inversions is not 0.
+The exit status is 1 if machine_inversions is not 0.
 
 examples:
   python -m msv2.cases.inversions                                         the embedded scene
@@ -90,9 +92,7 @@ def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases.inversions", description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("python -m msv2.cases.inversions", __doc__, EPILOG)
     add_request_arguments(parser)
     add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/order/NAME)")
@@ -115,7 +115,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     numbers = report(request, config)
     out = make_folder(args.out or BUILD / "order" / request.model.name)
     write_json(out / "order.json", numbers)
-    print(f"{out}: {numbers['entries']:,} entries, {numbers['machine_inversions']} inversions by the machine's z, "
+    print(f"{out}: {numbers['entries']:,} intersections, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")
     return int(numbers["machine_inversions"] > 0)
 

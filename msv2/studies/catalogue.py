@@ -7,8 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
-import difflib
 import importlib
 import json
 from collections.abc import Sequence
@@ -16,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from msv2.studies import record
+from spec.command_line import called_as, choice, command_parser
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -172,11 +171,7 @@ def find(name: str) -> Study:
     Raises:
         InputError: there is none; the message names the nearest.
     """
-    if name not in BY_NAME:
-        near = difflib.get_close_matches(name, BY_NAME, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"study {name!r} is not accepted: choose one of {', '.join(BY_NAME)}{hint}")
-    return BY_NAME[name]
+    return BY_NAME[choice("study", name, BY_NAME)]
 
 
 def run_study(argv: Sequence[str]) -> int:
@@ -193,7 +188,8 @@ def run_study(argv: Sequence[str]) -> int:
         raise InputError(f"no study is named: choose one of {', '.join(BY_NAME)}")
     study = find(name)
     record.begin(name, rest)
-    return importlib.import_module(study.module).main([*study.only, *rest]) or 0
+    with called_as(study.command()):
+        return importlib.import_module(study.module).main([*study.only, *rest]) or 0
 
 
 def list_studies(argv: Sequence[str] = ()) -> int:
@@ -202,7 +198,8 @@ def list_studies(argv: Sequence[str] = ()) -> int:
     Raises:
         InputError: a study is named that there is not.
     """
-    parser = argparse.ArgumentParser(prog="msv2 study list", description="The studies and the state of their reports.")
+    with called_as("msv2 study list"):
+        parser = command_parser("msv2 study list", "The studies and the state of their reports.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these (default: all)")
     parser.add_argument("--reports", action="store_true", help="a line for each report: its command, its cost, why it is stale")
     args = parser.parse_args(argv)

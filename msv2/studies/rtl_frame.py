@@ -15,17 +15,12 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.request import make_folder
 from golden.scenes.save import save_model
 from msv2.studies.kept import fingerprint
+from msv2.studies.record import source_hash
 from spec.errors import InputError
 from spec.paths import ROOT
-from spec.sources import sources_of
 
 COMMAND = "tb.frame.__main__"
 """The module behind `python -m tb.frame`."""
-
-
-def frame_sources() -> tuple[Path, ...]:
-    """The files on which a frame through the RTL depends."""
-    return (*sources_of(COMMAND), ROOT / "tb" / "top" / "memory.sv")
 
 
 def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]:
@@ -64,13 +59,13 @@ def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool 
     `again`."""
     path = Path(scene)
     file = (path.stat().st_size, path.stat().st_mtime_ns) if path.exists() else None
-    out = folder / f"frame-{fingerprint((), _machine(), scene, file, *options)}"
+    out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), scene, file, *options)}"
     return numbers(out) if (out / "frame.json").exists() and not again else simulate(scene, options, make_folder(out))
 
 
 def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Sequence[str]) -> dict[str, object]:
     """The same for a model and a camera, which are written to files for the command; the key covers their contents."""
-    out = folder / f"frame-{fingerprint((), _machine(), model, camera, *options)}"
+    out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), model, camera, *options)}"
     if (out / "frame.json").exists():
         return numbers(out)
     scene, seen = make_folder(out).resolve() / "model.ply", out.resolve() / "camera.json"
@@ -79,7 +74,3 @@ def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Seq
     found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
     scene.unlink()  # the file is large and easily made again
     return found
-
-
-def _machine() -> str:
-    return fingerprint((), *(path.read_bytes() for path in frame_sources()))

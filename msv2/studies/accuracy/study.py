@@ -20,6 +20,7 @@ from golden.scenes.request import Request, add_request_arguments, make_folder, r
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import PAPER
 
 BUDGET_DB = 60.0
@@ -76,8 +77,7 @@ def over_scenes(
         rows_of: given a request without a gaze and the scene's name.
         more: models measured besides, where they exist.
     """
-    parser = argparse.ArgumentParser(prog=f"msv2 study run {name}", description=description,
-                                     epilog=f"example: MSV2_DATA=data msv2 study run {name} --size 640x360")
+    parser = command_parser(f"msv2 study run {name}", description, "example: MSV2_DATA=data %(prog)s --size 640x360")
     add_request_arguments(parser, size="640x360")
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")

@@ -13,7 +13,6 @@ large queue is a macro, and this difference is not what is compared.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -29,6 +28,7 @@ from rtl.culling.compare import unit_cost
 from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.schedule import Cost, cost, schedule
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.errors import run_command_line
 from spec.harmonics import terms
@@ -128,8 +128,7 @@ def fill(path: Path, report: Path, *, check: bool = False) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures, writes the report and fills the page."""
-    argparse.ArgumentParser(prog="msv2 study run culling_area", description=__doc__,
-                            formatter_class=argparse.RawDescriptionHelpFormatter).parse_args(argv)
+    command_parser("msv2 study run culling_area", __doc__).parse_args(argv)
     rows = measure(ROOT / "build" / "results" / "synth")
     write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
     return fill(PAGE, REPORT)

@@ -1,7 +1,7 @@
 """Area of the paper's machine beside the paper's own numbers: writes reports/area.json, .md and .png.
 
-    python -m msv2.studies area                all builds; an hour if build/synth holds no results of modules
-    python -m msv2.studies area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
+    msv2 study run area                all builds; an hour if build/synth holds no results of modules
+    msv2 study run area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
 
 A build is the machine for two eyes with rows of 1920 pixels; the memories of the warp unit are also reported separately. The
 build `mono` and those of the presets are machines without the warp unit.
@@ -9,7 +9,6 @@ build `mono` and those of the presets are machines without the warp unit.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from msv2.studies.area.figure import draw
 from msv2.studies.area.page import page
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
+from spec.command_line import command_parser
 from spec.config import PAPER, PRESETS, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
@@ -152,12 +152,12 @@ def _say(line: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, measures, and writes the report; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies area", description=__doc__.splitlines()[0])
+    parser = command_parser("msv2 study run area", __doc__.splitlines()[0])
     parser.add_argument("--builds", nargs="+", default=list(BUILDS), metavar="BUILD",
-                        help=f"builds to make, of {', '.join(BUILDS)} (default: all)")
+                        help=f"builds to make, among {', '.join(BUILDS)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
-                        help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
+                        help=f"most runs of a module, each with more fast adders; 1: all are fast (default: {MOST_RUNS})")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
                         help="folder of synthesis results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",

@@ -1,8 +1,8 @@
 """Measures the errors of colours and the work and the gates of the colour unit: reports/colour.json and docs/colour.md's
 tables.
 
-    python -m msv2.studies colour            measure all (minutes where nothing is cached) and write the tables
-    python -m msv2.studies colour --check    exit 1 where the page differs from what the report gives
+    msv2 study run colour            measure all (minutes where nothing is cached) and write the tables
+    msv2 study run colour --check    exit 1 where the page differs from what the report gives
 
 The errors are those of the golden renderer's colours, for several numbers of fraction bits of `sh_basis`, against float64
 spherical harmonics of the same offsets and coefficients. Gates are generic and are counted as msv2/studies/area/culling.py
@@ -11,7 +11,6 @@ counts them, with every memory in bits. Both studies use the same cache, so that
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -32,6 +31,7 @@ from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import Cost, cost, schedule
 from rtl.culling.views import ViewWriter
 from spec import harmonics
+from spec.command_line import command_parser
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.formats import SQ
 from spec.harmonics import basis_beyond_dc, terms
@@ -194,7 +194,7 @@ def measure(folder: Path) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies colour", description="Errors and gates of colours.")
+    parser = command_parser("msv2 study run colour", "Errors and gates of colours.")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
     args = parser.parse_args(argv)
     if not args.check:

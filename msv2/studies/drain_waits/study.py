@@ -1,4 +1,4 @@
-"""`python -m msv2.studies drain_waits`: measures the cycles in which the end of a tile waits for free space in the array's
+"""`msv2 study run drain_waits`: measures the cycles in which the end of a tile waits for free space in the array's
 output buffer, for several kinds of buffer.
 
 The study simulates the array and the pixel writer behind it on frames of real scenes, and compares every beat of memory. Memory
@@ -9,7 +9,6 @@ have priority.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
@@ -140,9 +140,9 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tu
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints the table; returns 1 when a bit differs."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies drain_waits", description=__doc__.split("\n\n")[0])
+    parser = command_parser("msv2 study run drain_waits", __doc__.split("\n\n")[0])
     add_config_arguments(parser, "default")
-    parser.add_argument("--size", default="160x96", metavar="WxH", help="of the frames, at least 50x40 (default: 160x96)")
+    parser.add_argument("--size", default="160x96", metavar="WxH", help="size of the frames, at least 50x40 (default: 160x96)")
     args = parser.parse_args(argv)
     config = config_from(args, "default")
     lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)

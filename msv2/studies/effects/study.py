@@ -29,6 +29,7 @@ from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
 from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
@@ -36,10 +37,10 @@ from spec.overrides import add_config_arguments, choice, config_from, config_opt
 from spec.paths import ROOT
 
 EXAMPLES = """examples:
-  python -m msv2.studies effects                                   the embedded scene, with and without a gaze
-  python -m msv2.studies effects truck.splat embedded@320,180   truck without a gaze, embedded with one; @centre is the frame's
-  python -m msv2.studies effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
-  MSV2_PDK=DIR python -m msv2.studies effects --area               and areas: minutes for each machine not synthesised before
+  msv2 study run effects                                   the embedded scene, with and without a gaze
+  msv2 study run effects truck.splat embedded@320,180   truck without a gaze, embedded with one; @centre is the frame's
+  msv2 study run effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
+  MSV2_PDK=DIR msv2 study run effects --area               and areas: minutes for each machine not synthesised before
 """
 
 BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
@@ -81,18 +82,20 @@ class Frame:
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed and checked command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies effects", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run effects", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
-                        help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
-    parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
+                        help="scenes, each with an optional gaze; a gaze gives a model without levels nested random subsets")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the golden frames (default: 640x360)")
+    parser.add_argument("--rtl", metavar="WxH", help="also simulate the RTL, at this size")
     add_config_arguments(parser, "default")
-    parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
-    parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
-    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
-    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
+    parser.add_argument("--area", action="store_true",
+                        help="also synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
+    parser.add_argument("--area-config", default="paper", metavar="CONFIG",
+                        help="configuration whose area is shown (default: paper)")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"how often each frame is run (default: {RUNS})")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR",
+                        help="output folder (default: build/effects)")
     args = parser.parse_args(argv)
     config_from(args, "default")  # raises for a wrong configuration before anything is rendered
     choice("config", args.area_config, CONFIGS)

@@ -1,14 +1,14 @@
-"""`python -m msv2.studies energy`: the energy of frames by unit, with its sources, for reports/energy.{json,md,png}.
+"""`msv2 study run energy`: the energy of frames by unit, with its sources, for reports/energy.{json,md,png}.
 
 The operations and cycles of a frame come from the cycle model or from the RTL's own counters. The counters are read from a
 frame.json that `python -m tb.frame` wrote, and from the frames in reports/machine.json. The energies of operations are in
-reports/energy_per_operation.json, which `python -m msv2.studies energy_per_operation` measures.
+reports/energy_per_operation.json, which `msv2 study run energy_per_operation` measures.
 
 examples:
-  python -m msv2.studies energy                                     the embedded scene, garden_large where MSV2_DATA has it,
+  msv2 study run energy                                     the embedded scene, garden_large where MSV2_DATA has it,
                                                                    and the frames of reports/machine.json
-  python -m msv2.studies energy truck.splat --size 1280x720         one frame
-  python -m msv2.studies energy --frame build/frame/frame.json      a frame through the RTL
+  msv2 study run energy truck.splat --size 1280x720         one frame
+  msv2 study run energy --frame build/frame/frame.json      a frame through the RTL
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from msv2.studies.energy.table import TABLE, Table, load_table
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
+from spec.command_line import command_parser
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
@@ -39,17 +40,19 @@ MACHINE = REPORTS / "machine.json"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies energy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run energy", __doc__)
     add_request_arguments(parser, size="640x360")
     parser.set_defaults(scene=None)
     add_stereo_arguments(parser)
     add_config_arguments(parser, "paper", ", which is measured")
-    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
-    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
-    parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
-    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="clock frequency in MHz (default: 1000)")
+    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"),
+                        help="memory of the cycle model (default: ideal)")
+    parser.add_argument("--frame", type=Path, metavar="FILE",
+                        help="frame.json of a frame that the RTL rendered, instead of a scene")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
+                        help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 

@@ -1,4 +1,4 @@
-"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, for
+"""`msv2 study run energy_per_operation`: energies of operations, measured on mapped netlists, for
 reports/energy_per_operation.json.
 
 Units for which there is a test bench are simulated gate by gate, with delays, on the work of real scenes' frames, and every
@@ -22,6 +22,7 @@ from msv2.studies.energy_per_operation.work import WORK
 from msv2.studies.kept import fingerprint, kept
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -37,16 +38,16 @@ FOLDER = ROOT / "build" / "power"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies energy_per_operation", description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run energy_per_operation", __doc__)
     parser.add_argument("--unit", default="",
-                        help=f"only measure this one, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
-    parser.add_argument("--scenes", default="embedded,truck", help="comma-separated (default: embedded,truck)")
-    parser.add_argument("--clock-ps", type=float, default=1000.0, help="that netlists are made for (default: 1000)")
+                        help=f"measure only this unit, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
+    parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
+    parser.add_argument("--clock-ps", type=float, default=1000.0,
+                        help="clock period of the netlists in picoseconds (default: 1000)")
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
                         help="folder of netlists (default: build/synth)")
-    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE",
+                        help=f"output file (default: {TABLE.relative_to(ROOT)})")
     return parser.parse_args(argv)
 
 

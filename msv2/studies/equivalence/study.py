@@ -3,7 +3,6 @@ Yosys."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from golden.scenes.request import make_folder
 from msv2.studies.equivalence.emit import canonical, checked_out, emitted
 from msv2.studies.equivalence.prove import equivalent
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -48,8 +48,7 @@ def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> d
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a unit is not the same."""
-    parser = argparse.ArgumentParser(prog="msv2 study run equivalence", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run equivalence", __doc__, EXAMPLES)
     parser.add_argument("--against", required=True, metavar="COMMIT", help="the commit to compare the present sources with")
     parser.add_argument("--configs", default="tiny,paper", metavar="NAME,...", help="configurations (default: tiny,paper)")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "equivalence", metavar="DIR",

@@ -11,7 +11,6 @@ renderer, their difference, the foveated frame and its levels, the depth, and th
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from golden.scenes.pictures import depth_picture, levels_picture
 from golden.scenes.request import make_folder, parse_size
 from msv2.cli.demo import ERROR_GAIN, heat_picture, panel_picture
 from msv2.studies.training.labels import OURS
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.paths import DOCS, REPORTS
 
@@ -78,8 +78,7 @@ def panels(size: tuple[int, int]) -> np.ndarray:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
-    parser = argparse.ArgumentParser(prog="msv2 study run gallery", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
                         help="of the foveated frame (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="output folder (default: docs/images)")

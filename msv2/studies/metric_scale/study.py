@@ -17,6 +17,7 @@ from PIL import Image
 from golden.msv2_ref import pipeline
 from golden.scenes.request import add_request_arguments, resolve
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 
@@ -85,11 +86,11 @@ def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="msv2 study run metric_scale", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run metric_scale", __doc__, EXAMPLES)
     add_request_arguments(parser)
-    parser.add_argument("--depth-map", required=True, metavar="FILE", help="of the camera's view: .npy (m) or 16-bit .png (mm)")
-    parser.add_argument("--out", metavar="FILE", help="write the JSON here too")
+    parser.add_argument("--depth-map", required=True, metavar="FILE",
+                        help="depth map of the camera's view: .npy (m) or 16-bit .png (mm)")
+    parser.add_argument("--out", metavar="FILE", help="also write the JSON to this file")
     return parser.parse_args(argv)
 
 

@@ -1,8 +1,8 @@
 """Compares the cycle model with the RTL: reports/model.json and reports/model.md.
 
-    python -m msv2.studies model         compares the frames that the RTL has rendered: reports/frames.json, machine.json and
+    msv2 study run model         compares the frames that the RTL has rendered: reports/frames.json, machine.json and
                                          model_rtl.json
-    python -m msv2.studies model --rtl   first renders the frames of model_rtl.json through the RTL (half an hour, but finished
+    msv2 study run model --rtl   first renders the frames of model_rtl.json through the RTL (half an hour, but finished
                                          runs are kept), and one frame more to time RTL and model in turn
 
 Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
@@ -23,6 +23,7 @@ from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import COMMAND, kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
+from spec.command_line import command_parser
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
@@ -219,7 +220,7 @@ def _name(row: Mapping[str, object]) -> str:
 def markdown(report: Mapping[str, object]) -> str:
     """The report as Markdown tables."""
     s, speed = report["summary"], report["speed"]
-    lines = ["# Model against RTL", "", "Made by `python -m msv2.studies model`; docs/performance_model.md explains it.", "",
+    lines = ["# Model against RTL", "", "Made by `msv2 study run model`; docs/performance_model.md explains it.", "",
              f"{s['frames']} frames. Total cycles: worst error {s['model_error_total']:.2%}, mean {s['mean_error_total']:.2%} "
              f"(goal {TOTAL_GOAL:.0%} on every frame). Beats by client "
              f"{'are those of the RTL in every frame' if s['beats_equal'] else 'differ in some frame'}.", ""]
@@ -247,8 +248,7 @@ def markdown(report: Mapping[str, object]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a frame's total misses the goal."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies model", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run model", __doc__)
     parser.add_argument("--rtl", action="store_true", help="render the frames of reports/model_rtl.json through the RTL first")
     args = parser.parse_args(argv)
     if args.rtl:

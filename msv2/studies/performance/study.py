@@ -1,12 +1,12 @@
-"""`python -m msv2.studies performance`: compares machines on the same frames, and with the paper: performance.{json,md} and
+"""`msv2 study run performance`: compares machines on the same frames, and with the paper: performance.{json,md} and
 performance_*.png.
 
 Areas come from reports/area.json (`make report-area`), and energies of operations from reports/energy_per_operation.json
-(`python -m msv2.studies energy_per_operation`).
+(`msv2 study run energy_per_operation`).
 
 examples:
-  python -m msv2.studies performance                            the embedded scene, and those of MSV2_DATA and build/train
-  python -m msv2.studies performance embedded --size 320x180    one scene
+  msv2 study run performance                            the embedded scene, and those of MSV2_DATA and build/train
+  msv2 study run performance embedded --size 320x180    one scene
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from msv2.studies.performance.tiles import tile_granular
 from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.paths import REPORTS, ROOT
 
@@ -40,14 +41,13 @@ SWEPT = ("embedded", "truck", "garden_large")
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies performance", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run performance", __doc__)
     parser.add_argument("scene", nargs="*", metavar="SCENE",
                         help="'embedded', a model file, a scene of MSV2_DATA or build/train")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--full-hd", default=None, choices=("0", "1"),
-                        help="Full HD frames too (default: where no SCENE is named)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+                        help="also measure Full HD frames (default: if no SCENE is named)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 

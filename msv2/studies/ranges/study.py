@@ -13,6 +13,7 @@ from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
 from msv2.studies.record import write_report
 from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import REPORTS
@@ -52,9 +53,7 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
-    parser = argparse.ArgumentParser(
-        prog="msv2 study run ranges", description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run ranges", __doc__, EPILOG)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="model files, folders, or `embedded`")
     parser.add_argument("--size", default="640x360", help="frame size (default: 640x360)")
     add_config_arguments(parser, "paper")

@@ -1,8 +1,8 @@
 """Combines the reports on area, energy and performance into one: build/report/report.{html,md,json}, with plots and JSON.
 
-    python -m msv2.studies report                     the embedded scene, and those of MSV2_DATA and build/train
-    python -m msv2.studies report embedded            one scene
-    python -m msv2.studies report --area measured     synthesises the machine again (MSV2_PDK; an hour where nothing is cached)
+    msv2 study run report                     the embedded scene, and those of MSV2_DATA and build/train
+    msv2 study run report embedded            one scene
+    msv2 study run report --area measured     synthesises the machine again (MSV2_PDK; an hour where nothing is cached)
 
 The area is taken from reports/area.json unless --area says otherwise, so that no liberty files are needed; the page says so.
 """
@@ -21,6 +21,7 @@ from pathlib import Path
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.page import write_html, write_page
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
@@ -34,13 +35,13 @@ MODEL = REPORTS / "model.json"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies report", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="*", metavar="SCENE", help="see python -m msv2.studies performance --help")
+    parser = command_parser("msv2 study run report", __doc__)
+    parser.add_argument("scene", nargs="*", metavar="SCENE", help="see msv2 study run performance --help")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
     parser.add_argument("--area", default="kept", choices=("kept", "measured"),
-                        help="of reports/area.json (default), or made anew")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR", help="default: build/report")
+                        help="kept: the areas in reports/area.json (default); measured: synthesise again")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR",
+                        help="output folder (default: build/report)")
     return parser.parse_args(argv)
 
 

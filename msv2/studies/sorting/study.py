@@ -1,6 +1,6 @@
 """Measures how fast real scenes' frames are sorted, and how much of them is written to memory, for reports/sorting.json.
 
-    python -m msv2.studies sorting          scenes in MSV2_DATA (minutes)
+    msv2 study run sorting          scenes in MSV2_DATA (minutes)
 
 The sorter of the paper's machine alone, from Verilog, every entry compared: its groups come as fast as it takes them, what it
 gives is taken at once, and its memory answers after `LATENCY` cycles. The table of docs/results.md is made of it by

@@ -30,12 +30,13 @@ from msv2.studies import page
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
 from msv2.studies.speed import float32
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 
 EXAMPLES = """examples:
-  python -m msv2.studies speed                                          the embedded scene
-  python -m msv2.studies speed truck.splat rock_sh3/ --size 640x360     several scenes in one report
+  msv2 study run speed                                          the embedded scene
+  msv2 study run speed truck.splat rock_sh3/ --size 640x360     several scenes in one report
 """
 
 TRAINING_SIZE = {EMBEDDED: "256x256"}
@@ -48,16 +49,14 @@ INTEGER, FLOAT, TORCH = "integer golden", "float32 kernel", "per-tile torch"
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies speed", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run speed", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=[EMBEDDED], metavar="SCENE",
                         help="model files or folders, or 'embedded' (default)")
-    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as golden/render.py (default: orbit)")
+    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="the camera (default: orbit)")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="frame size (default: 640x360)")
     parser.add_argument("--training-size", metavar="WxH", help="frame size of the training iterations "
                         f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
-    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default: 5)")
+    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="number of rounds (default: 5)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
     # The other renderers draw one level on black, so all renderers are compared with that.
     parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)

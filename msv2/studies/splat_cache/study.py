@@ -1,4 +1,4 @@
-"""`python -m msv2.studies splat_cache`: the miss rates of splat caches in frames of real scenes, by lines, ways, policy and
+"""`msv2 study run splat_cache`: the miss rates of splat caches in frames of real scenes, by lines, ways, policy and
 set.
 
 An intersection costs 8 bytes for its place in the tile's list, and a beat where its splat record is not in the cache.
@@ -6,7 +6,6 @@ An intersection costs 8 bytes for its place in the tile's list, and a beat where
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from golden.msv2_ref.pipeline import Frame
 from msv2.studies import page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import SPLAT_CACHE, available, places
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ENTRY_BYTES, MAX_LEVELS
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
@@ -83,14 +83,14 @@ def report(row: Mapping[str, Any]) -> str:
 
 _HEAD = f"""# Splat cache: misses, share of entries
 
-Written by `python -m msv2.studies splat_cache`. A miss is a beat of {BEAT_BYTES} bytes, an entry's place in its list
+Written by `msv2 study run splat_cache`. A miss is a beat of {BEAT_BYTES} bytes, an entry's place in its list
 {ENTRY_BYTES}; cycles are those of {DRAM_BYTES_PER_CYCLE} bytes each.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes splat_cache.json and the page splat_cache.md."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies splat_cache", description=__doc__.split(": ", 1)[1])
+    parser = command_parser("msv2 study run splat_cache", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "splat_cache.md", metavar="FILE",
                         help="the page; the JSON is beside it (default: reports/splat_cache.md)")
     args = parser.parse_args(argv)

@@ -124,7 +124,7 @@ def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
 
 def eye_cycles(eye: Frame) -> int:
     """Cycles of an eye that is rendered as a whole by a machine for one eye."""
-    return simulate(trace_of(eye), PAPER, display=True).total
+    return simulate(trace_of(eye), eye.config.with_(stereo=False), display=True).total
 
 
 def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
@@ -135,7 +135,7 @@ def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
     the ratio of all cycles to those that the frame would take if warping were free, which are `geometry` and `busiest`. All are
     defined as in frame.json of `python -m tb.frame`.
     """
-    found = simulate(trace_of(frame), CONFIG)
+    found = simulate(trace_of(frame), frame.source.config)
     render = found.phases["render"]
     geometry = found.total - render
     beats = (sum(moved[name] for name in names) // BEAT_BYTES

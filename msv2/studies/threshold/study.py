@@ -17,6 +17,7 @@ from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
@@ -24,10 +25,10 @@ THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
 """The thresholds of the paper: the starts of the regions, 0, 18, 27 and 33 degrees."""
 
 EXAMPLES = """examples:
-  python -m msv2.studies threshold                                        the embedded scene
-  python -m msv2.studies threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
+  msv2 study run threshold                                        the embedded scene
+  msv2 study run threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
   beside it
-  python -m msv2.studies threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
+  msv2 study run threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
 
 A run's folder or model.ply is judged by the run's dense model and seen from its test views; the v1 model that picks the
 threshold is RUN-v1/model.ply, as golden/train.py --no-opacity-enhancement writes it; --train-v1 makes it of the run's own L1.
@@ -38,24 +39,24 @@ OUT/NAME.json, NAME.md and NAME.png.
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies threshold", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run threshold", __doc__, EXAMPLES)
     add = parser.add_argument
-    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, runs' folders, or embedded (default: embedded)")
-    add("--size", default="640x360", metavar="WxH", help="of scenes without a size of their own (default: 640x360)")
-    add("--poses", type=int, default=2, metavar="N", help="of each scene, evenly over its views (default: 2)")
+    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, folders of training runs, or embedded (default: embedded)")
+    add("--size", default="640x360", metavar="WxH", help="frame size of scenes that are given without one (default: 640x360)")
+    add("--poses", type=int, default=2, metavar="N",
+        help="number of poses of each scene, spread evenly over its views (default: 2)")
     add("--thresholds", default=",".join(f"{t:g}" for t in THRESHOLDS), metavar="DEG,DEG",
-        help="eccentricities (default: %(default)s)")
-    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="between the eyes in metres (default: %(default)s)")
-    add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
-    add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
+        help="eccentricity thresholds (default: %(default)s)")
+    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="distance between the eyes in metres (default: %(default)s)")
+    add("--units-per-metre", type=float, metavar="S", help="scale of all scenes (default: known or assumed, by name)")
+    add("--v1", metavar="MODEL", help="the v1 model, if there is only one scene (default: RUN-v1/model.ply)")
     add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
     add("--rtl", default="none", metavar="all|NAME,NAME",
-        help="scenes whose first pose goes through the RTL as well, at 18 degrees (minutes)")
-    add("--rtl-eyes", action="store_true", help="and each of its eyes alone (more minutes)")
-    add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
-    add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
-    add("--name", default="table_ecc", help="of those files (default: table_ecc)")
+        help="scenes whose first pose is also simulated in RTL, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="simulate also each eye of that pose alone (more minutes)")
+    add("--work", default="build/table-ecc/kept", metavar="DIR", help="cache of measurements")
+    add("--out", default="build/table-ecc", metavar="DIR", help="folder of NAME.json, NAME.md and NAME.png")
+    add("--name", default="table_ecc", help="name of those files (default: table_ecc)")
     return parser.parse_args(argv)
 
 

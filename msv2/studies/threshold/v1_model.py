@@ -6,17 +6,13 @@ L1; only levels 2 to 4 are trained anew, as `msv2/studies/training/study.py` tra
 
 from __future__ import annotations
 
-import hashlib
-import json
+import sys
 from pathlib import Path
 
 from golden.scenes.files import read_json
 from golden.scenes.request import make_folder
 from golden.scenes.save import save_model
-from golden.training.chain import Chain
-from golden.training.recipe import RESULTS
-from msv2.studies.training.table_runs import LEVELS, PLAIN, part_plan
-from msv2.studies.training.tables import Wanted, prepare
+from msv2.studies.training.tables import Wanted, prepare, train_scene
 from spec.errors import InputError
 
 SUFFIX = "-v1"
@@ -49,12 +45,7 @@ def train_v1(model: Path, work: Path, device: str = "cpu") -> Path:
     prepared = prepare(wanted, model.parent.parent, device)
     if not prepared.ready:
         raise InputError(f"{model.parent}: has no checkpoint of a finished run; v1's levels start from its L1")
-    key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
-    folder = make_folder(work / f"{prepared.scene.name}-{key}")
-    chain = Chain(part_plan("plain", prepared.recipe, prepared.scene, device, dict(prepared.ready)), folder,
-                  prepared.options | {"part": "plain"}, resume=any((folder / "checkpoints").glob("iteration_*.pt")),
-                  classes=RESULTS)
-    levels = chain.run()[LEVELS[-1] + PLAIN]
+    trained = train_scene(prepared, device, work, ["plain"], lambda text: print(text, file=sys.stderr))
     make_folder(out.parent)
-    save_model(levels.to_model(up=prepared.scene.up, name=f"{prepared.scene.name}{SUFFIX}"), out)
+    save_model(trained.plain.to_model(up=prepared.scene.up, name=f"{prepared.scene.name}{SUFFIX}"), out)
     return out

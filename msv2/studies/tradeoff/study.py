@@ -1,4 +1,4 @@
-"""`python -m msv2.studies tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
+"""`msv2 study run tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, rec
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
+from spec.command_line import command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
 from spec.paths import REPORTS
@@ -29,36 +30,37 @@ Writes OUT/NAME.md, NAME.json, NAME.html, and a PNG with a CSV beside it of mach
 is kept in WORK by settings and sources: after Ctrl-C the same command goes on. docs/tradeoff.md explains the columns.
 
 examples:
-  python -m msv2.studies tradeoff                                                 the embedded scene
-  python -m msv2.studies tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
-  python -m msv2.studies tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
-  python -m msv2.studies tradeoff truck.splat --size 320x180 --jobs 4
-  python -m msv2.studies tradeoff --knob "support radius" --knob "SH degree"      only some knobs
-  python -m msv2.studies tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
-  python -m msv2.studies tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
+  msv2 study run tradeoff                                                 the embedded scene
+  msv2 study run tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
+  msv2 study run tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
+  msv2 study run tradeoff truck.splat --size 320x180 --jobs 4
+  msv2 study run tradeoff --knob "support radius" --knob "SH degree"      only some knobs
+  msv2 study run tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
+  msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
 """
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies tradeoff", description=__doc__, epilog=EPILOG,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run tradeoff", __doc__, EPILOG)
     add = parser.add_argument
-    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE", help="a model, a finished run's folder, or embedded (default)")
-    add("--size", default="192x108", metavar="WxH", help="of the frames (default: 192x108)")
-    add("--views", type=int, default=2, metavar="N", help="over the test views (default: 2)")
+    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
+        help="a model, the folder of a finished training run, or embedded (default)")
+    add("--size", default="192x108", metavar="WxH", help="size of the frames (default: 192x108)")
+    add("--views", type=int, default=2, metavar="N", help="number of views, spread over the test views (default: 2)")
     add("--variant", action="append", default=[], metavar="NAME=PATH", help="another model of the same world with four levels")
-    add("--knob", action="append", default=[], metavar="KNOB", help="only this one; may be given again (default: all)")
-    add("--units-per-metre", type=float, default=1.0, metavar="S", help="of two eyes (default: 1)")
+    add("--knob", action="append", default=[], metavar="KNOB", help="measure only this knob; can be repeated (default: all)")
+    add("--units-per-metre", type=float, default=1.0, metavar="S", help="scale of the scene for two eyes (default: 1)")
     add("--runs", default="build/train", metavar="DIR,DIR", help="folders of finished training runs (default: build/train)")
-    add("--rtl", action="store_true", help="the first view through the RTL, too (minutes; take a small size)")
-    add("--rtl-config", default="tiny", metavar="NAME", help="machine of the simulation's picture (default: tiny)")
-    add("--rtl-size", default="64x48", metavar="WxH", help="frame of the simulation's picture with --rtl (default: 64x48)")
-    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
-    add("--scheduler", metavar="ADDRESS", help="of a Dask cluster to work on instead")
-    add("--work", default="build/tradeoff/kept", metavar="DIR", help="what was measured before")
+    add("--rtl", action="store_true", help="also simulate the first view in RTL (minutes; choose a small size)")
+    add("--rtl-config", default="tiny", metavar="NAME",
+        help="configuration for the picture of the RTL simulation (default: tiny)")
+    add("--rtl-size", default="64x48", metavar="WxH", help="frame size for that picture (default: 64x48)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="number of processes (default: one per core)")
+    add("--scheduler", metavar="ADDRESS", help="address of a Dask cluster to use instead of local processes")
+    add("--work", default="build/tradeoff/kept", metavar="DIR", help="cache of measurements")
     add("--out", default="build/tradeoff", metavar="DIR", help="output folder (default: build/tradeoff)")
-    add("--name", default="tradeoff", help="of the files (default: tradeoff)")
+    add("--name", default="tradeoff", help="name of the output files (default: tradeoff)")
     return parser.parse_args(argv)
 
 

@@ -3,7 +3,6 @@ msv2.studies.training.dense_check."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from golden.training.evaluate import evaluate
 from golden.training.scene import load_training_scene
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.errors import run_command_line
 
 VARIANTS: dict[str, dict[str, float]] = {
@@ -58,12 +58,12 @@ def page(report: dict[str, Any]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Trains, and writes dense_check.json and dense_check.md; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies.training.dense_check", description=__doc__)
+    parser = command_parser("python -m msv2.studies.training.dense_check", __doc__)
     add = parser.add_argument
-    add("scene", nargs="?", default="embedded", metavar="SCENE", help="as of golden/train.py (default: embedded)")
+    add("scene", nargs="?", default="embedded", metavar="SCENE", help="a scene that can be trained (default: embedded)")
     add("--size", metavar="WxH", help="size to train at")
-    add("--iterations", type=int, default=1000, help="of each dense training (default: 1000)")
-    add("--max-points", type=int, default=10_000, help="cap on the points (default: 10000)")
+    add("--iterations", type=int, default=1000, help="iterations of each dense training (default: 1000)")
+    add("--max-points", type=int, default=10_000, help="largest number of points (default: 10000)")
     add("--seeds", type=int, default=2, help="number of seeds (default: 2)")
     add("--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (default: reports)")
     args = parser.parse_args(argv)

@@ -130,15 +130,15 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
 
 
 def train_scene(
-    prepared: Prepared, device: str, work: Path, tables: Sequence[str], note: Callable[[str], None],
+    prepared: Prepared, device: str, work: Path, parts: Sequence[str], note: Callable[[str], None],
 ) -> Trained:
-    """Trains the models of some of a scene's tables. An interrupted chain continues, and a finished one is not made again.
+    """Trains some parts of a scene's models. An interrupted chain continues, and a finished one is not made again.
 
     Args:
         prepared: the scene.
         device: the device on which to train.
         work: the folder of the chains: a folder per scene and set of options, with one chain per part.
-        tables: names of labels.TABLES.
+        parts: names of table_runs.PARTS.
         note: is called with messages.
     """
     key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
@@ -146,7 +146,7 @@ def train_scene(
     results, spent, records = dict(prepared.ready), dict(prepared.spent), list(prepared.records)
     if prepared.ready:
         note(f"{prepared.scene.name}: from a finished run")
-    for part in parts_of(tables):
+    for part in parts:
         stages = part_plan(part, prepared.recipe, prepared.scene, device, dict(results))
         if not stages:
             continue
@@ -242,7 +242,7 @@ def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) ->
     for wanted in wanted_scenes(args):
         begin = time.monotonic()
         prepared = prepare(wanted, Path(args.runs), device)
-        trained = train_scene(prepared, device, work, tables, lambda text: print(text, file=sys.stderr))
+        trained = train_scene(prepared, device, work, parts_of(tables), lambda text: print(text, file=sys.stderr))
         rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
         record, plots = measure_scene(prepared, trained, tables, edge=args.edge or latency.EDGE, rtl=rtl)
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)

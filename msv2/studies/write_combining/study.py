@@ -1,4 +1,4 @@
-"""`python -m msv2.studies write_combining`: how many memory writes would be saved if beats waited for further intersections of
+"""`msv2 study run write_combining`: how many memory writes would be saved if beats waited for further intersections of
 their tile, in frames of real scenes.
 
 Each of several lines would hold a beat of one tile. The tile's low bits select the line. A beat would stay until it is full or
@@ -8,7 +8,6 @@ what `rtl.tile_lists.entry_writer` makes.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from msv2.studies import page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import WRITE_COMBINING as FRAMES
 from msv2.studies.scenes import View, available, places
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES
 from spec.paths import REPORTS
@@ -63,7 +63,7 @@ def _rows(views: Sequence[View]) -> Iterator[dict[str, object]]:
 
 _HEAD = f"""# Beats that wait for more entries of their tile: writes saved
 
-Written by `python -m msv2.studies write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
+Written by `msv2 study run write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
 which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's low bits. No more than
 {_percent(1 - 1 / BEAT_ENTRIES)} can be saved.
 """
@@ -71,7 +71,7 @@ which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's lo
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes write_combining.json and the page write_combining.md."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies write_combining", description=__doc__.split(": ", 1)[1])
+    parser = command_parser("msv2 study run write_combining", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "write_combining.md", metavar="FILE",
                         help="the page; the JSON is beside it (default: reports/write_combining.md)")
     args = parser.parse_args(argv)
