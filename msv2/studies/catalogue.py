@@ -57,7 +57,7 @@ class Report:
     def cost(self) -> str:
         """Minutes of processor time: measured, or about as many as estimated."""
         measured = (self.provenance or {}).get("cpu_seconds")
-        return f"{measured / 60:,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
+        return f"{max(measured / 60, 0.1):,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
 
 
 @dataclass(frozen=True)

@@ -150,11 +150,16 @@ def input_name(path: Path | str) -> str:
 
 
 def input_hash(path: Path) -> str:
-    """16 hexadecimal digits of a file, or of all files of a folder; of a report, of all but its provenance.
+    """16 hexadecimal digits of a file, or of all files of a folder.
+
+    Of a report, all but its provenance counts; of the folder of a training run, its model and its report count.
 
     Raises:
         OSError: there is no such file.
     """
+    run = [path / name for name in ("model.ply", "report.json")]
+    if all(file.is_file() for file in run):
+        return fingerprint(run)
     if path.is_dir():
         return fingerprint(file for file in sorted(path.rglob("*")) if file.is_file())
     if path.parent == REPORTS and path.suffix == ".json":
