@@ -105,7 +105,7 @@ tradeoff: setup ## what accuracy costs in time: machine, simulation, training; S
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT=
 	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
-results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
+results: setup ## everything that the generated tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
 	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1

@@ -57,7 +57,7 @@ class Report:
     def cost(self) -> str:
         """Minutes of processor time: measured, or about as many as estimated."""
         measured = (self.provenance or {}).get("cpu_seconds")
-        return f"{measured / 60:,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
+        return f"{max(measured / 60, 0.1):,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ STUDIES = (
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
           (Report("", ("frames.json",), 25, SCENES),), ("--only", "frames")),
     Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
-          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 1),)),
+          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
           (Report("", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",

@@ -37,7 +37,7 @@ import numpy as np
 from golden.scenes.request import write_json
 from spec.config import AcceleratorConfig
 from spec.overrides import config_record
-from spec.paths import REPORTS, ROOT, data_folder
+from spec.paths import IN_CHECKOUT, REPORTS, ROOT, data_folder
 from spec.sources import fingerprint, sources_of
 
 PROVENANCE = "provenance"
@@ -114,7 +114,10 @@ def plain(value: object) -> Any:
 
 
 def commit() -> str:
-    """The checkout's commit, with `+dirty` where tracked files differ from it; `unknown` without git."""
+    """The checkout's commit, with `+dirty` where tracked files differ from it; `unknown` without git or a checkout."""
+    if not IN_CHECKOUT:
+        return "unknown"
+
     def git(*command: str) -> str | None:
         done = subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False)
         return done.stdout.strip() if done.returncode == 0 else None
@@ -147,11 +150,16 @@ def input_name(path: Path | str) -> str:
 
 
 def input_hash(path: Path) -> str:
-    """16 hexadecimal digits of a file, or of all files of a folder; of a report, of all but its provenance.
+    """16 hexadecimal digits of a file, or of all files of a folder.
+
+    Of a report, all but its provenance counts; of the folder of a training run, its model and its report count.
 
     Raises:
         OSError: there is no such file.
     """
+    run = [path / name for name in ("model.ply", "report.json")]
+    if all(file.is_file() for file in run):
+        return fingerprint(run)
     if path.is_dir():
         return fingerprint(file for file in sorted(path.rglob("*")) if file.is_file())
     if path.parent == REPORTS and path.suffix == ".json":

@@ -114,7 +114,7 @@ def recommendation(content: Content) -> str:
     for budget in BUDGETS:
         row = content["recommended"][budget.name]
         if row is None:
-            rows.append([budget.name, "none", *["-"] * 8])
+            rows.append([budget.name, "none", *["-"] * len(COSTS)])
             continue
         rows.append([budget.name, _what(row), *_costs(row)])
     return table(["loss accepted", "fastest setting", *COSTS], rows)
