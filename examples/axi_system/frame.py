@@ -19,7 +19,7 @@ import numpy as np
 from golden.host.memory_image import MemoryImage
 from golden.msv2_ref import pipeline
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras
-from msv2.verilog import export
+from msv2.verilog.export import export
 from spec.config import TINY
 from spec.errors import InputError, run_command_line
 from tb.top.check import frame_run, mismatches

@@ -9,8 +9,3 @@
     lint        what Verilator's -Wall is told not to warn of, and why
     rtlil       RTLIL as text
 """
-
-from msv2.verilog.command import main
-from msv2.verilog.export import Export, export
-
-__all__ = ["Export", "export", "main"]

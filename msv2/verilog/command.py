@@ -1,38 +1,41 @@
-"""`msv2 verilog`: a machine, or one unit of it, as Verilog files with file lists, lint waivers and register documents."""
+"""A machine, or one unit of it, as Verilog files for your own design.
+
+Beside the modules it writes file lists, waivers for Verilator's -Wall, a description in JSON and, with the whole machine, the
+register map as a page, for C, in SystemRDL and in CMSIS-SVD. docs/verilog.md explains the files.
+"""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from difflib import get_close_matches
-from pathlib import Path
 
 from msv2.verilog.export import export
 from rtl.units import TOP, UNITS
-from spec.config import CONFIGS, AcceleratorConfig
-from spec.errors import InputError
+from spec.command_line import add_out_argument, command_parser
+from spec.overrides import add_config_arguments, config_from
 
+DEFAULT_CONFIG = "tiny"
+DEFAULT_OUT = "build/verilog"
 
-def configuration(name: str, stereo: bool) -> AcceleratorConfig:
-    """The configuration of that name; InputError with what is accepted, and the nearest name, where there is none."""
-    found = CONFIGS.get(name.lower())
-    if found is None:
-        near = get_close_matches(name.lower(), CONFIGS, 1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise InputError(f"config {name!r} is not known{hint}: {', '.join(CONFIGS)} are")
-    return found.with_(stereo=stereo)
+EXAMPLES = """\
+examples:
+  %(prog)s                                            the small machine
+  %(prog)s --config paper --stereo --out mine         the paper's machine, for frames of two eyes
+  %(prog)s --unit tile_merge_unit --prefix my_        one unit, as module my_tile_merge_unit
+  %(prog)s --set splat_cache_lines=256 --prefix big_  a machine with one parameter changed
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; InputError for what is not accepted."""
-    parser = argparse.ArgumentParser(prog="msv2 verilog", description=__doc__)
-    parser.add_argument("--config", default="tiny", help=f"machine: one of {', '.join(CONFIGS)} (default: tiny)")
+    parser = command_parser("python -m msv2.verilog", __doc__, EXAMPLES)
+    add_config_arguments(parser, DEFAULT_CONFIG)
     parser.add_argument("--stereo", action="store_true", help="with the warp unit, for frames of two eyes")
     parser.add_argument("--unit", default=TOP, help=f"one of {', '.join(UNITS)} (default: {TOP}, the whole machine)")
-    parser.add_argument("--out", type=Path, default=Path("build/verilog"), metavar="DIR", help="default: build/verilog")
-    parser.add_argument("--prefix", help="what the names of all modules begin with (default: the configuration's name)")
+    add_out_argument(parser, DEFAULT_OUT)
+    parser.add_argument("--prefix", help="what the names of all modules begin with (default: the configuration's name and _)")
     args = parser.parse_args(argv)
-    written = export(configuration(args.config, args.stereo), args.out, args.unit, args.prefix)
+    config = config_from(args, DEFAULT_CONFIG)
+    written = export(config.with_(stereo=True) if args.stereo else config, args.out or DEFAULT_OUT, args.unit, args.prefix)
     print(f"wrote module {written.top}: {written.files}, {written.waivers}, {written.description}")
     for path in written.documents:
         print(f"wrote {path}")
