@@ -109,7 +109,7 @@ results: setup ## everything the README's tables rest on, into reports/; MSV2_DA
 	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
-	@$(MSV2) cases $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
+	@$(MSV2) study stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)
 
 documented:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras docs

@@ -1,1 +1,1 @@
-"""Golden model: scenes, oracle, integer renderer, metrics, training."""
+"""The golden model: scenes, metrics, oracle, host, integer renderer, differentiable renderer, training."""

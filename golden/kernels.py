@@ -1,8 +1,9 @@
-"""The decorator of all numba kernels: their compiled code is kept, and the time that compilation takes is told apart.
+"""The decorator of all numba kernels: it keeps their compiled code, and measures the time of compilation separately.
 
-numba's own cache notices an edit in a kernel's own file only, not in the functions and constants that the kernel takes from
-others, and would go on running stale code. Here the code is kept by the contents of the kernel's module and of everything of
-ours that the module imports (`spec.sources`), in the user's cache folder. Processes may run side by side.
+numba's own cache notices an edit in a kernel's own file only. It does not notice an edit in functions and constants that the
+kernel takes from other files, and would go on running stale code. Here compiled code is stored by the contents of the kernel's
+module and of everything of ours that the module imports (`spec.sources`), in the user's cache folder. Several processes may use
+it at the same time.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ from spec.paths import ROOT, cache_folder
 from spec.sources import fingerprint, sources_of
 
 STATES_KEPT = 8
-"""States of a module's sources whose compiled kernels are kept."""
+"""Number of states of a module's sources whose compiled kernels are kept in any case."""
 
 KEPT_SECONDS = 24 * 3600
-"""Other states are kept this long after their last use: another checkout may be working with them."""
+"""Seconds for which other states are kept after their last use, because another checkout may be working with them."""
+
+_TOOLS = frozenset({"golden.kernels"})  # what this module imports finds folders and hashes: no compiled code depends on it
 
 
 def compiled(function: Callable | None = None, **options: object) -> Callable:
@@ -45,8 +48,9 @@ def compiled(function: Callable | None = None, **options: object) -> Callable:
 
 @cache
 def kernel_folder(module: str, root: Path = ROOT) -> Path:
-    """Where the compiled kernels of a module are kept while its sources are as they are now."""
-    state = fingerprint(sources_of(module, root=root), numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
+    """The folder in which the compiled kernels of a module are kept for the present state of its sources."""
+    sources = sources_of(module, closed=_TOOLS, root=root)
+    state = fingerprint(sources, numba.__version__, llvmlite.__version__, config.BOUNDSCHECK)
     folder = cache_folder("kernels", module, state)
     with suppress(OSError):
         os.utime(folder)
@@ -54,12 +58,12 @@ def kernel_folder(module: str, root: Path = ROOT) -> Path:
 
 
 def _module_of(source: Path) -> str:
-    """Dotted name of a file of the project, whatever the process calls it (`__main__` where it is the program)."""
+    """Dotted name of a file of the project, also if it is the running program, which Python names `__main__`."""
     return ".".join(source.resolve().relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 def _forget_old_states(folder: Path) -> None:
-    """Of the states beside a new one, leaves the last used."""
+    """Deletes old states in a folder, except those used last."""
     states = sorted((path for path in folder.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
     for old in states[:-STATES_KEPT]:
         if time.time() - old.stat().st_mtime > KEPT_SECONDS:
@@ -67,7 +71,7 @@ def _forget_old_states(folder: Path) -> None:
 
 
 class _Locator(caching._CacheLocator):
-    """Tells numba where a function's code is kept. The folder's name says all of the sources' state, so files need no stamp."""
+    """Tells numba where a function's code is kept. The folder's name stands for the sources' state, so files need no stamp."""
 
     def __init__(self, py_func: Callable, py_file: str) -> None:
         self._py_file, self._line = py_file, py_func.__code__.co_firstlineno
@@ -97,10 +101,10 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 
 class LockedFile(caching.IndexDataCacheFile):
-    """Files of one kernel, to which one process at a time adds.
+    """The files of one kernel, to which only one process at a time adds.
 
-    numba names a kernel's files by the numbers that its index leaves free: two processes that compile it for different types
-    would take the same number, and later run one's code on the other's data.
+    numba names a kernel's files by numbers that are free in its index. Two processes that compile the kernel for different
+    types at the same time would take the same number, and later one's code would run on the other's data.
     """
 
     def save(self, key: tuple, data: object) -> None:
@@ -117,7 +121,7 @@ class _KernelCache(caching.Cache):
         self._cache_file = LockedFile(
             self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
-    # A full disk, or a folder that cannot be read or written, costs time and no result.
+    # If the disk is full or the folder cannot be read or written, this costs time but changes no result.
 
     def load_overload(self, sig: object, target_context: object) -> object:
         with suppress(OSError):
@@ -130,7 +134,7 @@ class _KernelCache(caching.Cache):
 
 
 class _CompileTime(event.Listener):
-    """Adds up the time of compilations; those of the functions that a kernel calls are within its own."""
+    """Adds up the time of compilations. The time of a kernel includes that of the functions that it calls."""
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._begin = 0.0, 0, 0.0  # one thread at a time: compilation holds numba's lock
@@ -153,16 +157,16 @@ event.register("numba:compile", _compile_time)
 
 
 def compile_seconds() -> float:
-    """Seconds that this process has spent compiling kernels, which the first run after a change pays and later ones do not."""
+    """Seconds that this process has spent compiling kernels. Only the first run after a change of the sources compiles."""
     return _compile_time.seconds
 
 
 def compile_note() -> str:
-    """What a command's last line says of compilation: nothing where nothing was compiled."""
+    """The part of a command's last line that tells the time of compilation; empty if nothing was compiled."""
     seconds = compile_seconds()
     return f"; kernels were compiled in {seconds:.1f} s, which is not counted" if seconds else ""
 
 
 def work_clock() -> float:
-    """Seconds of a clock that stands still while kernels are compiled; only differences mean something."""
+    """Seconds of a clock that stops while kernels are compiled; only differences have a meaning."""
     return time.perf_counter() - _compile_time.seconds

@@ -1,10 +1,9 @@
-"""Render a scene with the integer golden renderer: pictures and numbers."""
+"""Render a scene with the integer renderer, whose pixels equal the hardware's, and write pictures and numbers."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from golden.scenes.request import (
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.paths import BUILD, short_path
 
 EXAMPLES = """\
 examples:
@@ -55,9 +55,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, object]:
-    """What stats.json says of a frame: counts, culling by reason, entries per tile, coverage, seconds by stage.
+    """The content of stats.json: counts, culled points by reason, intersections per tile, coverage, seconds by stage.
 
-    The compilation of kernels is in `compile` alone: neither a stage nor the total has it.
+    The time of compiling kernels is in `compile` only; neither a stage nor the total includes it.
     """
     counts = np.diff(frame.entries.start)
     reason = np.bincount(frame.projected.reason, minlength=4)
@@ -85,7 +85,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
 
 
 def compare_with_oracle(frame: pipeline.Frame, request: Request) -> dict[str, float]:
-    """Errors against the oracle given the same level planes, and against exact eccentricities where there is a gaze."""
+    """Errors against the oracle with the same level planes and, if there is a gaze, with exact eccentricities."""
     given = {"foveation": request.foveation, "background": request.background, "support_sigma": frame.config.support_sigma}
     oracle = render_oracle(request.model, request.camera, weights="plane", **given)
     numbers = {"psnr_vs_oracle_db": psnr_vs(frame.image, oracle.image),
@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.compare:
         stats.update(compare_with_oracle(frame, request))
 
-    out = make_folder(args.out or Path("build/render") / request.model.name)
+    out = make_folder(args.out or BUILD / "render" / request.model.name)
     if eyes:
         save_pictures(out, eyes)
     else:
@@ -130,8 +130,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             np.savez_compressed(file, **frame.stage(args.dump))
     write_json(out / "stats.json", stats)
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
-    print(f"{out}: " + ", ".join(f"{key} {stats[key]:.4g}" if isinstance(stats[key], float) else f"{key} {stats[key]:,}"
-                                 for key in shown if key in stats) + compile_note())
+    numbers = (f"{key} {stats[key]:{'.4g' if isinstance(stats[key], float) else ','}}" for key in shown if key in stats)
+    print(f"{short_path(out)}: {', '.join(numbers)}{compile_note()}")
     if eyes:
         print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 

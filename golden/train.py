@@ -1,4 +1,4 @@
-"""Train a foveated model: from posed photographs, or a trained 3DGS model, to four levels and a report."""
+"""Train a foveated model of four levels, with a report, from posed photographs or a trained 3DGS model."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_scene_argument(parser, "posed photographs: a COLMAP, LLFF, nerfstudio or Blender folder, a transforms.json")
     add = parser.add_argument
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
-    add("--from", dest="source", metavar="DENSE.PLY", help="a trained model instead of dense training")
+    add("--from", dest="source", metavar="DENSE.PLY", help="start from this trained model instead of dense training")
     add("--baseline", metavar="smfr|mmfr|count|importance",
-        help="levels as random subsets or as separate models; or pruning by opacity or by importance, one level")
-    add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="opacities stay below 1: the v1 model")
+        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned by opacity or by importance")
+    add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="keep opacities below 1, as in the v1 model")
     add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
-    add("--iterations", type=int, metavar="N", help="of the whole chain, dense training included (default: the scene's)")
-    add("--max-points", type=int, metavar="N", help="cap on the dense model's points (default: the scene's)")
-    add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames this wide: 1237 is the paper's 1, 3, 7 and 12 "
-        "pixels (default: the frame's width, whose field of view is then the paper's)")
-    add("--seed", type=int, default=0, help="of everything drawn at random (default: 0)")
+    add("--iterations", type=int, metavar="N", help="for the whole chain, including dense training (default: the scene's)")
+    add("--max-points", type=int, metavar="N", help="largest number of points in the dense model (default: the scene's)")
+    add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames of this width; 1237 gives the paper's 1, 3, 7 "
+        "and 12 pixels (default: the frame's width, as if the frame were shown as large as the paper's)")
+    add("--seed", type=int, default=0, help="seed of everything drawn at random (default: 0)")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
-    add("--resume", action="store_true", help="go on from the last checkpoint in the output folder")
+    add("--resume", action="store_true", help="continue from the last checkpoint in the output folder")
     add_out_argument(parser, "build/train/NAME")
     return parser.parse_args(argv)
 

@@ -1,6 +1,8 @@
-"""Cycle model of the machine, driven by golden frames.
+"""The cycle model of the machine. It takes its input from golden frames.
 
-    trace       what of a golden frame the machine's timing depends on
-    model       cycles, stalls, beats and a timeline of a trace on a machine with a memory
-    validate    the model beside the RTL
+    trace       the properties of a golden frame on which the machine's timing depends
+    plan        the trace on a particular machine: groups, chunks, cache misses, addresses
+    model       cycles, stalls, beats and a timeline of a trace, on a machine with a memory
+    geometry, render, and the modules that they import: the units, stepped cycle by cycle
+    gscore      a cycle estimate of a machine like GSCore, for comparison
 """

@@ -1,4 +1,4 @@
-"""`python -m perf`: cycles of a frame by the model."""
+"""`python -m perf`: the cycles of a frame, as the cycle model predicts them."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from perf.trace import trace_request
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import BUILD
+from spec.paths import BUILD, cache_folder, short_path
 
 MEMORIES = ("ideal", "lpddr3")
 
-CACHE = BUILD / "perf" / "traces"
+CACHE = cache_folder("traces")
 
 EPILOG = """\
-Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: when each group was in which stage.
+Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: the times at which each group was in each stage.
 
 examples:
   %(prog)s                                            the embedded scene
@@ -52,14 +52,15 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_config_arguments(parser, "default")
     add_run_arguments(parser)
     parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
-                        help="ideal: the RTL bench's, of a bandwidth and a latency (default); lpddr3: four channels")
+                        help="ideal (default): the memory of the RTL's test bench, with a bandwidth and a latency; "
+                             "lpddr3: four channels")
     add_out_argument(parser, "build/perf/frame")
-    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in build/perf")
+    parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser.parse_args(argv)
 
 
 def table(frame: FrameCycles) -> str:
-    """The numbers as text."""
+    """The numbers of a frame as text."""
     lines = [f"{'phase':<14}{'cycles':>12}"]
     lines += [f"{name:<14}{cycles:>12,}" for name, cycles in (*frame.phases.items(), ("total", frame.total))]
     lines += ["", f"{'stage':<14}{'busy':>12}{'blocked':>12}{'starved':>12}"]
@@ -79,7 +80,7 @@ def _rendered(args: argparse.Namespace, work: Work, options: RunOptions) -> Fram
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line: traces and simulates a frame, writes the results and prints them."""
     args = _arguments(argv)
     config = config_from(args, "default")
     options = run_options(args)
@@ -105,8 +106,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                                    "compile_seconds": compile_seconds()})
     (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
     print(table(frame))
-    print(f"{out}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, traced in "
-          f"{trace.golden_seconds:.2f} s{compile_note()}")
+    print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "
+          f"traced in {trace.golden_seconds:.2f} s{compile_note()}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Splat fetch, array and pixel writer, a cycle a step (rtl/vrc_array/)."""
+"""Splat fetch, the array and the pixel writer, stepped cycle by cycle (rtl/vrc_array/)."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ layout.ring("view_asked", 8)
 layout.ring("leave_times", 8)
 layout.ring("drain_times", 64)
 
-_SETUP = SETUP_LATENCY - 1  # before the output buffer
+_SETUP = SETUP_LATENCY - 1  # the stages before the output buffer
 
 
 @step
 def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, tile_counts):
-    """SplatFetch: what memory or the cache gives, what is asked for, what is wanted; whether an entry is wanted."""
+    """Steps SplatFetch: its output, the answers of memory or cache, its requests, its input. Returns whether it takes an item
+    from the handover."""
     if array_takes:
         s.entry_ready = 0
     if s.entry_ready == 0:
@@ -76,14 +77,14 @@ def step_fetch(s, t, granted, array_takes, levels_before, missed, view_beat, til
 
 @step
 def _slot(s, t, valid, drain):
-    """A slot into the setup unit's pipeline."""
+    """Moves a slot into the setup unit's pipeline."""
     s.slot_valid = (s.slot_valid << 1 | valid) & (1 << _SETUP) - 1
     s.slot_drain = (s.slot_drain << 1 | drain) & (1 << _SETUP) - 1
 
 
 @step
 def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
-    """SetupUnit: headers and entries to slots; whether an entry is taken."""
+    """Steps SetupUnit, which turns headers and entries into slots. Returns whether it takes an entry."""
     while s.leave_out != s.leave_in and s.leave_times[s.leave_out & 7] <= t:
         s.leave_out += 1
         s.in_flight -= 1
@@ -141,7 +142,7 @@ def step_setup(s, t, waiting, use, stop, tile_counts, tile_blend):
 
 @step
 def step_issue(s, t):
-    """BlockSequencer and the claims of the buffer behind the array."""
+    """Steps BlockSequencer and reserves space in the buffer behind the array."""
     wait = s.drain_wait
     if wait:
         s.drain_wait = wait - 1
@@ -175,31 +176,31 @@ def step_issue(s, t):
 
 @step
 def load_issue(s, t):
-    """The sequencer's next op, out of the setup unit's buffer."""
+    """Loads the sequencer with the next operation from the setup unit's buffer."""
     if s.issue == 0 and s.ops_buffered:
         s.issue, s.issue_left, s.issue_drain = 1, s.blocks, s.buffer_drain & 1
         s.ops_buffered -= 1
         s.buffer_drain >>= 1
-        s.issue_at = t + (2 if s.blocks > 1 and s.issued_at != t - 1 else 0)  # two stages, full while ops follow each other
+        s.issue_at = t + (2 if s.blocks > 1 and s.issued_at != t - 1 else 0)  # its two stages stay full between adjacent ops
 
 
 @step
 def buffered(s):
-    """Ops in the setup unit's buffer, of two; with several blocks the sequencer takes two more."""
+    """Number of operations in the setup unit's buffer, which holds two. With several blocks the sequencer holds two more."""
     waiting = s.ops_buffered + s.issue
     return max(0, waiting - 2) if s.blocks > 1 else waiting
 
 
 @step
 def rows_offered(s, t):
-    """The array offers a row of pixels."""
+    """Whether the array offers a row of pixels."""
     at = s.drain_out
     return at != s.drain_in and s.drain_times[at & 63] + s.drain_row <= t
 
 
 @step
 def take_row(s):
-    """The row on offer is gone."""
+    """Removes the offered row from the array's output."""
     row = s.drain_row + 1
     if s.incremental:
         s.rows_free += 1
@@ -213,7 +214,7 @@ def take_row(s):
 
 @step
 def _row_beats(s, tile, row):
-    """Beats that a row of a tile takes, and its first pixel's word."""
+    """The number of beats that a row of a tile occupies in memory, and the address of the first."""
     cores = s.cores_x
     columns = TILE // cores
     block, line = row // s.cores_y, row % s.cores_y
@@ -229,7 +230,7 @@ def _row_beats(s, tile, row):
 
 @step
 def step_pixels(s, t, granted, offered, tile_number, tile_times):
-    """PixelWriter; whether it takes the row on offer."""
+    """Steps PixelWriter. Returns whether it takes the offered row."""
     sends, packed = s.sends, s.packed
     if granted:
         bus.write(s, W_FRAME, s.frame_base + s.send_at)
@@ -258,12 +259,12 @@ def step_pixels(s, t, granted, offered, tile_number, tile_times):
 
 @step
 def pixels_finished(s, t):
-    """All rows have come, and memory has their pixels."""
+    """Whether all rows have come and all their pixels are in memory."""
     return s.tile_out == s.rendered_tiles and s.packed == 0 and s.sends == 0 and bus.writes_idle(s, t, W_FRAME)
 
 
 @step
 def count_rows(s, offered, taken):
-    """What the pixel writer's input did."""
+    """Counts a cycle of the pixel writer's input as busy or blocked."""
     s.busy_pixel_write += taken
     s.blocked_pixel_write += offered and not taken

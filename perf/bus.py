@@ -1,9 +1,9 @@
-"""The AXI master with its read queues, and the test bench's memory (tb/top/memory.sv), a cycle a step.
+"""The AXI master with its read queues, and the test bench's memory (tb/top/memory.sv), stepped cycle by cycle.
 
-A read that is granted in cycle c stands on AR in c + 1 and is in memory at the end of that cycle; its beat, answered at the end
-of cycle p, crosses R, the master's register and the read queue, and is offered to its client in cycle p + 4. A write's answer
-frees its place in p + 2. Reads and writes take turns in the order of their arrival, each turn costs credit, of which some comes
-in every cycle: that is the bandwidth.
+A read that is granted in cycle c is on AR in cycle c + 1 and is in memory at the end of that cycle. If it is answered at the
+end of cycle p, its beat passes R, the master's register and the read queue, and is offered to its client in cycle p + 4. A
+write's answer frees its place in cycle p + 2. Memory serves reads and writes in the order of their arrival. Serving one costs
+credit, of which every cycle brings some: this limits the bandwidth.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ GEOMETRY, TILES, COLOUR, ENTRIES, SPILL, VIEWS = range(READERS)
 W_ENTRIES, W_VIEWS, W_SPILL, W_FRAME, W_WARP = range(WRITERS)
 
 QUEUE = 256
-"""Requests that memory holds of each kind (QUEUE_LOG2 of memory.sv)."""
+"""Requests of each kind that memory can hold (QUEUE_LOG2 of memory.sv)."""
 
 COMPUTED, LPDDR3, STEPPED = range(3)
-"""Of memory: requests go by one by one in the order of their arrival, so that their answers' times are known at once; channels
-of DRAM; the bench's at more than a beat a cycle, where reads and writes may overtake each other."""
+"""The kinds of memory. COMPUTED: requests are served one by one in the order of their arrival, so that the times of their
+answers are known at once. LPDDR3: channels of DRAM. STEPPED: the bench's memory at more than a beat per cycle, where reads and
+writes may overtake each other."""
 
-RING = 512  # requests in memory and in the buffer before it
+RING = 512  # covers the requests in memory and those in the buffer before it
 _MASK, _DATA, _WRITES = RING - 1, 512, 256
-_TO_CLIENT = 4  # cycles from an answer to its offer
-_READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer to its place's next use
+_TO_CLIENT = 4  # cycles from an answer until its beat is offered
+_READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer until its place can be used again
 NEVER = 1 << 60
 
 layout = Layout()
@@ -40,8 +41,8 @@ layout.words("""
     read_push read_new read_client read_in read_turn read_out
     write_push write_new write_in write_turn write_out write_comes write_ready""")
 for _name in ("credits", "beats_in", "beats_out", "reads", "writes", "written"):
-    layout.ring(_name, 8)  # a place a client
-layout.ring("lowest_bit", 64)  # place of the lowest bit set
+    layout.ring(_name, 8)  # one place for each client
+layout.ring("lowest_bit", 64)  # a table of the position of a number's lowest set bit
 for _name in ("id", "due", "address", "answers"):
     layout.ring(f"read_{_name}", RING)
     layout.ring(f"write_{_name}", RING)
@@ -50,7 +51,8 @@ layout.ring("beat_times", 8, _DATA)
 
 
 def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> None:
-    """An idle bus in a new state; in every cycle memory gives `gain` of a beat's `cost`, or with cost 0 a read and a write."""
+    """Initialises the bus in a new state. A beat costs `cost` credits and every cycle brings `gain`; with cost 0, memory serves
+    a read and a write in every cycle."""
     s.latency, s.gain, s.cost, s.credit = latency, gain, cost, 2 * cost
     s.kind = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
     s.turn_at = -1
@@ -63,14 +65,15 @@ def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> 
 
 @step
 def _next(s, last, asking):
-    """Of those who ask, the next one after the last who was served."""
+    """The next client in turn after `last` among those that ask."""
     later = asking & (-2 << last)
     return s.lowest_bit[later if later else asking]
 
 
 @step
 def grant_read(s, t, asking):
-    """Which of the clients that ask (a bit each, with a credit) is served in cycle t; -1: none. `read` must follow."""
+    """The client whose read is granted in cycle t, or -1. `asking` has a bit for each client that asks and has a credit. If a
+    client is granted, `read` must follow."""
     s.read_new = 0
     if asking == 0 or s.read_answers[s.read_push - IN_FLIGHT & _MASK] > t - _READ_FREED:
         return -1
@@ -79,7 +82,7 @@ def grant_read(s, t, asking):
 
 @step
 def grant_write(s, t, asking):
-    """The same for writes."""
+    """The same as `grant_read`, for writes."""
     s.write_new = 0
     if asking == 0 or s.write_push - s.write_in + s.write_comes > 1:
         return -1
@@ -94,7 +97,7 @@ def grant_write(s, t, asking):
 
 @step
 def read(s, client, address):
-    """The client that was granted a read sends it."""
+    """Sends the read of a client that was granted."""
     s.last_read = client
     s.credits[client] -= 1
     at = s.read_push & _MASK
@@ -105,7 +108,7 @@ def read(s, client, address):
 
 @step
 def write(s, client, address):
-    """The client that was granted a write sends it."""
+    """Sends the write of a client that was granted."""
     s.last_write = client
     at, count = s.write_push & _MASK, s.writes[client]
     s.write_id[at], s.write_address[at] = client, address
@@ -117,27 +120,27 @@ def write(s, client, address):
 
 @step
 def writes_idle(s, t, client):
-    """All writes of a client are in memory."""
+    """Whether all writes of a client are in memory."""
     return s.client_answers[client, s.writes[client] - 1 & _WRITES - 1] <= t - _WRITE_FREED
 
 
 @step
 def offered(s, client, t):
-    """A beat is offered to the client."""
+    """Whether a beat is offered to the client."""
     at = s.beats_out[client]
     return at != s.beats_in[client] and s.beat_times[client, at & _DATA - 1] <= t
 
 
 @step
 def take(s, client):
-    """The client takes the beat on offer."""
+    """The client takes the offered beat."""
     s.beats_out[client] += 1
     s.credits[client] += 1
 
 
 @step
 def _deliver(s, client, t):
-    """A read is, or will be, answered at the end of cycle t."""
+    """Schedules the beat of a read that is answered at the end of cycle t."""
     at = s.beats_in[client]
     s.beat_times[client, at & _DATA - 1] = t + _TO_CLIENT
     s.beats_in[client] = at + 1
@@ -146,7 +149,7 @@ def _deliver(s, client, t):
 
 @step
 def deliver(s, client, t):
-    """A read is answered at the end of cycle t."""
+    """Answers the oldest read at the end of cycle t."""
     _deliver(s, client, t)
     s.read_answers[s.read_out & _MASK] = t
     s.read_out += 1
@@ -154,7 +157,7 @@ def deliver(s, client, t):
 
 @step
 def written(s, client, t):
-    """A write is answered at the end of cycle t."""
+    """Answers a client's oldest write at the end of cycle t."""
     count = s.written[client]
     s.client_answers[client, count & _WRITES - 1] = t
     s.written[client] = count + 1
@@ -162,7 +165,8 @@ def written(s, client, t):
 
 @step
 def _turn(s, at):
-    """When a request that is in memory at the end of cycle `at` has its turn: once all before it have, and credit is there."""
+    """The cycle in which memory serves a request that arrives at the end of cycle `at`: after all earlier ones, and when there
+    is enough credit."""
     turn, credit, cost = s.turn_at, s.credit, s.cost
     if at > turn:
         credit = min(credit + s.gain * (at - turn), 2 * cost)
@@ -177,7 +181,8 @@ def _turn(s, at):
 
 @step
 def compute_answers(s, t):
-    """What was granted in cycle t stands before memory in the next, a write perhaps longer: when they are answered."""
+    """Computes when the requests are answered that reach memory in the cycle after t. A granted read always does; a write may
+    have to wait longer."""
     if s.read_new:
         at = s.read_push - 1
         answer = max(_turn(s, t + 1), t + s.latency, s.read_answers[at - 1 & _MASK] + 1)
@@ -195,7 +200,7 @@ def compute_answers(s, t):
 
 @phase
 def step_memory(s, t):
-    """The clock edge at the end of cycle t in the bench's memory."""
+    """Steps the bench's memory over the clock edge at the end of cycle t."""
     at = s.read_in
     if at != s.read_push - s.read_new:
         s.read_due[at & _MASK] = t + s.latency - 1
@@ -230,7 +235,7 @@ def step_memory(s, t):
 
 
 def rate(bytes_per_cycle: float | None) -> tuple[int, int]:
-    """`gain` and `cost` of a bandwidth, as tb.top.memory has them; None: a beat read and a beat written in every cycle."""
+    """`gain` and `cost` of a bandwidth, as in tb.top.memory; None for a beat read and a beat written in every cycle."""
     from fractions import Fraction
 
     if bytes_per_cycle is None:

@@ -1,8 +1,9 @@
-"""The chunk sorter, a cycle a step (rtl/sort_tmu/chunk_sorter.py, merge_stage.py).
+"""The chunk sorter, stepped cycle by cycle (rtl/sort_tmu/chunk_sorter.py, merge_stage.py).
 
-All stages give the same entries in the same chunks, each in another order. So an entry's place is a number that counts on from
-chunk to chunk, and a stage is a few of them: how many entries it has taken and given, and which of each run of a pair leaves
-next. Which of the two it is hangs on the entries themselves: each is known by its place behind the last stage.
+All stages output the same entries in the same chunks, but each in another order. So the model numbers the places of entries
+consecutively over all chunks. The state of a stage consists of such numbers: how many entries it has taken and given, and which
+entry of either run of a pair leaves next. Which of these two leaves first depends on the entries. Each entry is represented by
+its place in the final order, so that comparing places compares keys.
 """
 
 from __future__ import annotations
@@ -13,28 +14,40 @@ from perf.kernel import kernel, step
 
 (_GIVEN, _TAKEN, _LEVEL, _NEED, _OLD, _NEW, _OLD_ENDS, _NEW_ENDS, _APART, _RUN_ENDS, _CHUNK_IN, _CHUNK_OUT) = (
     np.uint64(word) for word in range(12))
-"""Words of a stage: entries given and taken; how many wait on the side of the run that comes; the place of an entry that must
-stand before the stage, or have been taken, before the next one leaves; of the pair that leaves the next place of both runs and
-their ends, and whether the first one's side is not that of the run that comes; the end of that run, its chunk, and that of the
-pair. Unsigned, as all places here are: numba takes no time to look whether they count from an array's end."""
+"""Words of a stage.
+
+    _GIVEN, _TAKEN          the numbers of entries given and taken
+    _LEVEL                  how many entries wait on the side of the incoming run
+    _NEED                   the place of an entry that must have reached the stage's input before the next entry leaves
+    _OLD, _NEW, _OLD_ENDS, _NEW_ENDS    of the outgoing pair, the next places of both runs, and their ends
+    _APART                  whether the side of the pair's first run is not that of the incoming run
+    _RUN_ENDS, _CHUNK_IN    the end of the incoming run, and its chunk
+    _CHUNK_OUT              the chunk of the outgoing pair
+
+Indices are unsigned because numba then need not check whether they count from the end of an array.
+"""
 _WORDS = np.uint64(16)
 _GONE, _AWAKE = np.uint64(1), np.uint64(2)
-"""Before the first stage, beside the entries given to it: entries that have left the last one; whether a stage has moved."""
+"""Words before those of the first stage: the number of entries that have left the last stage, and whether any stage moved in
+the previous cycle. The word _GIVEN there counts the entries offered to the first stage."""
 _PLACES = 8
-"""Times a run: places that may lie between an entry that waits and the newest. Those before a stage begin there, too."""
+"""The ring buffer of a stage's entries has _PLACES times the length of its runs. The buffer of the stage with runs of length r
+begins at index _PLACES r."""
 
 
 def chunk_stages(capacity: int) -> tuple[np.ndarray, np.ndarray]:
-    """An empty sorter of chunks up to `capacity`: its stages' words, behind those of the list reader, and room for entries."""
+    """An empty sorter of chunks up to `capacity`: the words of its stages, behind those for its input, and space for
+    entries."""
     return np.zeros(int(_WORDS) * capacity.bit_length(), np.int64), np.zeros(2 * _PLACES * capacity, np.int32)
 
 
 @step
 def _pair(stages, b, run, place, taken, chunk_ends):
-    """The next two runs of a chunk, or its last one: the first begins at `place`. Entries up to `taken` are in the stage.
+    """Sets up the next pair of runs of a chunk, or its last single run. The first run begins at `place`, and the stage has
+    taken the entries up to `taken`.
 
-    One that has no second leaves when that is known: an entry behind its last one stands before the stage, or the last one is
-    in the stage; or at once where the stage before knew.
+    A run without a second one may leave only when it is known to be single. That is known when the entry after its last one
+    has reached the stage's input, when its last entry is in the stage, or at once if the stage before knew it already.
     """
     chunk = stages[b + _CHUNK_OUT]
     if place == chunk_ends[np.uint64(chunk)]:
@@ -50,7 +63,7 @@ def _pair(stages, b, run, place, taken, chunk_ends):
 
 @kernel
 def begin_stages(stages, chunk_ends):
-    """Stages before their first chunk."""
+    """Sets up the stages for their first chunk."""
     for k in range(len(stages) // 16 - 1):
         b = np.uint64(k + 1) * _WORDS
         _pair(stages, b, 1 << k, 0, 0, chunk_ends)
@@ -59,16 +72,16 @@ def begin_stages(stages, chunk_ends):
 
 @step
 def chunk_offers(stages, gone):
-    """An entry stands behind the last stage; `gone`: so many have left."""
+    """Whether the last stage offers an entry. `gone` is the number of entries that have left it."""
     return stages[np.uint64(len(stages)) - _WORDS + _GIVEN] != gone
 
 
 @step
 def step_stages(stages, keys, gone, shown, chunk_ends, arrival):
-    """A cycle of all stages; `shown`: an entry stands before them; whether it is taken.
+    """Steps all stages by a cycle. `shown` says that an entry is offered to the first stage. Returns whether it is taken.
 
-    Where nothing moved and nothing came or left, nothing moves in the next cycle. A stage sees what the one behind it takes in
-    this cycle, as that says whether its output is free, and what the one before it gave in the last.
+    If nothing moved in a cycle and no entry came or left, nothing moves in the next one. A stage sees what the stage after it
+    takes in this cycle, which decides whether its own output is free, and what the stage before it gave in the previous cycle.
     """
     place, moved = stages[_WORDS + _TAKEN], stages[_AWAKE]
     if stages[_GONE] != gone:
@@ -107,7 +120,7 @@ def step_stages(stages, keys, gone, shown, chunk_ends, arrival):
 
 @step
 def _leave(stages, keys, b, run, given, taken, chunk_ends):
-    """The next entry of a pair into the stage's output register; whether it was on the side of the run that comes."""
+    """Moves the next entry of the pair into the output register. Returns whether it was on the side of the incoming run."""
     old, new, old_ends, new_ends = stages[b + _OLD], stages[b + _NEW], stages[b + _OLD_ENDS], stages[b + _NEW_ENDS]
     at, mask, apart = _PLACES * run, _PLACES * run - 1, stages[b + _APART]
     key, other = keys[np.uint64(at + (old & mask))], keys[np.uint64(at + (new & mask))]
@@ -116,7 +129,7 @@ def _leave(stages, keys, b, run, given, taken, chunk_ends):
     old, new = old + 1 - second, new + second
     stages[b + _GIVEN] = given + 1
     if old + new == old_ends + new_ends:
-        stages[b + _APART] = apart ^ (old_ends == new_ends)  # one alone: the next pair begins on the other side
+        stages[b + _APART] = apart ^ (old_ends == new_ends)  # after a single run the next pair is on the other side
         _pair(stages, b, run, given + 1, taken, chunk_ends)
     else:
         stages[b + _OLD], stages[b + _NEW] = old, new
@@ -126,7 +139,7 @@ def _leave(stages, keys, b, run, given, taken, chunk_ends):
 
 @step
 def _turn(stages, b, run, taken, chunk_ends):
-    """The run that comes is complete: the next one goes to the other side."""
+    """Completes the incoming run; the next one goes to the other side."""
     chunk = stages[b + _CHUNK_IN]
     if taken == chunk_ends[np.uint64(chunk)]:
         chunk += 1

@@ -1,7 +1,8 @@
-"""What the model knows of the RTL's inside: schedules, latencies, steps. tests/perf/test_constants.py compares them with it.
+"""What the model knows of the RTL's internals: schedules, latencies and steps. tests/perf/test_constants.py compares them with
+the RTL.
 
-Perf does not import rtl. What spec says (depths of queues, capacities, intervals) is taken from there; the numbers here are
-what the RTL works out for itself, or how many registers lie on a way.
+perf does not import rtl. Depths of queues, capacities and intervals come from spec. The numbers here are those that the RTL
+derives itself, and the numbers of registers on a path.
 """
 
 from __future__ import annotations
@@ -15,38 +16,41 @@ from spec.constants import MAX_LEVELS
 from spec.memory import BEAT_BYTES, colour_beats
 from spec.queues import COLOUR_LOOKAHEAD
 
-DATAPATHS = {  # by culling units: length of the schedules of near test, projection, ellipse test, harmonics
+DATAPATHS = {  # by culling units: lengths of the schedules of the near test, projection, ellipse test and harmonics
     1: (32, 110, 63, 56), 2: (27, 100, 66, 50), 3: (27, 92, 61, 47), 4: (27, 92, 61, 42),
     5: (25, 90, 58, 45), 6: (25, 90, 58, 42), 7: (25, 90, 58, 39), 8: (25, 90, 58, 39),
 }
-"""`rtl.culling.schedule.Schedule.length`: a slot's last output is born so many cycles after it entered. Word lengths change no
-schedule while `view`, `work` and `conic` differ, as in every configuration: operators are shared by format. More units than 8
-are as 8: a point enters every cycle already, a splat its colour every 4."""
+"""The lengths of `rtl.culling.schedule.Schedule`: the last output of a slot is ready so many cycles after the slot entered.
+Word lengths change no schedule as long as the formats `view`, `work` and `conic` differ, which they do in every configuration,
+because operators are shared by format. More than 8 units behave as 8 do: a point already enters in every cycle, and a splat's
+colour in every fourth."""
 
 HARMONICS = {0: (0,) * 8, 1: (32, 34, 31, 30, 37, 31, 31, 31), 2: (39, 36, 37, 35, 43, 37, 35, 35)}
-"""By SH degree below 3, and by culling units from 1 on: the harmonics' schedules of machines of that degree; 0: they have none,
-and what waits for its record goes straight to the sums."""
+"""Lengths of the harmonics' schedules for machines of SH degree below 3, by the number of culling units from 1 on. Length 0
+means that there is no such datapath: what waits for its colour record goes straight to the sums."""
 
 LEAST_COLOUR_INTERVAL = 4
-"""`rtl.culling.colour.LEAST_INTERVAL`."""
+"""The value of `rtl.culling.colour.LEAST_INTERVAL`."""
 
 ROW_PIPELINE, SUMS_LATER = 3, 2
-"""`rtl.vrc_array.row` PIPELINE, SUMS_LATER: from an op on a row's input to its transmittance, and from there to its sums."""
+"""PIPELINE and SUMS_LATER of `rtl.vrc_array.row`: cycles from an operation at a row's input to its transmittance, and from
+there to its sums."""
 
 BLEND_LATENCY = 3
-"""`rtl.vrc_array.blend`."""
+"""The latency of `rtl.vrc_array.blend`."""
 
 DISPARITY_STAGES, RING_STAGES, FILL_LATENCY = 4, 3, 5
-"""`rtl.warp_unit`: stages around the divider, from a tile that opens to its first place read ahead, and of the median."""
+"""Latencies in `rtl.warp_unit`: the stages around the divider; from a tile that opens to its first place read ahead; the
+median."""
 
 SETUP_LATENCY = 15
-"""`rtl.vrc_array.setup` LATENCY: registers of the setup unit's pipeline, and its output buffer."""
+"""LATENCY of `rtl.vrc_array.setup`: the registers of the setup unit's pipeline and its output buffer."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """A datapath: a slot enters in one cycle of `interval`, leaves to the output register after `length` + 1; `rows` fit.
-    Length 0: there is none."""
+    """A datapath. A slot can enter once in `interval` cycles and reaches the output register after `length` + 1 cycles.
+    Length 0 means that there is no such datapath."""
 
     length: int
     interval: int
@@ -58,7 +62,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Culling:
-    """The four datapaths of a configuration, and the colour unit's queue before its own."""
+    """The four datapaths of a configuration. `colour_waiting` is the depth of the queue before the colour unit's datapath."""
 
     near: Timing
     projection: Timing
@@ -81,15 +85,15 @@ def culling(config: AcceleratorConfig) -> Culling:
 
 
 def terms(sh_degree: int) -> int:
-    """Basis functions beyond the first."""
+    """Number of basis functions beyond the first."""
     return (sh_degree + 1) ** 2 - 1
 
 
 def colour_steps(config: AcceleratorConfig, sh_degree: int) -> np.ndarray:
-    """(steps, 2) int64: beats of the record before each step's, and the beat after the last that it reads.
+    """(steps, 2) int64: for each step, the number of beats of the record before it, and the beat after the last that it reads.
 
-    As `rtl.culling.colour_sum.record_steps`: a step multiplies so many basis functions that the largest record takes the
-    interval, and finds their coefficients in two beats.
+    This follows `rtl.culling.colour_sum.record_steps`. A step multiplies as many basis functions as let the largest record fit
+    the interval, and finds their coefficients in two beats.
     """
     n, beat = config.formats, 8 * BEAT_BYTES
     interval = max(LEAST_COLOUR_INTERVAL, config.colour_interval)

@@ -1,12 +1,15 @@
-"""Four channels of LPDDR3-1600 behind the bus: banks, rows, turnarounds, refresh.
+"""Four channels of LPDDR3-1600 behind the bus, with banks, rows, turnarounds and refresh.
 
-Beats are spread over the channels one by one, so that a run of them keeps all four busy; higher bits of the address are mixed
-in, or views of one level, every fourth beat, would all lie in one channel. A beat is a burst of 8 on 32 data pins. A channel's
-controller has a window of the oldest reads and one of the oldest writes. It serves reads until many writes wait or no read
-does, then writes until few are left; within a window whatever hits an open row goes first, then what is oldest, and a row is
-closed for another one only where nothing in the window wants it. Reads of a client are answered in order, over one R channel.
+Beats are spread over the channels one by one, so that a run of beats keeps all four busy. Higher bits of the address are mixed
+in; otherwise the splat records of one level, which are every fourth beat, would all lie in one channel. A beat is a burst of 8
+on 32 data pins.
 
-Times are quarters of a nanosecond: the DRAM's clock is 1.25 ns, the machine's is 1 ns.
+The controller of a channel looks at a window of the oldest reads and one of the oldest writes. It serves reads until many
+writes wait or no read does, then writes until few are left. Within a window, requests to an open row go first, then the oldest.
+A row is closed for another one only if no request in the window needs it. A client's reads are answered in order over one R
+channel.
+
+The unit of time is a quarter of a nanosecond: the DRAM's clock period is 1.25 ns and the machine's is 1 ns.
 """
 
 from __future__ import annotations
@@ -21,24 +24,24 @@ from perf.kernel import phase, step
 from perf.layout import Layout
 
 CHANNELS, BANKS, ROW_BEATS = 4, 8, 128
-"""Channels; banks of a device; beats of a row: 1,024 columns of 32 bits."""
+"""Number of channels, of banks in a device, and of beats in a row: 1,024 columns of 32 bits."""
 
-_UNIT = 4  # of time in a nanosecond
+_UNIT = 4  # units of time in a nanosecond
 
 
 @dataclass(frozen=True)
 class Lpddr3:
-    """Timing in nanoseconds, of an 8 Gb x32 device at 800 MHz.
+    """Timing of an 8 Gb x32 device at 800 MHz, in nanoseconds.
 
-    Values are those of JEDEC JESD209-3 for LPDDR3-1600 (latency set A), rounded up to clocks; DRAMsim3's
-    configs/LPDDR3_8Gb_x32_1600.ini agrees but for tRCD and tRP (18.75 ns) and the write latency (set B, 9 clocks).
+    The values are those of JEDEC JESD209-3 for LPDDR3-1600 (latency set A), rounded up to clock periods. DRAMsim3's
+    configs/LPDDR3_8Gb_x32_1600.ini agrees except in tRCD and tRP (18.75 ns) and in the write latency (set B, 9 clocks).
 
     Attributes:
-        clock: tCK. burst: BL / 2 clocks. read_latency, write_latency: RL, WL. dqsck: tDQSCK, at most.
-        rcd, rp, rp_all, ras, rrd, faw, wr, wtr, rtp, refi, rfc: the device's parameters of these names, rp per bank.
-        controller: of a request through controller and PHY and of its answer back, together: an assumption.
-        window: reads, and writes, among which a channel chooses. high, low: writes that wait when it begins and stops to serve
-            them.
+        clock: tCK. burst: BL / 2 clock periods. read_latency, write_latency: RL, WL. dqsck: the largest tDQSCK.
+        rcd, rp, rp_all, ras, rrd, faw, wr, wtr, rtp, refi, rfc: the device's parameters of these names; rp is per bank.
+        controller: the delay of a request through controller and PHY together with that of its answer; an assumption.
+        window: the number of reads, and of writes, among which a channel chooses.
+        high, low: the numbers of waiting writes at which a channel begins and stops to serve writes.
     """
 
     clock: float = 1.25
@@ -72,18 +75,18 @@ for _name in ("wake", "drains", "read_ok", "write_ok", "next_refresh", "activate
 layout.ring("dram_activates", CHANNELS, 4)
 for _name in ("open", "cas_ok", "precharge_ok", "activate_ok"):
     layout.ring(f"dram_{_name}", CHANNELS * BANKS)
-_HELD = 512  # requests of a channel and kind: as many as memory takes
+_HELD = 512  # requests of a channel and kind, as many as memory can hold
 layout.ring("dram_waiting", 2 * CHANNELS)
 layout.ring("dram_requests", 2 * CHANNELS, _HELD)  # row, bank, client and number in one word, the oldest first
 layout.ring("dram_numbers", 8)
 layout.ring("dram_answer", 8, 512)
-layout.ring("dram_written", 512)  # when writes are in memory, in no order: a calendar of cycles
+layout.ring("dram_written", 512)  # by cycle, the number of writes of each client that reach memory then, in any order
 
 _NEVER = 1 << 60
 
 
 def prepare(s: np.record, device: Lpddr3) -> None:
-    """Idle channels with all rows closed, of a new state."""
+    """Initialises idle channels with all rows closed in a new state."""
     for name in _PARAMETERS:
         s[f"dram_{name}"] = round(_UNIT * getattr(device, name))
     s.dram_window, s.dram_high, s.dram_low = device.window, device.high, device.low
@@ -91,12 +94,12 @@ def prepare(s: np.record, device: Lpddr3) -> None:
     s.dram_wake[:] = s.dram_answer[:] = _NEVER
     s.dram_activates[:] = -_NEVER
     for channel in range(CHANNELS):
-        s.dram_next_refresh[channel] = s.dram_refi * (channel + 1) // CHANNELS  # one after the other
+        s.dram_next_refresh[channel] = s.dram_refi * (channel + 1) // CHANNELS  # the channels refresh one after the other
 
 
 @step
 def _arrive(s, now, kind, address, client, number):
-    """A request into its channel."""
+    """Puts a request into the queue of its channel."""
     channel = (address ^ address >> 2 ^ address >> 4 ^ address >> 6 ^ address >> 8 ^ address >> 10) & CHANNELS - 1
     row = address >> 12
     bank = (address >> 9 ^ row) & BANKS - 1
@@ -108,7 +111,7 @@ def _arrive(s, now, kind, address, client, number):
 
 @step
 def _remove(s, queue, place):
-    """A request leaves its queue; those behind move up."""
+    """Removes a request from its queue; those behind it move up."""
     count = s.dram_waiting[queue] - 1
     for i in range(place, count):
         s.dram_requests[queue, i] = s.dram_requests[queue, i + 1]
@@ -117,7 +120,7 @@ def _remove(s, queue, place):
 
 @step
 def _transfer(s, now, channel, queue, place, kind):
-    """READ or WRITE: its burst, and what must wait for it."""
+    """Gives a READ or WRITE command: schedules its burst and delays the commands that must wait for it."""
     request = s.dram_requests[queue, place]
     bank = channel * BANKS + (request >> 13 & 7)
     if kind:
@@ -137,7 +140,7 @@ def _transfer(s, now, channel, queue, place, kind):
 
 @step
 def _activate_at(s, channel, bank):
-    """The earliest ACTIVATE of a closed bank."""
+    """The earliest time at which a closed bank can be activated."""
     last, oldest = s.dram_activated[channel], s.dram_activated[channel] + 1
     at = max(s.dram_activate_ok[bank], s.dram_activates[channel, last & 3] + s.dram_rrd)
     return max(at, s.dram_activates[channel, oldest & 3] + s.dram_faw)
@@ -145,7 +148,7 @@ def _activate_at(s, channel, bank):
 
 @step
 def _refresh(s, now, channel):
-    """All banks are closed and refreshed, as soon as they may be."""
+    """Closes and refreshes all banks as soon as the timing permits. Returns when they are ready."""
     ready = now
     for bank in range(channel * BANKS, channel * BANKS + BANKS):
         if s.dram_open[bank] >= 0:
@@ -161,10 +164,10 @@ def _refresh(s, now, channel):
 
 @step
 def _choose(s, now, channel, queue, kind):
-    """The next command of a window: when it may be given, and of which request; the place's sign says which command."""
+    """The next command of a window: the place of the request that needs it, and the earliest time for it."""
     count = min(s.dram_waiting[queue], s.dram_window)
     best, at, wanted = -1, _NEVER, 0
-    for place in range(count):  # rows that are open and wanted
+    for place in range(count):  # requests to open rows
         request = s.dram_requests[queue, place]
         bank = request >> 13 & 7
         if s.dram_open[channel * BANKS + bank] == request >> 16:
@@ -191,7 +194,7 @@ def _choose(s, now, channel, queue, kind):
 
 @step
 def _command(s, now, channel):
-    """The channel's next command, if it may be given now; when to look again."""
+    """Gives the channel's next command if it may be given now. Returns the time at which to look again."""
     if now >= s.dram_next_refresh[channel]:
         return _refresh(s, now, channel)
     reads, writes = s.dram_waiting[2 * channel], s.dram_waiting[2 * channel + 1]
@@ -224,7 +227,7 @@ def _command(s, now, channel):
 
 @step
 def _answers(s, t):
-    """A beat on R, if the oldest read of some client is answered; writes that are in memory."""
+    """Answers one read on R if the oldest read of some client is ready, and all writes that are in memory by now."""
     client = s.dram_turn
     for _ in range(READERS):
         client = 0 if client + 1 == READERS else client + 1
@@ -249,7 +252,7 @@ def _answers(s, t):
 
 @phase
 def end_cycle(s, t):
-    """The clock edge at the end of cycle t."""
+    """Steps the channels over the clock edge at the end of cycle t."""
     now = _UNIT * t + _UNIT
     at, came = s.read_in, s.read_push - s.read_new
     if at != came:

@@ -1,7 +1,8 @@
-"""The phases TABLE and GEOMETRY, a cycle a step: rtl/top/geometry_phase.py and the units below it.
+"""The phases TABLE and GEOMETRY, stepped cycle by cycle (rtl/top/geometry_phase.py and the units below it).
 
-In a cycle units are stepped from the last to the first: each takes from the register before it, which may then be filled anew,
-as where `ready` passes through combinationally. What a `Buffer` holds is looked at before its consumer's step.
+Within a cycle, units are stepped from the last to the first. Each takes from the register before it, which can then be filled
+again in the same cycle, as in hardware where `ready` passes through combinationally. The content of a `Buffer` is read before
+its consumer is stepped.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from perf.kernel import phase, step
 from perf.layout import Layout
 
 NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
-"""Classes of points: behind the near plane or too faint; without a tile; projected."""
+"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected."""
 
 NOT_LAST, CLOSES, ENDS = range(3)
-"""Of a run: others of its splat follow; it is the last; it is the frame's end."""
+"""Kinds of runs of tiles: others of the same splat follow; the last one of its splat; the end of the frame."""
 
 layout = Layout(memory.layout)
 _RING = 128
@@ -23,8 +24,9 @@ _MASK = _RING - 1
 
 layout.counters("geometry", "projection", "tile_test", "colour", "entry_write")
 
-# Datapaths, by number: length and interval, slots entered and fetched, free rows, whether the output register is full, and when
-# the slots inside are finished.
+# The state of each datapath, by its number: length and interval, slots entered and fetched, free rows, whether the output
+# register
+# is full, and the cycles in which the slots inside are finished.
 NEAR, PROJECTION, ELLIPSE, HARMONICS = range(4)
 for _name in ("length", "interval", "in", "out", "free", "full"):
     layout.ring(f"path_{_name}", 4)
@@ -43,13 +45,13 @@ layout.ring("colour_waits", _RING)
 
 
 def set_path(s, p, length, interval, rows):
-    """Datapath `p` as it is built, and empty."""
+    """Initialises datapath number `p`, which is empty."""
     s.path_length[p], s.path_interval[p], s.path_free[p] = length, interval, rows
 
 
 @step
 def _fetch(s, p, t):
-    """A finished slot into the output register, where that is free."""
+    """Moves a finished slot into the output register if that is free."""
     if s.path_full[p] == 0:
         at = s.path_out[p]
         if at != s.path_in[p] and s.path_times[p, at & _MASK] <= t:
@@ -72,7 +74,7 @@ def _enter(s, p, t):
 
 @step
 def _write_views(s, granted, views, view_of):
-    """ViewWriter: a beat for every level of the splat whose sums are there."""
+    """Steps ViewWriter, which writes one beat for every level of the splat whose sums are complete."""
     if granted:
         bus.write(s, W_VIEWS, s.colour_view)
         s.colour_write = 0
@@ -92,7 +94,7 @@ def _write_views(s, granted, views, view_of):
 
 @step
 def _sum_colour(s, t, steps):
-    """ColourSum: a step of a record where its beats are at hand, two at most."""
+    """Steps ColourSum, which makes a step of a record once its beats, at most two, are present."""
     lasts, place, count, number = s.colour_lasts, s.colour_place, s.colour_count, s.colour_number
     sums_free = lasts == 0 and s.colour_sum == 0
     last = number == len(steps) - 1
@@ -117,7 +119,7 @@ def _sum_colour(s, t, steps):
 
 @step
 def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
-    """ColourUnit."""
+    """Steps ColourUnit."""
     _write_views(s, granted_write, views, view_of)
     at = s.colour_wait_out
     waits = at != s.colour_in and s.colour_waits[at & _MASK] <= t
@@ -155,7 +157,7 @@ def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of)
 
 @step
 def _finish_colour(s):
-    """Ends of the colour unit, a cycle behind."""
+    """Updates the flags for the end of the colour unit's work, which follow one cycle later."""
     s.colour_settled = s.colour_ended and s.colour_finished
     if s.colour_ending and s.colour_inside == 0 and s.colour_place == 0 and s.colour_write == 0:
         s.colour_finished, s.colour_ending = 1, 0
@@ -163,7 +165,7 @@ def _finish_colour(s):
 
 @step
 def _write_entries(s, t, granted, begins, entry_writes):
-    """EntryWriter but for its input; whether its slots advance."""
+    """Steps EntryWriter except its input. Returns whether its slots advance."""
     buffered = s.writer_buffer
     room = buffered < 2
     quiet = s.writer_pipe == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)
@@ -195,7 +197,8 @@ def _write_entries(s, t, granted, begins, entry_writes):
 
 @step
 def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
-    """TileExpand: an entry a cycle of each run, a cycle of each run without; what the entry writer takes: 0, 1 or 2 (end)."""
+    """Steps TileExpand, which takes one cycle for each intersection of a run, and one cycle for a run without. Returns what the
+    entry writer gets: 0 for nothing, 1 for an intersection, 2 for the end."""
     given, load = 0, s.expanding == 0
     if s.expanding:
         run = s.run
@@ -233,7 +236,7 @@ def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
 
 @step
 def _walk(s, t, step_runs, splat_steps):
-    """TileRuns: runs to the ellipse test, from the box of one splat after the other."""
+    """Steps TileRuns, which cuts the boxes of the splats, one after the other, into runs for the ellipse test."""
     if s.run_full and _accepts(s, ELLIPSE, t):
         _enter(s, ELLIPSE, t)
         s.run_full = 0
@@ -253,7 +256,7 @@ def _walk(s, t, step_runs, splat_steps):
 
 @step
 def _project(s, t, point_class, passed_class, splat_steps):
-    """From memory's points to the tile test's input."""
+    """Steps the units from memory's points to the input of the tile test."""
     _walks = s.walking
     if s.path_full[PROJECTION]:
         at = s.passed
@@ -298,7 +301,7 @@ def geometry_phase(
     s, point_class, passed_class, splat_steps, step_runs, run_entries, run_closes, views, view_of, colour_of, geometry_base,
     begins, entry_writes, colour_step, limit,
 ):
-    """The phase GEOMETRY; gives its cycles and the one in which the frame's last entry was in memory."""
+    """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last intersection was in memory."""
     points, t, counted = s.points, 0, -1
     while t < limit:
         asked = s.asked
@@ -339,7 +342,8 @@ def geometry_phase(
 
 @phase
 def table_phase(s, tiles, base, limit):
-    """The phase TABLE: the table's beats, four tiles each, to the tile test, a tile a cycle; gives its cycles."""
+    """Simulates the phase TABLE, in which the table's beats, four tiles each, go to the tile test at one tile per cycle.
+    Returns its cycles."""
     beats, asked, left, valid, taken, t = (tiles + 3) // 4, 0, 0, False, 0, 0
     while t < limit:
         reader = bus.grant_read(s, t, 1 << TILES if asked < beats and s.credits[TILES] else 0)
@@ -357,5 +361,5 @@ def table_phase(s, tiles, base, limit):
         memory.end_cycle(s, t)
         t += 1
         if taken == tiles:
-            return t + 2  # `done` a cycle later, seen in the cycle after that
+            return t + 2  # `done` rises one cycle later and is seen in the cycle after that
     return -1

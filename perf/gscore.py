@@ -1,13 +1,16 @@
-"""A machine like GSCore (Lee et al., ASPLOS 2024), from its published description, on the frames of ours.
+"""A cycle estimate of a machine like GSCore (Lee et al., ASPLOS 2024), made from its published description, on our frames.
 
-What it does differently: a tile's list holds the splats whose oriented bounding box of three standard deviations meets it;
-four culling and conversion units, two sorting units that work on different tiles, and 64 cores, which take an 8x8 subtile of a
-tile at a time and leave out those that the box does not meet (a bitmap comes with each entry) or whose pixels have all
-stopped; double buffers between tiles, no cache: a tile's splats are fetched as it is sorted. Where the description is silent,
-it has what ours has: cycles of a culling unit, bytes of every record, memory's bandwidth, an entry a cycle by a sorting unit,
-levels. A blending tile, which it does not know, is rendered once for each of its levels.
+It differs from our machine in these points. A tile's list holds the splats whose oriented bounding box of three standard
+deviations meets the tile. There are four culling and conversion units, two sorting units that work on different tiles, and 64
+cores. The cores take an 8x8 subtile of a tile at a time, and skip subtiles that the box does not meet (a bitmap comes with each
+intersection) or whose pixels have all stopped. There are double buffers between tiles but no cache: a tile's splats are fetched
+when it is sorted.
 
-All of that is in its favour where in doubt: no latency of a unit or of memory, no conflict, no refresh.
+Where the description is silent, the model uses our machine's values: cycles of a culling unit, bytes of every record, the
+memory's bandwidth, one intersection per cycle and sorting unit, and levels. GSCore does not know blending tiles, so they are
+rendered once for each of their levels.
+
+Where there is doubt, the model favours GSCore: it has no latency of a unit or of memory, no bank conflict and no refresh.
 """
 
 from __future__ import annotations
@@ -24,19 +27,19 @@ from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, ENTRY_BYTES, EXPONENT_SCALE,
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, colour_beats
 
 SUBTILE = 8
-"""Edge of the pixels that the cores take at a time."""
+"""Edge length, in pixels, of the subtile that the cores take at a time."""
 
 POINT_CYCLES = 8
-"""Cycles of a culling and conversion unit for a point (ours: `AcceleratorConfig.point_interval` of one unit)."""
+"""Cycles that a culling and conversion unit takes for a point (as `AcceleratorConfig.point_interval` of one unit of ours)."""
 
 
 @dataclass(frozen=True)
 class GscoreConfig:
-    """Its resources; the published machine by default.
+    """The resources of the machine; the defaults are the published ones.
 
     Attributes:
-        culling_units, sorting_units, cores: as published.
-        bytes_per_cycle: of memory.
+        culling_units, sorting_units, cores: the numbers of units.
+        bytes_per_cycle: the memory's bandwidth.
     """
 
     culling_units: float = 4
@@ -45,20 +48,20 @@ class GscoreConfig:
     bytes_per_cycle: float = DRAM_BYTES_PER_CYCLE
 
     def scaled(self, factor: float) -> GscoreConfig:
-        """With `factor` times the units, for curves over area; fractions stand for slower or faster ones."""
+        """The machine with `factor` times the units, for curves over area. Fractions of a unit stand for another speed."""
         if not factor > 0:
             raise ValueError(f"factor must be positive, not {factor!r}")
         return GscoreConfig(self.culling_units * factor, self.sorting_units * factor, self.cores * factor, self.bytes_per_cycle)
 
 
 class GscoreTrace(NamedTuple):
-    """What of a frame the machine's timing depends on.
+    """The properties of a frame on which the machine's timing depends.
 
     Attributes:
-        points, survivors, pixels: of the frame; a survivor has an entry.
-        colour_beats: of a survivor's colour record.
-        entries: (passes,) int64: entries of each tile, a tile with two levels as two passes.
-        subtiles: (passes,) int64: subtiles that entries bring to the cores.
+        points, survivors, pixels: the frame's numbers of points, of splats with an intersection, and of pixels.
+        colour_beats: the beats of a survivor's colour record.
+        entries: (passes,) int64: the intersections of each tile; a tile with two levels is two passes.
+        subtiles: (passes,) int64: the subtiles that the intersections bring to the cores.
     """
 
     points: int
@@ -70,7 +73,7 @@ class GscoreTrace(NamedTuple):
 
 
 class GscoreCycles(NamedTuple):
-    """Cycles of a frame, and the bytes that it moves."""
+    """The cycles of a frame, and the bytes that it moves."""
 
     total: int
     geometry: int
@@ -80,7 +83,8 @@ class GscoreCycles(NamedTuple):
 
 @compiled
 def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
-    """Whether a box around (cx, cy), half axes ra along (ax, ay) and rb across it, meets a rectangle: separating axes."""
+    """Whether a box meets a rectangle, by separating axes. The box has the centre (cx, cy) and the half axes ra along (ax, ay)
+    and rb across."""
     mx, my, hx, hy = (left + right) / 2 - cx, (top + bottom) / 2 - cy, (right - left) / 2, (bottom - top) / 2
     if abs(mx) > hx + ra * abs(ax) + rb * abs(ay) or abs(my) > hy + ra * abs(ay) + rb * abs(ax):
         return False
@@ -90,7 +94,8 @@ def _meets(cx, cy, ax, ay, ra, rb, left, right, top, bottom):
 
 @compiled
 def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
-    """(tile, splat) pairs by splat, in order, as many as there is room for; gives how many there are."""
+    """Writes the (tile, splat) pairs, splat by splat in order, as far as the arrays have free space. Returns how many there
+    are."""
     count = 0
     for i in order:
         cx, cy, ax, ay, ra, rb = shape[i]
@@ -106,7 +111,8 @@ def _list_entries(order, box, shape, width, height, tiles_x, tile_of, splat_of):
 
 @compiled
 def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha_max, shape, light):
-    """Subtiles that the entries of a tile bring to the cores, front to back; `light` becomes what is left of it."""
+    """Number of subtiles that the intersections of a tile bring to the cores, front to back. `light` becomes the
+    transmittance."""
     side, work = TILE // SUBTILE, 0
     light[:] = 1.0
     stopped = np.zeros((side, side), np.bool_)
@@ -143,7 +149,8 @@ def _subtiles(splats, tile_x, tile_y, width, height, mean, conic, opacity, alpha
 
 @compiled
 def _passes(start, splat, header, bound, tiles_x, width, height, mean, conic, opacity, shape, entries, subtiles):
-    """Entries and subtiles of every tile's pass at its own level, and at the next where it blends (0 elsewhere)."""
+    """Fills `entries` and `subtiles` for the pass of every tile at its own level, and at the next level where the tile blends;
+    the second is 0 elsewhere."""
     light = np.empty((TILE, TILE))
     for tile in range(len(header)):
         for bank in range(1 + header[tile, 1]):
@@ -157,7 +164,8 @@ def _passes(start, splat, header, bound, tiles_x, width, height, mean, conic, op
 
 
 def _boxes(frame: Frame, mean: np.ndarray, conic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 6) centre, first axis, half axes of the oriented boxes in pixels, and (N, 4) the tiles of their bounds."""
+    """(N, 6) centre, first axis and half axes of the oriented boxes in pixels, and (N, 4) the ranges of tiles that they
+    cover."""
     r = frame.registers
     precision = np.zeros((len(conic), 2, 2))
     precision[:, 0, 0], precision[:, 0, 1] = conic[:, 0] ** 2, conic[:, 0] * conic[:, 1]
@@ -176,7 +184,7 @@ def _boxes(frame: Frame, mean: np.ndarray, conic: np.ndarray) -> tuple[np.ndarra
 
 
 def gscore_trace(frame: Frame) -> GscoreTrace:
-    """The machine's work on the scene and view of a golden frame, by float arithmetic of its own."""
+    """The machine's work for the scene and camera of a golden frame, computed independently in floating point."""
     n, r, words = frame.config.formats, frame.registers, frame.words
     mean = n.mean2d.to_float(frame.projected.mean2d)
     conic = np.ascontiguousarray(frame.projected.conic)
@@ -201,11 +209,12 @@ def gscore_trace(frame: Frame) -> GscoreTrace:
 
 @compiled
 def _pipeline(fetch, sort, render, units):
-    """End of the last pass: fetching, `units` sorting units and the cores, with two buffers between neighbours."""
+    """The end of the last pass. Fetching, `units` sorting units and the cores work in a pipeline with two buffers between
+    each."""
     n = len(fetch)
     fetched, sorted_, done = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
-        free = sorted_[i - 1 - units] if i > units else 0.0  # a unit's buffer and one to fill beside it
+        free = sorted_[i - 1 - units] if i > units else 0.0  # there is a buffer for each unit, and one to fill besides
         fetched[i] = max(fetched[i - 1] if i else 0.0, free) + fetch[i]
         unit = sorted_[i - units] if i >= units else 0.0
         out = done[i - 2] if i > 1 else 0.0
@@ -215,15 +224,16 @@ def _pipeline(fetch, sort, render, units):
 
 
 def gscore_cycles(trace: GscoreTrace, config: GscoreConfig | None = None) -> GscoreCycles:
-    """Cycles of a frame: the busiest of units and memory in the geometry phase, then the pipeline over the tiles."""
+    """Cycles of a frame. The geometry phase takes as long as the busier of units and memory; then the tiles pass the
+    pipeline."""
     c = config or GscoreConfig()
     entries = int(trace.entries.sum())
-    per_survivor = (trace.colour_beats + 1) * BEAT_BYTES  # its colour record read, its view written
+    per_survivor = (trace.colour_beats + 1) * BEAT_BYTES  # its colour record is read and its splat record written
     geometry_bytes = trace.points * BEAT_BYTES + trace.survivors * per_survivor + entries * ENTRY_BYTES
     geometry = max(trace.points * POINT_CYCLES / c.culling_units, geometry_bytes / c.bytes_per_cycle)
     units = max(1, round(c.sorting_units))
     fetched = trace.entries * float(ENTRY_BYTES + BEAT_BYTES)
-    written = trace.pixels * DISPLAY_PIXEL_BYTES / max(1, len(trace.entries))  # a pass's share
+    written = trace.pixels * DISPLAY_PIXEL_BYTES / max(1, len(trace.entries))  # the share of a pass
     render = _pipeline((fetched + written) / c.bytes_per_cycle, trace.entries * (units / c.sorting_units),
                        trace.subtiles * (SUBTILE**2 / c.cores), units)
     moved = geometry_bytes + int(fetched.sum()) + trace.pixels * DISPLAY_PIXEL_BYTES

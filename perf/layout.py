@@ -1,8 +1,9 @@
-"""The simulator's state: one record of integers, whose fields have names.
+"""The simulator's state: one record of integers with named fields.
 
-Kernels get the record, so that a step of a unit is a function of its own and costs no more than its loads and stores. A field
-is a word, or a ring: a stretch of words that is addressed modulo its length, a power of two. Where a field is a time, it is a
-cycle; where it comes in pairs `x_in` and `x_out`, these count what has entered and left a queue `x`.
+Kernels get the record. So a step of a unit can be a function of its own that costs no more than its loads and stores. A field
+is a word or a ring buffer. A ring buffer is addressed modulo its length, which is a power of two. Times are numbers of cycles.
+Of two fields `x_in` and `x_out`, the first counts the items that have entered the queue `x`, and the second those that have
+left.
 """
 
 from __future__ import annotations
@@ -11,28 +12,29 @@ import numpy as np
 
 
 class Layout:
-    """Fields of a record, all int64, in the order in which they are added.
+    """The fields of a record, all int64, in the order in which they are added.
 
     Parameters:
-        before: layout whose fields this one begins with.
+        before: a layout with whose fields this one begins.
     """
 
     def __init__(self, before: Layout | None = None) -> None:
         self._fields: dict[str, tuple[int, ...]] = dict(before._fields) if before else {}
 
     def words(self, names: str) -> None:
-        """A word for each of the names."""
+        """Adds a word for each of the names, which are separated by white space."""
         for name in names.split():
             self._add(name, ())
 
     def ring(self, name: str, *sizes: int) -> None:
-        """A ring, or with several sizes one for every client, channel or whatever the first counts."""
+        """Adds a ring buffer. With several sizes it adds an array of them, for example one for each client or channel."""
         if any(size < 1 or size & (size - 1) for size in sizes):
             raise ValueError(f"sizes of {name} must be powers of two, not {sizes!r}")
         self._add(name, sizes)
 
     def counters(self, *stages: str) -> None:
-        """Words `busy_` and `blocked_` of each stage's input stream, by the prefixes of `spec.stages`' counters."""
+        """Adds words `busy_` and `blocked_` for the input of each stage, named by the prefixes of the counters in
+        `spec.stages`."""
         self.words(" ".join(f"busy_{stage} blocked_{stage}" for stage in stages))
 
     def _add(self, name: str, shape: tuple[int, ...]) -> None:
@@ -42,7 +44,7 @@ class Layout:
 
     @property
     def dtype(self) -> np.dtype:
-        """The record's."""
+        """The record's data type."""
         return np.dtype([(name, np.int64, shape) if shape else (name, np.int64) for name, shape in self._fields.items()])
 
     def new(self) -> np.record:

@@ -1,4 +1,5 @@
-"""Tile merge unit's sweep, header maker and list reader, a cycle a step (rtl/tile_lists/)."""
+"""The tile merge unit's sweep, the header maker and the list reader, stepped cycle by cycle (rtl/sort_tmu/,
+rtl/tile_lists/)."""
 
 from __future__ import annotations
 
@@ -26,12 +27,12 @@ layout.ring("request_address", 16)
 layout.ring("head_waits", _WAITING)
 layout.ring("heads", 2 * HEADERS)
 
-_DIRECTORY = 16  # of a kind in flight; below it the entries or pointers of the beat, less one
+_DIRECTORY = 16  # added to the kind of a directory beat in flight; the lower bits are its entries or pointers, less one
 
 
 @step
 def step_headers(s, t, granted, head_before, levels_before, rendered):
-    """HeaderMaker: a tile and its setting to the array's headers and to the splat fetch."""
+    """Steps HeaderMaker, which sends a tile and its setting to the array's headers and to the splat fetch."""
     at = s.wait_out
     tiles = s.tile_count
     moves = (s.setting and at != s.wait_in and s.head_waits[at & _WAITING - 1] <= t
@@ -63,7 +64,7 @@ def step_headers(s, t, granted, head_before, levels_before, rendered):
 
 @step
 def step_unpack(s, t, sorter_ready):
-    """Beats of entries and of pointers, each into its register; whether an entry moves on to the sorter."""
+    """Moves beats of entries and of pointers into their registers. Returns whether an entry moves on to the sorter."""
     gives = s.entry_shown and sorter_ready
     ends = gives and s.entry_more == 0
     pointer_moves = s.slots and s.pointer_in - s.pointer_out < LIST_POINTERS
@@ -99,7 +100,7 @@ def step_unpack(s, t, sorter_ready):
 
 @step
 def _want(s, t, sends, directory, more, address):
-    """A wanted beat into the pipeline to memory, where that moves."""
+    """Moves a requested beat into the pipeline to memory, when that advances."""
     pipe = s.list_pipe
     s.list_requests += pipe >> 1
     s.list_pipe = (pipe << 1 | sends) & 3
@@ -114,7 +115,7 @@ def _want(s, t, sends, directory, more, address):
 
 @step
 def step_walk(s, t, granted, list_before, counts, lasts, page_beat, page_start):
-    """Tiles to the beats they lie in; `granted`: the oldest request leaves for memory."""
+    """Finds the beats in which the tiles' lists lie. `granted` says that the oldest request leaves for memory."""
     room = s.list_requests < 2
     if granted:
         bus.read(s, ENTRIES, s.request_address[s.request_out & 15])
@@ -185,7 +186,7 @@ def _walk(s, t, moves, ends, counts, page_beat, page_start):
 
 @step
 def _listed(s, list_before, ask_free, counts, lasts):
-    """ListedTiles: tiles with entries, held until it is known whether their group goes on."""
+    """Steps ListedTiles, which holds a tile with entries until it is known whether its group goes on."""
     tile = s.list_taken
     valid = list_before != 0
     filled = valid and counts[tile] != 0
@@ -207,6 +208,6 @@ def _listed(s, list_before, ask_free, counts, lasts):
 
 @step
 def step_sweep(s, t, list_before, head_before):
-    """The tile merge unit's next tile to both of its consumers, where both have room."""
+    """Gives the tile merge unit's next tile to both of its consumers when both have free space."""
     if s.swept < s.tile_count and t >= s.sweep_from + s.swept and list_before < 2 and head_before < 2:
         s.swept += 1

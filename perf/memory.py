@@ -1,4 +1,4 @@
-"""What is behind the bus: the bench's memory or LPDDR3 channels."""
+"""The memory behind the bus: the test bench's memory, or LPDDR3 channels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ layout = dram.layout
 
 @step
 def end_cycle(s, t):
-    """The clock edge at the end of cycle t, in memory."""
+    """Steps the memory over the clock edge at the end of cycle t."""
     if s.kind == bus.COMPUTED:
         bus.compute_answers(s, t)
     elif s.kind == bus.LPDDR3:

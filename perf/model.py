@@ -1,4 +1,4 @@
-"""Cycles of a frame: a trace through both phases, on a machine with a memory."""
+"""The cycles of a frame: simulates the phases of a trace on a machine with a memory."""
 
 from __future__ import annotations
 
@@ -30,23 +30,25 @@ from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
 
 LIMIT = 1 << 31
-"""Cycles after which a phase is given up."""
+"""Number of cycles after which a phase is given up."""
 
 GEOMETRY_STAGES = watched(StagePhase.GEOMETRY)
 RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 
-_TMU_LATENCY = 9  # cycles from the frame's last hit to the first group (rtl.sort_tmu.tile_merge)
+_TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
 
 
 @dataclass(frozen=True)
 class MemoryModel:
-    """What answers the machine's reads and writes.
+    """The memory that answers the machine's reads and writes.
 
     Attributes:
-        kind: "ideal": the RTL bench's memory, in order at a latency and a bandwidth; "lpddr3": four channels (`perf.dram`).
-        latency: of "ideal", cycles.
-        bytes_per_cycle: of "ideal", reads and writes together; None: a beat read and a beat written in every cycle.
-        device: timing of "lpddr3".
+        kind: "ideal" for the RTL bench's memory, which answers in order with a latency and a bandwidth; "lpddr3" for four
+            channels of DRAM (`perf.dram`).
+        latency: the latency of "ideal" in cycles.
+        bytes_per_cycle: the bandwidth of "ideal", for reads and writes together; None for a beat read and a beat written in
+            every cycle.
+        device: the timing of "lpddr3".
     """
 
     kind: str = "ideal"
@@ -65,7 +67,13 @@ class MemoryModel:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cycles of a stage's input in a frame: an item moved; one was offered and not taken; none was offered."""
+    """Cycles of a stage's input in a frame.
+
+    Attributes:
+        busy: an item moved.
+        blocked: an item was offered and not taken.
+        starved: no item was offered.
+    """
 
     busy: int
     blocked: int
@@ -74,21 +82,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class FrameCycles:
-    """A frame's cycles.
+    """The cycles of a frame.
 
     Attributes:
-        total: from start to end, without what is cleared once after a reset.
-        phases: clear, table, geometry, render; of two eyes, the sums.
-        eyes: the same by eye.
+        total: from start to end, without the clearing that follows a reset.
+        phases: the cycles of clear, table, geometry and render; for two eyes, their sums.
+        eyes: the same for each eye.
         stages: by the names of `spec.registers.stages`.
         reads, writes: bytes by client.
-        entries, groups, ops, skipped, fetch_misses, spilled_entries: events of the frame.
-        activates, refreshes: commands of the LPDDR3 channels, of the phases but TABLE; 0 with other memories. Reads and writes
-            are a burst a beat.
-        utilisation: share of the rendering phase's cycles in which the array takes an entry or issues an op, whichever is more;
-            of memory's bandwidth that is used in each phase.
-        timeline: (stage, eye, group, first cycle, last cycle); group -1: a phase.
-        seconds: that the simulation took.
+        entries, groups, ops, skipped, fetch_misses, spilled_entries: counted events of the frame.
+        activates, refreshes: commands of the LPDDR3 channels in all phases but TABLE; 0 with other memories. A read or write
+            command is one burst, that is, one beat.
+        utilisation: for the array, the share of the rendering phase's cycles in which it takes an entry or issues an operation,
+            whichever is more; for the memory, the share of DRAM_BYTES_PER_CYCLE that is used over the frame.
+        timeline: (stage, eye, group, first cycle, last cycle); group -1 stands for a whole phase.
+        seconds: the time that the simulation took.
     """
 
     total: int
@@ -111,19 +119,19 @@ class FrameCycles:
 
     @property
     def dram_bytes(self) -> dict[str, object]:
-        """As in tb.frame's frame.json."""
+        """The bytes read and written, in the form of frame.json of tb.frame."""
         sums = {"read": sum(self.reads.values()), "write": sum(self.writes.values())}
         return {**sums, "reads": self.reads, "writes": self.writes}
 
     def as_json(self) -> dict[str, object]:
-        """JSON-ready values, without the timeline."""
+        """The values in JSON-ready form, without the timeline."""
         out = asdict(self) | {"dram_bytes": self.dram_bytes}
         return {name: value for name, value in out.items() if name not in ("timeline", "reads", "writes")}
 
 
 @dataclass
 class _Pass:
-    """What one eye's pass came to."""
+    """The results of one eye's pass."""
 
     cycles: dict[str, int]
     stages: dict[str, np.ndarray]
@@ -137,20 +145,20 @@ def simulate(
     trace: FrameTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
     pipeline: bool | None = None, beta: int | None = None, display: bool | None = None,
 ) -> FrameCycles:
-    """Cycles of a frame.
+    """Simulates a frame.
 
     Args:
-        trace: the golden frame's.
-        config: the machine.
-        memory: what answers; None: the bench's at its default speed.
-        merge: tiles are merged.
-        pipeline: stages hand over incrementally; None: as `config` says.
-        beta: merge threshold in entries; None: automatic. Without `merge` it means nothing.
-        display: 4 bytes a pixel instead of 16; None: of two eyes alone, which need it.
+        trace: the trace of the golden frame.
+        config: the machine's configuration.
+        memory: the memory; None for the bench's memory at its default speed.
+        merge: whether tiles are merged.
+        pipeline: whether stages hand over incrementally; None for the configuration's value.
+        beta: the merge threshold in intersections; None for the automatic one. It has no effect without `merge`.
+        display: whether a pixel takes 4 bytes in memory instead of 16; None for frames of two eyes only, which need it.
 
     Raises:
-        ValueError: a frame of two eyes on a machine without stereo or in 16 bytes a pixel; harmonics of a
-            degree that the machine has not; what `render_plan` says.
+        ValueError: the frame has two eyes, and the machine has no stereo or `display` is False; or the frame needs a higher SH
+            degree than the machine has.
     """
     memory = memory or MemoryModel()
     if pipeline is not None:
@@ -173,14 +181,14 @@ def simulate(
     return _together(trace, config, passes, plans, work_clock() - begin)
 
 
-_lists = lru_cache(maxsize=4)(eye_lists)  # a trace is simulated on machine after machine
+_lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row
 
 
 def _finished(phase: str, cycles: int) -> int:
-    """The cycles of a phase that has ended.
+    """The cycles of a phase.
 
     Raises:
-        RuntimeError: it has not.
+        RuntimeError: the phase has not ended within LIMIT cycles.
     """
     if cycles < 0:
         raise RuntimeError(f"{phase} must end within {LIMIT} cycles")
@@ -197,7 +205,7 @@ def _eye(
     trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, beta: int | None,
     display: bool, written: Lists, plan: RenderPlan, where: MemoryMap,
 ) -> _Pass:
-    """A pass: its phases in turn."""
+    """Simulates an eye's pass, phase after phase."""
     table = _table(eye, memory, where.target_tiles if number else where.tiles)
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_tiles(config).bit_length() + 1 if beta is None else 0)
@@ -221,19 +229,19 @@ def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
 
 
 def _commands(s: np.record) -> dict[str, int]:
-    """What the DRAM's channels did in a phase."""
+    """The DRAM commands of a phase, counted."""
     return {"activates": int(s.dram_activates_given), "refreshes": int(s.dram_refreshes)}
 
 
 def _counts(s: np.record, stages: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Cycles of each stage's input in which an item moved, and in which one was offered and not taken."""
+    """For the input of each stage, the cycles in which an item moved and those in which one was offered and not taken."""
     return {stage: np.array([s[f"busy_{stage}"], s[f"blocked_{stage}"]]) for stage in stages}
 
 
 def _geometry(
     trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: MemoryModel, written: Lists, where: MemoryMap,
 ) -> tuple[_Pass, int]:
-    """The geometry phase, and when its last entry was in memory."""
+    """Simulates the geometry phase. Returns it with the cycle in which its last intersection was in memory."""
     s = geometry.layout.new()
     _memory(s, memory)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
@@ -256,7 +264,7 @@ def _geometry(
 
 
 def _set_array(s: np.record, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
-    """The array's sizes and latencies (rtl.vrc_array)."""
+    """Sets the array's sizes and latencies (rtl.vrc_array)."""
     expand, blend = (config.cores_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
     s.blocks, s.cores_x, s.cores_y = config.blocks, config.cores_x, config.cores_y
     s.row_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
@@ -269,7 +277,7 @@ def _set_array(s: np.record, trace: FrameTrace, config: AcceleratorConfig, displ
 
 
 def _set_warp(s: np.record, trace: FrameTrace, config: AcceleratorConfig, where: MemoryMap) -> None:
-    """The warp unit's sizes and latencies (rtl.warp_unit)."""
+    """Sets the warp unit's sizes and latencies (rtl.warp_unit)."""
     groups = TILE // config.warp_lanes
     waiting = max(2, groups - groups // config.warp_lanes + 1)
     s.warp_present, s.warp_lanes, s.warp_to_take = 1, config.warp_lanes, trace.tiles_y
@@ -285,7 +293,7 @@ def _render(
     trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, display: bool,
     written: Lists, plan: RenderPlan, where: MemoryMap, sweep_from: int,
 ) -> _Pass:
-    """The rendering phase."""
+    """Simulates the rendering phase."""
     line = config.line_buffer_bytes // ENTRY_BYTES
     s = warp.layout.new()
     _memory(s, memory)
@@ -324,7 +332,7 @@ def _render(
 
 
 def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list[tuple[str, int, int, int]]:
-    """First and last cycle of every group in the stages of the rendering phase."""
+    """The first and last cycle of every group in each stage of the rendering phase."""
     out = []
     for place, stage in enumerate(("sort", "handover", "fetch", "array")):
         firsts, ends = times[2 * place : 2 * place + 2, : len(plan.filled)].tolist()
@@ -340,7 +348,7 @@ def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list
 def _together(
     trace: FrameTrace, config: AcceleratorConfig, passes: list[_Pass], plans: list[RenderPlan], seconds: float,
 ) -> FrameCycles:
-    """Both eyes' numbers as the machine counts them."""
+    """Adds up the numbers of all passes, as the machine counts them."""
     phases = {name: sum(p.cycles[name] for p in passes) for name in passes[0].cycles}
     total = sum(phases.values())
     stages = {}

@@ -1,4 +1,4 @@
-"""A frame's timeline as trace events, which ui.perfetto.dev and chrome://tracing show."""
+"""A frame's timeline as trace events, which ui.perfetto.dev and chrome://tracing can display."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from perf.model import FrameCycles
 
 
 def trace_events(frame: FrameCycles) -> dict[str, object]:
-    """The trace: a row a stage, a slice a group; a microsecond stands for a cycle."""
+    """The trace, with a row per stage and a slice per group. One microsecond stands for one cycle."""
     stages = list(dict.fromkeys(stage for stage, *_ in frame.timeline))
     events: list[dict[str, object]] = [
         {"name": "thread_name", "ph": "M", "pid": 0, "tid": tid, "args": {"name": stage}} for tid, stage in enumerate(stages)]

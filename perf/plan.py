@@ -1,4 +1,4 @@
-"""A trace on a machine: groups, chunks, cache misses, addresses: what the kernels of both phases walk through."""
+"""A trace on a particular machine: the groups, chunks, cache misses and addresses that the kernels of both phases need."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from spec.queues import CACHE_WAYS
 
 @dataclass(frozen=True)
 class MemoryMap:
-    """First beats of the regions, one behind the other as `spec.memory` lists them."""
+    """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
 
     geometry: int
     colour: int
@@ -43,7 +43,7 @@ class MemoryMap:
 
 
 def memory_map(trace: FrameTrace, config: AcceleratorConfig, display: bool, entries_beats: int, spill_beats: int) -> MemoryMap:
-    """Where a frame's regions lie, without gaps."""
+    """The memory regions of a frame, without gaps."""
     tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     table, frame = -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), -(-trace.width * trace.height * pixel // BEAT_BYTES)
     sizes = (trace.points, trace.points * colour_beats(config, trace.sh_degree), table, table,
@@ -53,13 +53,16 @@ def memory_map(trace: FrameTrace, config: AcceleratorConfig, display: bool, entr
 
 @dataclass(frozen=True)
 class Lists:
-    """An eye's entries in memory.
+    """The tile lists of an eye in memory.
 
     Attributes:
-        beats: that the pages take.
-        begins: (entries + 1,) bool, in the order of arrival: the entry begins a page other than its tile's first.
-        writes: the entry writer's beats in turn: entries relative to the entries' base, directory words as -1 - beat.
-        page_beat, page_start: pages beyond the first ones by tile and slot, and where each tile's begin.
+        beats: the beats that the pages take.
+        begins: (intersections + 1,) bool, in the order of arrival: whether the intersection begins a page other than its tile's
+            first.
+        writes: the beats that the entry writer writes, in turn: intersections relative to the region's base, and directory
+            words as -1 - beat.
+        page_beat: the first beat of each page beyond the first ones, by tile and slot.
+        page_start: the place in `page_beat` where each tile's pages begin.
     """
 
     beats: int
@@ -70,9 +73,9 @@ class Lists:
 
 
 def eye_lists(eye: EyeTrace) -> Lists:
-    """Where an eye's entries go (`golden.msv2_ref.tile_lists` says the same of a frame's)."""
+    """Where an eye's intersections are written. `golden.msv2_ref.tile_lists` computes the same for a frame."""
     places = eye.counts.astype(np.int64) + (FIRST_PAGE_ENTRIES - 1)
-    pages = np.maximum(np.frexp(places // FIRST_PAGE_ENTRIES)[1] - 1, 0)  # beyond the first
+    pages = np.maximum(np.frexp(places // FIRST_PAGE_ENTRIES)[1] - 1, 0)  # pages beyond the first
     start = np.concatenate(([0], np.cumsum(pages)))
     begins, page_beat = np.zeros(len(eye.tile) + 1, np.bool_), np.zeros(start[-1] + 1, np.int64)
     writes = np.zeros(len(eye.tile) + start[-1] + 1, np.int64)
@@ -81,12 +84,12 @@ def eye_lists(eye: EyeTrace) -> Lists:
 
 @kernel
 def _pages(tile, page_start, begins, writes, page_beat):
-    """Hands out pages as entries come; the beats that they take."""
+    """Allocates pages in the order of the intersections; returns the beats that the pages take."""
     tiles, at = len(page_start) - 1, 0
     beats = tiles * FIRST_PAGE_ENTRIES // BEAT_ENTRIES
     place, base, page = np.full(tiles, FIRST_PAGE_ENTRIES, np.int64), np.empty(tiles, np.int64), page_start[:-1].copy()
     for i in range(tiles):
-        base[i] = (i - 1) * FIRST_PAGE_ENTRIES  # of a page as long as all before it, in entries
+        base[i] = (i - 1) * FIRST_PAGE_ENTRIES  # in intersections; as if the page followed one as long as all before it
     for i in range(len(tile)):
         to = tile[i]
         if place[to] > FIRST_PAGE_ENTRIES and place[to] & (place[to] - 1) == 0:
@@ -104,22 +107,23 @@ def _pages(tile, page_start, begins, writes, page_beat):
 
 @dataclass(frozen=True)
 class RenderPlan:
-    """An eye's rendering on a machine; arrays as `perf.render.render_phase` takes them.
+    """An eye's rendering on a machine; the arrays are those that `perf.render.render_phase` takes.
 
     Attributes:
-        groups: (tiles,) of each tile. filled: (groups with entries,) their numbers.
-        lasts: (tiles,) the tile is its group's last.
+        groups: (tiles,) the group of each tile. filled: (groups with intersections,) their numbers.
+        lasts: (tiles,) whether the tile is its group's last.
         drawn: (rendered tiles,) their numbers.
-        group_end: (entries,) the entry is its group's last.
-        missed: (entries,) its view is not in the cache. view: its view's beat.
-        chunk_length, chunk_spill, chunk_last: of the chunks that groups are cut into. chunk_ends: of each, the entries up to
-            its end; behind them more than there are.
-        arrival: (entries + 1,) int32, in the order of the lists: each entry's place in the rendering order.
-        part_runs: runs of each spilled group. job_start, job_length, job_entries, job_out, job_waits: of each merge, its runs'
-            place among `job_length`, their lengths and sum, whether it goes out, and whether it waits for those before it to be
-            in memory.
-        way_of: of each entry of each merge, in order, the run that it comes from.
-        ring_runs: runs that the spill region's ring holds; spill_beats: its size.
+        group_end: (intersections,) whether the intersection is its group's last.
+        missed: (intersections,) whether its splat record is not in the cache. view: the beat of its splat record.
+        chunk_length, chunk_spill, chunk_last: of the chunks into which groups are cut, the length, whether its group is
+            spilled, and whether it is its group's last. chunk_ends: the number of intersections up to each chunk's end,
+            followed by a number larger than all.
+        arrival: (intersections + 1,) int32, in the order of the lists: each intersection's place in the rendering order.
+        part_runs: the number of runs of each spilled group. job_start, job_length, job_entries, job_out, job_waits: for each
+            merge, the place of its runs in `job_length`, their lengths and sum, whether its result leaves the sorter, and
+            whether it waits until the results of earlier merges are in memory.
+        way_of: for each intersection of each merge, in order, the run from which it comes.
+        ring_runs: the runs that the ring buffer in the spill region holds. spill_beats: the size of that region.
     """
 
     groups: np.ndarray
@@ -146,13 +150,13 @@ class RenderPlan:
 
 
 def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None, largest: int) -> RenderPlan:
-    """What the render phase walks through.
+    """The data that the rendering phase needs.
 
     Args:
-        trace, eye: the frame's.
-        config: the machine.
-        beta: merge threshold, None: automatic, 0: nothing is merged.
-        largest: entries of the frame's largest group, of both eyes: the host makes room for two of them
+        trace, eye: the frame and its eye.
+        config: the machine's configuration.
+        beta: the merge threshold; None for the automatic one, 0 if nothing is merged.
+        largest: the intersections of the frame's largest group of both eyes; the host reserves memory for two of them
             (golden.host.memory_image.spill_beats).
     """
     counts = eye.counts.astype(np.int64)
@@ -173,7 +177,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     arrival, view = np.zeros(len(eye.splat) + 1, np.int32), np.zeros(len(eye.splat), np.int64)
     _by_entry(counts, eye.rank, eye.splat, eye.level, trace.view_shift, arrival, view)
     large = sizes[groups] > capacity
-    before = np.cumsum(counts) - counts - (np.cumsum(sizes) - sizes)[groups]  # of a tile's group, entries before the tile's
+    before = np.cumsum(counts) - counts - (np.cumsum(sizes) - sizes)[groups]  # intersections of the group before the tile's own
     place = np.repeat(before[large], counts[large]) + eye.rank[np.repeat(large, counts)]
     runs = -(-largest // capacity) if largest > capacity else 1
     parts, run_of = chunks > 1, (place // capacity).astype(np.int64)
@@ -187,7 +191,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
 
 @kernel
 def _by_entry(counts, rank, splat, level, view_shift, arrival, view):
-    """`arrival` and `view` of a RenderPlan, tile by tile."""
+    """Fills `arrival` and `view` of a RenderPlan, tile by tile."""
     at = 0
     for tile in range(len(counts)):
         first = at
@@ -198,12 +202,12 @@ def _by_entry(counts, rank, splat, level, view_shift, arrival, view):
 
 
 def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray, ways: int) -> tuple[np.ndarray, ...]:
-    """`job_start` to `way_of` of a RenderPlan, as rtl.sort_tmu.merge_plan makes them.
+    """The arrays `job_start` to `way_of` of a RenderPlan, in the way of rtl.sort_tmu.merge_plan.
 
     Args:
-        run_of: (entries of spilled groups,) int64, in order: the chunk of its group that each lies in.
-        part_runs, part_entries: of each such group.
-        ways: runs that are merged at a time.
+        run_of: (intersections of spilled groups,) int64, in order: the chunk of its group in which each lies.
+        part_runs, part_entries: the runs and the intersections of each such group.
+        ways: the number of runs that are merged at a time.
     """
     start, lengths, entries, out, waits, way_of = [0], [], [], [], [], [np.zeros(0, np.int64)]
     firsts = np.cumsum(part_entries) - part_entries
@@ -234,22 +238,22 @@ def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray,
 
 
 def eye_groups(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None) -> np.ndarray:
-    """(tiles,) group of each tile."""
+    """(tiles,) the group of each tile."""
     counts = eye.counts.astype(np.int64)
     return merge_tiles(counts, trace.tiles_x, auto_beta(counts, config) if beta is None else beta)
 
 
 def largest_group(trace: FrameTrace, config: AcceleratorConfig, beta: int | None) -> int:
-    """Entries of the largest group of both eyes."""
+    """The intersections of the largest group of both eyes."""
     return max(int(np.bincount(eye_groups(trace, eye, config, beta), eye.counts).max(initial=0)) for eye in trace.eyes)
 
 
 def _cache_misses(eye: EyeTrace, counts: np.ndarray, lines: int) -> np.ndarray:
-    """(intersections,) uint8: its splat record is not in the splat cache (rtl/vrc_array/splat_tags.py)."""
+    """(intersections,) uint8: whether its splat record is not in the splat cache (rtl/vrc_array/splat_tags.py)."""
     index, level = eye.splat.astype(np.int64), np.repeat(eye.level, counts).astype(np.int64)
     return find_misses(index, level, lines, CACHE_WAYS, False, False).astype(np.uint8)
 
 
 def tile_rows(config: AcceleratorConfig) -> int:
-    """Rows of pixels of a tile."""
+    """Number of pixel rows in a tile."""
     return TILE * TILE // config.cores_x

@@ -1,6 +1,6 @@
-"""The phase RENDER, a cycle a step: rtl/top/render_phase.py and the units below it.
+"""The phase RENDER, stepped cycle by cycle (rtl/top/render_phase.py and the units below it).
 
-Units are stepped from the last to the first, as `perf.geometry` says.
+Units are stepped from the last to the first, for the reason that `perf.geometry` gives.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from perf.watch import BLENDING, FETCHING, HANDING, SORTING
 
 @step
 def _note(s, t, stage, ends, times):
-    """An entry has moved into a stage: its group's first and last such cycles."""
+    """Records that an entry has moved into a stage, for the first and last such cycle of its group."""
     if s.group_open[stage] == 0:
         times[2 * stage, s.group[stage]] = t
         s.group_open[stage] = 1
@@ -25,7 +25,7 @@ def _note(s, t, stage, ends, times):
 
 @step
 def _asking(s, t):
-    """Who asks for a read, and who for a write."""
+    """The clients that ask for a read and those that ask for a write, a bit for each."""
     reads = (1 << TILES) * (s.owed != 0 and s.credits[TILES] != 0)
     reads |= (1 << ENTRIES) * (s.list_requests != 0 and s.credits[ENTRIES] != 0)
     reads |= (1 << SPILL) * (s.spill_read_full != 0 and s.credits[SPILL] != 0)
@@ -37,7 +37,7 @@ def _asking(s, t):
 
 @step
 def _rows(s, t, writer, tile_number, tile_times, fills):
-    """The array's rows to the pixel writer and, of the source eye, to the warp unit."""
+    """Moves the array's rows to the pixel writer and, for the source eye, to the warp unit."""
     offered = blending.rows_offered(s, t)
     if s.warp_present == 0:
         taken = blending.step_pixels(s, t, writer == W_FRAME, offered, tile_number, tile_times)
@@ -68,7 +68,7 @@ def render_phase(
     use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start,
     job_length, job_entries, job_out, job_waits, way_of, fills, times, tile_times, limit,
 ):
-    """The phase RENDER; gives its cycles, -1 where they are not enough."""
+    """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
     tiles = len(tile_counts)
     for t in range(limit):
         reads, writes = _asking(s, t)

@@ -1,4 +1,4 @@
-"""The runs that the tile test cuts boxes of splats into (rtl/culling/tile_runs.py)."""
+"""The runs of tiles into which the tile test cuts the boxes of splats (rtl/culling/tile_runs.py)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from spec.queues import LEVEL_GROUP
 def tile_runs(
     box: np.ndarray, index: np.ndarray, entry_splat: np.ndarray, entry_tile: np.ndarray, kind: np.ndarray, tiles_x: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Runs of the projected splats, and the frame's end.
+    """The runs of the projected splats, followed by the end of the frame.
 
     Args:
         box: (splats, 4) int64 first and last tile column, first and last tile row.
-        index: (splats,) int32 of the splats' Gaussians, ascending.
-        entry_splat, entry_tile: (entries,) int32 by splat, then by tile.
-        kind: (tiles,) int64: a run's tiles are of one.
-        tiles_x: tiles of a row.
+        index: (splats,) int32 the indices of the splats' Gaussians, ascending.
+        entry_splat, entry_tile: (intersections,) int32 by splat, then by tile.
+        kind: (tiles,) int64: all tiles of a run have the same kind.
+        tiles_x: the number of tiles in a row.
 
     Returns:
         splat_steps, step_runs, run_entries, run_closes: see `perf.trace.EyeTrace`.

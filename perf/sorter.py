@@ -1,4 +1,4 @@
-"""What is behind the chunk sorter, a cycle a step: spilling, merging, hand-over (rtl/sort_tmu/)."""
+"""The units behind the chunk sorter, stepped cycle by cycle: spilling, merging and the handover (rtl/sort_tmu/)."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ layout.words("""
 layout.words("line_in line_out half_states filling filled showing half_next source source_last source_half line_size line_mask")
 
 _WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE, _PENDING = 32, 32, 32, 8, 15
-"""RunWriter's depth, RunReader's way_beats, most ways, entries between the leaves and the output, merges not yet in memory."""
+"""RunWriter's depth, RunReader's `way_beats`, the most ways, the entries that the tree holds between its leaves and its output,
+and the most merge results that are not yet in memory."""
 LINE_MOST = 1 << 17
-"""Entries of the longest line buffer that a configuration can have."""
+"""Number of entries of the longest line buffer that a configuration can have."""
 layout.ring("half_ends", 2)
 layout.ring("run_queue_times", _WRITER_QUEUE)
 layout.ring("run_queue_fence", _WRITER_QUEUE)
@@ -33,12 +34,12 @@ layout.ring("way_fetched", _WAYS * _WAY_BEATS)
 layout.ring("tree_times", _TREE)
 layout.ring("line_times", LINE_MOST)
 
-_TREE_LATENCY = 3  # of eight ways, the paper's; three cycles from a beat to its way, one from the tree's last node
+_TREE_LATENCY = 3  # with the paper's eight ways; a beat reaches its way after three cycles, the last node's output takes one
 
 
 @step
 def step_run_writer(s, t, granted):
-    """RunWriter: the oldest beat, and its fence; merged beats go first into its queue."""
+    """Steps RunWriter: writes the oldest beat and waits at its fence. Merged beats enter its queue before others."""
     at = s.run_queue_out
     if at == s.run_queue_in and s.back_full == 0 and s.pack_full == 0:
         return
@@ -68,14 +69,14 @@ def step_run_writer(s, t, granted):
 
 @step
 def writer_asks(s, t):
-    """The run writer has a beat for memory."""
+    """Whether the run writer has a beat for memory."""
     at = s.run_queue_out
     return s.fenced == 0 and at != s.run_queue_in and s.run_queue_times[at & _WRITER_QUEUE - 1] <= t
 
 
 @step
 def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
-    """SpillDispatch: an entry of a chunk that is spilled to its run."""
+    """Steps SpillDispatch: moves an entry of a spilled chunk into its run."""
     chunk, place = s.chunk_out, s.place_out
     if not offers or chunk_spill[chunk] == 0 or s.pack_full:
         return
@@ -95,7 +96,7 @@ def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
 
 @step
 def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
-    """MergePlan: merges of a part that is in memory, and their runs to their ways, two cycles each, two on their way there."""
+    """Steps MergePlan: plans the merges of a group that is in memory, and assigns runs to ways, in two cycles each."""
     job = s.merges_planned
     if s.planning == 0:
         if s.open_part == 0:
@@ -125,7 +126,7 @@ def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
 
 @step
 def _read_runs(s, t, ways, granted):
-    """RunReader: a way's next beat into the request register, beats into their ways."""
+    """Steps RunReader: requests the next beat of a way, and moves received beats into their ways."""
     if granted:
         bus.read(s, SPILL, s.spill_base + s.spill_read_beat)
         s.spill_read_beat += 1
@@ -153,7 +154,7 @@ def _read_runs(s, t, ways, granted):
 
 @step
 def _merge(s, t, way_of, job_start, job_length):
-    """MergeTree: the next entry in order from its way's head, once every way that is left has one."""
+    """Steps MergeTree: takes the next entry in order from its way, once every way with entries left shows one."""
     if s.tree_in - s.tree_out >= _TREE - 1:
         return
     if s.merge_left == 0:
@@ -194,7 +195,7 @@ def _merge(s, t, way_of, job_start, job_length):
 
 @step
 def _tree_gives(s, t, job_entries):
-    """The tree's oldest entry is there: what is left of its merge, itself included; 0: none."""
+    """How many entries of the current merge are left, including the oldest one at the tree's output; 0 if none is there."""
     if s.tree_in == s.tree_out or s.tree_times[s.tree_out & _TREE - 1] > t:
         return 0
     return s.out_left if s.out_left else job_entries[s.merges_finished]
@@ -202,7 +203,7 @@ def _tree_gives(s, t, job_entries):
 
 @step
 def _take_merged(s, left):
-    """The tree's oldest entry leaves; `left` as `_tree_gives` says."""
+    """Removes the tree's oldest entry; `left` is the value from `_tree_gives`."""
     s.tree_out += 1
     s.out_left = left - 1
     s.merges_finished += left == 1
@@ -210,7 +211,7 @@ def _take_merged(s, left):
 
 @step
 def _merge_back(s, t, job_entries, job_out):
-    """An entry of a merge that goes back to memory into its beat."""
+    """Moves an entry of a merge whose result goes back to memory into its beat."""
     left = _tree_gives(s, t, job_entries)
     if left == 0 or job_out[s.merges_finished] or s.back_full:
         return
@@ -223,7 +224,7 @@ def _merge_back(s, t, job_entries, job_out):
 
 @step
 def _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out):
-    """Whether an entry is offered: 0, -1 from the chunk sorter, else from the merge tree, as `_tree_gives`."""
+    """Which entry is offered: 0 for none, -1 for one of the chunk sorter, otherwise the value of `_tree_gives`."""
     if s.active:
         left = _tree_gives(s, t, job_entries)
         return left if left and job_out[s.merges_finished] else 0
@@ -235,7 +236,7 @@ def step_sort_out(
     s, t, ways, granted, chunk_offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start, job_length,
     job_entries, job_out, job_waits, way_of,
 ):
-    """What leaves the sorter for the hand-over; whether something did. `chunk_offers`: the chunk sorter offers an entry."""
+    """Moves a sorted entry to the handover. Returns whether one moved. `chunk_offers`: the chunk sorter offers an entry."""
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
     freed, moves = s.freeing, False
     s.freeing = 0
@@ -257,7 +258,7 @@ def step_sort_out(
                 s.freeing = part_runs[s.parts_freed]
                 s.parts_freed += 1
         s.sorted += 1
-    if freed:  # by what left a cycle before
+    if freed:  # by the entry that left one cycle earlier
         s.used -= freed
         s.active = s.used != 0
     if s.used or (s.ring_runs and chunk_offers):
@@ -271,7 +272,7 @@ def step_sort_out(
 
 @step
 def _hand_over(s, t, ends):
-    """An entry offered to the line buffer or the double buffer; whether it is taken."""
+    """Offers an entry to the line buffer or the double buffer. Returns whether it is taken."""
     if s.incremental:
         at = s.line_in
         if at - s.line_out >= s.line_size:
@@ -286,13 +287,13 @@ def _hand_over(s, t, ends):
     if ends or s.filled == s.capacity:
         s.half_ends[half] = s.filled
         s.filling, s.filled = 1 - half, 0
-        s.half_states |= 4 << half  # seen in the next cycle
+        s.half_states |= 4 << half  # takes effect in the next cycle
     return True
 
 
 @step
 def handover_offers(s, t):
-    """The hand-over offers an entry."""
+    """Whether the handover offers an entry."""
     if s.incremental:
         at = s.line_out
         return at != s.line_in and s.line_times[at & s.line_mask] <= t
@@ -301,11 +302,11 @@ def handover_offers(s, t):
 
 @step
 def step_handover(s, takes):
-    """The hand-over's output side."""
+    """Steps the output side of the handover."""
     if s.incremental:
         s.line_out += takes
         return
-    halves = (s.half_states | s.half_states >> 2) & ~(s.half_states >> 4) & 3  # as the cycle before has left them
+    halves = (s.half_states | s.half_states >> 2) & ~(s.half_states >> 4) & 3  # the state that the previous cycle left
     s.half_states = halves
     if takes:
         s.source = 0

@@ -1,4 +1,4 @@
-"""After how many entries all pixels of a tile have stopped."""
+"""Finds after how many intersections all pixels of a tile have stopped."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from spec.config import AcceleratorConfig
 
 
 def stop_entries(frame: Frame) -> np.ndarray:
-    """(tiles, 2) int32: entries after which every pixel of a level bank has stopped, -1 where some never do.
+    """(tiles, 2) int32: the number of intersections after which every pixel of a level bank has stopped; -1 where some never
+    stop.
 
-    Only tiles whose finished pixels have all stopped can have banks that have; there the array is rendered again with fewer
-    entries, by bisection.
+    Only tiles in which all pixels have stopped at the end are candidates. For these, the array is rendered again with fewer
+    intersections, by bisection.
     """
     config, header = frame.config, frame.registers.header
     stop = np.full((len(header), 2), -1, np.int32)
@@ -29,7 +30,7 @@ def stop_entries(frame: Frame) -> np.ndarray:
 
 def _bisect(config: AcceleratorConfig, frame: Frame, tiles: np.ndarray, bank: int, limit: int) -> np.ndarray:
     start, counts = frame.entries.start, np.diff(frame.entries.start)[tiles]
-    low, high = np.zeros(len(tiles), np.int64), counts.astype(np.int64)  # stopped after `high`, not after `low`
+    low, high = np.zeros(len(tiles), np.int64), counts.astype(np.int64)  # all have stopped after `high`, but not after `low`
     never = ~_stopped(config, frame, tiles, counts, bank, limit)
     while (high - low > 1).any():
         middle = (low + high) // 2
@@ -42,7 +43,7 @@ def _bisect(config: AcceleratorConfig, frame: Frame, tiles: np.ndarray, bank: in
 def _stopped(
     config: AcceleratorConfig, frame: Frame, tiles: np.ndarray, counts: np.ndarray, bank: int, limit: int,
 ) -> np.ndarray:
-    """Whether the pixels of a bank have stopped after the first `counts` entries of each tile."""
+    """Whether all pixels of a bank have stopped after the first `counts` intersections of each tile."""
     r, e = frame.registers, frame.entries
     level = r.header[tiles, 0] + bank
     tile_y, tile_x = np.divmod(tiles, r.tiles_x)

@@ -1,7 +1,9 @@
-"""What of a golden frame the machine's timing depends on: sizes, counts, orders, places in memory; no pixel and no splat.
+"""The properties of a golden frame on which the machine's timing depends: sizes, counts, orders and places in memory, but no
+pixels and no splats.
 
-A `FrameTrace` is of one frame, of one or two eyes; an `EyeTrace` of a pass. It depends on the scene, the view, the formats and
-the chunk size of the configuration, but not on merging, hand-over, lanes or memory: `perf.model` takes these.
+A `FrameTrace` stands for one frame of one or two eyes, and an `EyeTrace` for the pass of one eye. A trace depends on the scene,
+the camera, the formats and the other fields of the configuration that `_key` names. It does not depend on merging, handover,
+lanes or memory, which `perf.model` takes into account.
 """
 
 from __future__ import annotations
@@ -29,26 +31,26 @@ from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
 VERSION = 1
-"""Of the files; others are made anew."""
+"""Version of the trace files; files of other versions are made again."""
 
 
 @dataclass(frozen=True, eq=False)
 class EyeTrace:
-    """One eye's pass.
+    """The pass of one eye.
 
     Attributes:
-        point_class: (points + 1,) uint8 of `perf.geometry`'s classes, in order, the frame's end as VISIBLE.
-        splat_steps: (projected + 1,) int32, groups of sixteen tiles that each projected splat's box covers, row by row.
-        step_runs: (steps,) uint8, runs of one kind of tiles in each of these.
-        run_entries: (runs,) uint8, entries of each run; run_closes: NOT_LAST, CLOSES, ENDS.
-        survivor: (survivors,) int32 index of each splat with an entry; views: its levels, a bit each.
-        tile: (entries,) int32 tile of each entry as the tile test gives them.
-        counts: (tiles,) int32.
+        point_class: (points + 1,) uint8 of the classes in `perf.geometry`, in order; the frame's end counts as VISIBLE.
+        splat_steps: (projected + 1,) int32, the groups of sixteen tiles that each projected splat's box covers, row by row.
+        step_runs: (steps,) uint8, the runs of tiles of one kind in each of these groups.
+        run_entries: (runs,) uint8, the intersections of each run; run_closes: NOT_LAST, CLOSES or ENDS.
+        survivor: (survivors,) int32 index of each splat with an intersection; views: its levels, a bit each.
+        tile: (intersections,) int32 the tile of each intersection, in the order in which the tile test gives them.
+        counts: (tiles,) int32 the intersections of each tile.
         rendered: (tiles,) bool. blend: (tiles,) bool. level: (tiles,) uint8.
-        splat: (entries,) int32, in rendering order; use: uint8, as `TileEntries`.
-        rank: (entries,) int32, place of each entry of rendering order in its tile's list in memory.
-        stop: (tiles, 2) int32, entries of the tile after which all pixels of a level bank have stopped; -1: they do not.
-        filtered: pairs dropped.
+        splat: (intersections,) int32 in rendering order; use: uint8 as in `TileEntries`.
+        rank: (intersections,) int32, in rendering order: the place in the tile's list in memory.
+        stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
+        filtered: (1,) the number of (splat, tile) pairs that the tile test dropped.
     """
 
     point_class: np.ndarray
@@ -72,16 +74,16 @@ class EyeTrace:
 
 @dataclass(frozen=True)
 class FrameTrace:
-    """A frame.
+    """The trace of a frame.
 
     Attributes:
-        width, height: pixels.
-        points, sh_degree, view_shift: of the model and the frame.
+        width, height: the frame's size in pixels.
+        points, sh_degree, view_shift: properties of the model and the frame.
         eyes: one pass or two.
-        holes: (height, width) uint8, pixels of the target eye that the warp unit fills; empty for one eye.
-        golden_seconds: what rendering and tracing took, not cached.
+        holes: (height, width) uint8, 1 for pixels of the target eye that the warp unit fills; empty for frames of one eye.
+        golden_seconds: the time that rendering and tracing took when the trace was made.
         record: the request as JSON-ready values.
-        source_right: of a frame of two eyes, the right one is rendered as a whole.
+        source_right: for a frame of two eyes, whether the right eye is the source, which is rendered as a whole.
     """
 
     width: int
@@ -120,9 +122,9 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
 
     counts = np.diff(e.start)
     tile_of = np.repeat(np.arange(tiles, dtype=np.int32), counts)
-    arrival = np.argsort(e.splat.astype(np.int64) * tiles + tile_of, kind="stable")  # by splat, then by tile
+    arrival = np.argsort(e.splat.astype(np.int64) * tiles + tile_of, kind="stable")  # in the order of splats, then of tiles
     rank = np.empty(len(arrival), np.int32)
-    by_tile = np.argsort(tile_of[arrival], kind="stable")  # per tile in the order of arrival
+    by_tile = np.argsort(tile_of[arrival], kind="stable")  # for each tile, the order of arrival
     rank[arrival[by_tile]] = np.arange(len(arrival)) - np.repeat(e.start[:-1], counts)
 
     visible = np.flatnonzero(reason == projection.VISIBLE).astype(np.int32)
@@ -160,15 +162,15 @@ def trace_request(
     args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
     render: Callable[[], pipeline.Frame | StereoFrame] | None = None,
 ) -> FrameTrace:
-    """The trace behind the arguments of a request (`golden.scenes.request`, `golden.msv2_ref.eyes`).
+    """The trace of the frame that a command line requests (`golden.scenes.request`, `golden.msv2_ref.eyes`).
 
     Args:
-        args: parsed, and of two eyes taken (`take_stereo_arguments`).
-        config: the machine, as it is built; what the frame does not call for is not left out here.
-        cache: folder in which traces are kept; None: nothing is.
-        request: the resolved arguments, where they are known.
-        render: makes the frame where it is not kept, from the arguments and the machine alone; None: the request is rendered
-            as it is, without a plan of effects.
+        args: the parsed arguments; for two eyes, after `take_stereo_arguments`.
+        config: the configuration of the machine as it is built. Units that the frame does not need are not removed here.
+        cache: the folder in which traces are kept; None to keep none.
+        request: the resolved arguments, if they are known already.
+        render: a function that makes the frame if it is not kept, from the arguments and the machine alone; None to render the
+            request as it is, without a plan of effects.
 
     Raises:
         InputError: see `resolve`.
@@ -197,7 +199,7 @@ _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
-    """A name for the trace: what was asked for, of which files, for which numbers."""
+    """The file name of a trace: a hash of the request, of the scene's and camera's files, and of the configuration's fields."""
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
@@ -207,7 +209,7 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
 
 
 def save_trace(trace: FrameTrace, path: Path) -> None:
-    """The trace as a compressed npz, complete or not at all."""
+    """Saves the trace as a compressed npz file, which is written completely or not at all."""
     scalars = {f.name: getattr(trace, f.name) for f in fields(trace) if f.name not in ("eyes", "holes")}
     arrays = {f"{f.name}_{i}": getattr(eye, f.name) for i, eye in enumerate(trace.eyes) for f in fields(eye)}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -216,7 +218,7 @@ def save_trace(trace: FrameTrace, path: Path) -> None:
 
 
 def load_trace(path: Path) -> FrameTrace | None:
-    """What `save_trace` wrote; None of files of other versions or broken ones."""
+    """The trace that `save_trace` wrote; None for files of other versions and for broken files."""
     try:
         with np.load(path) as file:
             if int(file["version"]) != VERSION:

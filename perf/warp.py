@@ -1,11 +1,13 @@
-"""The warp unit, a cycle a step (rtl/warp_unit/).
+"""The warp unit, stepped cycle by cycle (rtl/warp_unit/).
 
-Rows wait in the queues of their lanes, whose pixels leave one by one into the ring of columns; a tile has settled some cycles
-after its last pixel has left. Tiles that no pixel can reach any more open to the scan, which goes down their columns group by
-group of `warp_lanes` pixels. A group takes a cycle, or one for each of its holes that are filled, and waits where the beats it
-completes find no room in the queue before memory, or where the columns behind it are not open. A tile is taken where the ring
-has room for all that it can reach. What pixels cost the scan when both want one memory is not modelled: places read ahead make
-up for it.
+Rows wait in the queues of their lanes. Their pixels leave one by one into the ring buffer of columns, and a tile has settled
+some cycles after its last pixel has left. A tile that no further pixel can reach opens to the scan. The scan goes down the
+columns in groups of `warp_lanes` pixels. A group takes one cycle, or one for each of its holes that is filled. It waits if the
+queue before memory has no free space for the beats that it completes, or if the following columns are not open. A tile is
+accepted if the ring buffer has free space for everything that the tile can reach.
+
+One effect is not modelled: the scan loses cycles when it needs the same memory as the pixels, but the places that it reads
+ahead make up for them.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from spec.constants import TILE
 from spec.memory import WORDS
 
 layout = Layout(before)
-_QUEUED = 128  # rows of a lane, at most
+_QUEUED = 128  # most rows in a lane's queue
 layout.words("""
     warp_present warp_done warp_row warp_write warp_lanes warp_depth warp_settle_cycles warp_queue_depth warp_target_base
     warp_ring warp_reach warp_right warp_to_take warp_to_scan warp_held warp_opened warp_take_column warp_gone warp_settle_in
@@ -32,18 +34,18 @@ layout.ring("warp_lane_pixels", TILE, _QUEUED)
 layout.ring("warp_beats", 16)
 layout.ring("warp_address", 16)
 layout.ring("warp_settles", 64)
-layout.ring("warp_open_at", 512)  # by column of tiles
+layout.ring("warp_open_at", 512)  # by tile column, the cycle in which it opened
 
 
 @step
 def finished(s, t):
-    """All strips are in memory, or there is nothing to warp."""
+    """Whether all strips are in memory, or there is nothing to warp."""
     return s.warp_present == 0 or (s.warp_written and bus.writes_idle(s, t, W_WARP))
 
 
 @step
 def _move_pixels(s, t):
-    """A pixel a lane into the ring; a tile that has left all lanes is on its way."""
+    """Moves a pixel of each lane into the ring buffer. A tile that has left all lanes begins to settle."""
     rows = TILE // s.warp_lanes * TILE // s.cores_x
     every = True
     for lane in range(s.warp_lanes):
@@ -70,13 +72,13 @@ def _move_pixels(s, t):
 
 @step
 def _reached(s, column):
-    """By how many tiles the reach goes to the right of a tile, in its row."""
+    """The number of tiles by which the reach extends to the right of a tile, in its row."""
     return min(s.warp_reach, s.tiles_x - 1 - column)
 
 
 @step
 def _take_row(s, row):
-    """A row into its lane's queue; whether there is room."""
+    """Puts a row into the queue of its lane. Returns whether there was free space."""
     rows = TILE * TILE // s.cores_x
     tile, place = row // rows, row % rows
     columns = TILE // s.cores_x
@@ -96,7 +98,7 @@ def _take_row(s, row):
 
 @step
 def _take(s, offered, row):
-    """Whether the row on offer is taken."""
+    """Returns whether the offered row is taken."""
     room = s.warp_held + (_reached(s, s.warp_take_column) if s.warp_right else 0) < s.warp_ring
     taken = offered and s.warp_to_take != 0 and s.warp_opened != 0 and _take_row(s, row)
     s.warp_held -= s.warp_gone
@@ -114,7 +116,7 @@ def _take(s, offered, row):
 
 @step
 def _open(s, t):
-    """Tiles that have settled open to the scan, and strips begin."""
+    """Opens tiles that have settled to the scan, and begins strips."""
     opens = s.warp_scans and s.warp_open_column < s.tiles_x and (
         s.warp_settled > (0 if s.warp_right else _reached(s, s.warp_open_column)))
     if s.warp_starts:
@@ -137,14 +139,15 @@ def _open(s, t):
 
 @step
 def _there(s, t, group, later):
-    """Whether the scan can have read a strip's group `later` cycles ago."""
+    """Whether the scan could have read a group of a strip `later` cycles ago."""
     column = group // (TILE // s.warp_lanes * TILE)
     return column < s.warp_open_column and s.warp_open_at[column & 511] + later <= t
 
 
 @step
 def _group(s, fills):
-    """Of the group that is scanned: slots that it takes, whether beats are complete, those to write, the last one's address."""
+    """For the group that is being scanned: the cycles that it takes, whether it completes beats, the number of beats to write,
+    and the address of the last."""
     lanes, width = s.warp_lanes, s.width
     groups = TILE // lanes
     x, first = s.warp_group // groups, s.warp_group % groups * lanes
@@ -165,7 +168,7 @@ def _group(s, fills):
 
 @step
 def _scan(s, t, fills):
-    """The next slot of the strip."""
+    """Scans the next slot of the strip."""
     groups = TILE // s.warp_lanes
     total, ahead = groups * s.width, groups + 2
     if s.warp_group == total:
@@ -195,7 +198,7 @@ def _scan(s, t, fills):
 
 @step
 def step_warp(s, t, granted, offered, row, fills):
-    """WarpUnit; whether the row on offer is taken."""
+    """Steps WarpUnit. Returns whether the offered row is taken."""
     if granted:
         bus.write(s, W_WARP, s.warp_target_base + s.warp_address[s.warp_q_out & 15])
         s.warp_write = 0

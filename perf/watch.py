@@ -1,4 +1,4 @@
-"""The render phase's counters of its stages' input streams, and what was on the way when."""
+"""Counters of the rendering phase: the activity at each stage's input, and the times of groups in the stages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ layout = Layout(memory.layout)
 layout.counters(*watched(StagePhase.RENDERING, StagePhase.SECOND_EYE))
 
 SORTING, HANDING, FETCHING, BLENDING = range(4)
-"""Stages whose times by group are kept; those of rows of pixels are by tile."""
+"""Stages for which the times of each group are recorded. For rows of pixels the times are recorded by tile."""
 
 layout.ring("group", 4)
 layout.ring("group_open", 4)

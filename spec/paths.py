@@ -43,3 +43,14 @@ def cache_folder(*parts: str) -> Path:
         except RuntimeError:  # a user without a home
             base = Path(tempfile.gettempdir()) / f"msv2-{os.getuid()}"
     return base.joinpath(*parts)
+
+
+def data_folder() -> Path:
+    """The folder of captured scenes that MSV2_DATA names; without it, shared/data beside the checkout."""
+    return Path(os.environ.get("MSV2_DATA") or ROOT.parent / "shared" / "data")
+
+
+def short_path(path: Path) -> str:
+    """A path as messages print it: relative to the current folder where it lies in it."""
+    path, here = path.absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

@@ -74,7 +74,7 @@ needed to keep short tiles flowing."""
 
 OUTPUT_DRAINS = 2
 """Number of drains whose rows the line buffer behind the array holds. One would suffice, but the array would then wait until
-all rows of a tile have left before the next tile drains (`python -m msv2.studies drain_waits`)."""
+all rows of a tile have left before the next tile drains (`msv2 study run drain_waits`)."""
 
 WARP_AHEAD = 4
 """Places, a power of two, that the warp unit's scan reads ahead from each memory. Pixels move from row to row and the scan from

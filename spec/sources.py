@@ -44,11 +44,12 @@ def module_file(name: str, root: Path = ROOT) -> Path | None:
 
 
 @lru_cache(maxsize=256)
-def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
+def sources_of(*modules: str, closed: frozenset[str] = frozenset(), root: Path = ROOT) -> tuple[Path, ...]:
     """The files of the modules and of all the project's modules that they import, transitively; sorted.
 
     Args:
         modules: dotted names, such as "golden.msv2_ref.pipeline".
+        closed: dotted names of modules whose own imports do not count.
         root: the folder that holds ROOMS.
 
     Raises:
@@ -66,7 +67,8 @@ def sources_of(*modules: str, root: Path = ROOT) -> tuple[Path, ...]:
         found.add(path)
         packages = name.split(".")[:-1]
         todo += [".".join(packages[: depth + 1]) for depth in range(len(packages))]
-        todo += [other for other in imported_names(path.read_text(encoding="utf-8")) if other.partition(".")[0] in ROOMS]
+        names = () if name in closed else imported_names(path.read_text(encoding="utf-8"))
+        todo += [other for other in names if other.partition(".")[0] in ROOMS]
     return tuple(sorted(found))
 
 

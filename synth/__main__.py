@@ -11,6 +11,7 @@ from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
+from spec.paths import BUILD
 from synth import timing
 from synth.area import AreaReport, machine_area
 from synth.hints import SYNTHESISED
@@ -74,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f"with --config: modules synthesised at a time (default: {JOBS})")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
                         help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
-    parser.add_argument("--out", type=Path, default=Path("build/synth"), metavar="DIR",
+    parser.add_argument("--out", type=Path, default=BUILD / "synth", metavar="DIR",
                         help="folder for results (default: build/synth)")
     args = parser.parse_args(argv)
     if args.unit and args.config:

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from spec.config import AcceleratorConfig
+from spec.paths import BUILD
 from synth.design import Design
 from synth.machine import GROUPS, TOP, UNIT_GROUPS, UNTIMED, WARP, label, machine_design
 from synth.macros import make
@@ -158,7 +159,7 @@ class AreaReport:
 
 
 def machine_area(
-    config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = Path("build/synth"),
+    config: AcceleratorConfig, technology: str = "asap7", clock_ps: float = 1000.0, folder: Path = BUILD / "synth",
     jobs: int = 2, progress: Callable[[str], None] = print, runs: int = MOST_RUNS, exact: bool = False,
 ) -> AreaReport:
     """Synthesise every unit of a machine, `jobs` at a time, each at most `runs` times. Results found in `folder` are reused.

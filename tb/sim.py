@@ -9,7 +9,7 @@ from types import ModuleType
 from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_set_argument, changed, choice, parse_sets
-from spec.paths import ROOT
+from spec.paths import BUILD
 from tb.axi import suite as axi
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
@@ -38,9 +38,9 @@ UNITS = {
     "axi": {"axi": axi},
     "top": {"top": top},
 }
-"""What each test simulates: the float units; near test and projection, tile test, colours; tile lists in memory; the tile merge
-unit; sorters and what hands over to the array; splat fetch, array and pixel writer; the warp unit; bus and registers; the
-machine."""
+"""The suites of each test. float: the float units; culling: near test and projection, tile test, colours; lists: tile lists in
+memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 
 
 EXAMPLES = """\
@@ -52,26 +52,26 @@ examples:
 
 
 def _variants(test: str) -> list[str]:
-    """Names of the machines that a unit, or any, can be tested in."""
+    """Names of the configurations in which the test, or any test for "all", can run."""
     suites = [suite for name, units in UNITS.items() if test in ("all", name) for suite in units.values()]
     return list(dict.fromkeys(name for suite in suites for name in suite.VARIANTS))
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m tb.sim", __doc__, EXAMPLES)
-    parser.add_argument("--test", default="all", help=f"unit: all (default), {', '.join(UNITS)}")
-    parser.add_argument("--config", default="all", help=f"variant: all (default), {', '.join(_variants('all'))}")
+    parser.add_argument("--test", default="all", help=f"the test to run: all (default), {', '.join(UNITS)}")
+    parser.add_argument("--config", default="all", help=f"the configuration: all (default), {', '.join(_variants('all'))}")
     add_set_argument(parser)
-    parser.add_argument("--seed", type=int, default=0, help="of random stimuli and pauses")
-    parser.add_argument("--runs", default="", help="only runs whose name contains this")
-    parser.add_argument("--waves", action="store_true", help="record waves (FST): of the first variant or that of --config")
-    parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
-    parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record these scopes only, e.g. tb.dut.setup*")
+    parser.add_argument("--seed", type=int, default=0, help="seed of random stimuli and pauses (default: 0)")
+    parser.add_argument("--runs", default="", help="run only the runs whose name contains this text")
+    parser.add_argument("--waves", action="store_true", help="record waves (FST) of the first configuration, or of --config")
+    parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record only these cycles")
+    parser.add_argument("--wave-scopes", default="", metavar="GLOB,...", help="record only these scopes, such as tb.dut.setup*")
     return parser.parse_args(argv)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the unit's suite; 1 when anything differs."""
+    """Runs the suites of the chosen test; returns 1 when anything differs."""
     args = _arguments(argv)
     choice("TEST", args.test, ("all", *UNITS))
     choice("CONFIG", args.config, ("all", *_variants(args.test)))
@@ -94,11 +94,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_variant(
     unit: str, suite: ModuleType, variant: str, values: Mapping[str, object], seed: int, only: str, waves: Waves | None,
 ) -> int | None:
-    """One unit in one machine, changed by `values`: 1 when anything differs; None when no run is chosen."""
+    """Runs one unit in one configuration, changed by `values`. Returns 1 when anything differs, and None when no run is
+    chosen."""
     base = suite.VARIANTS[variant]
     config = changed(base, values)
     label = variant if config is base else f"{variant}-{config.name}"
-    name, folder = f"{unit} {label}", ROOT / "build" / unit / label
+    name, folder = f"{unit} {label}", BUILD / unit / label
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None

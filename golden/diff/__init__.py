@@ -1,4 +1,5 @@
-"""The differentiable renderer: kernels on the CPU and on CUDA, and one plain renderer in torch (`reference`) beside them."""
+"""The differentiable renderer: kernels on the CPU and on CUDA, and a plain renderer in torch (`reference`) to compare them
+with."""
 
 from __future__ import annotations
 
@@ -6,12 +7,12 @@ from spec.errors import InputError
 
 
 def import_torch() -> None:
-    """Checks that torch is there before anything is read.
+    """Checks that torch is installed, so that a missing torch is reported before any data is read.
 
     Raises:
-        InputError: it is not installed.
+        InputError: torch is not installed.
     """
     try:
         import torch  # noqa: F401
     except ImportError as error:
-        raise InputError("training needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
+        raise InputError("this needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error

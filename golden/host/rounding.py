@@ -12,7 +12,7 @@ from spec.formats import SmallFloat
 _FRACTION = 52
 
 operation = compiled(forceinline=True, error_model="numpy")
-"""For the parts of a kernel that LLVM is to vectorise: no calls, and no branch that raises at a division."""
+"""Decorator for the parts of a kernel that LLVM has to vectorise: they are inlined, and divisions by zero do not raise."""
 
 
 class RoundTo(NamedTuple):

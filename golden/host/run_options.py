@@ -1,4 +1,4 @@
-"""How a frame runs on the machine: the options that `msv2 frame` and `msv2 perf` share, with one meaning in both."""
+"""How a frame runs on the machine: the options that `msv2 frame` and `msv2 perf` share and understand alike."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.records import COUNT_BITS
 
 MACHINES = ("scene", "full")
-"""The units that the frame calls for and no more, or all units of the configuration with the rest idle."""
+"""`scene` is a machine with only the units that the frame needs; `full` has all units of the configuration, and some of them
+idle."""
 
 PIXELS = ("wide", "display")
-"""Formats of the frame in memory: `spec.memory` FramePixel, DisplayPixel."""
+"""Formats of the frame in memory: FramePixel and DisplayPixel of `spec.memory`."""
 
 LONGEST_LATENCY = 1 << 20
-"""Of memory, in cycles."""
+"""Largest accepted latency of the memory in cycles."""
 
 BANDWIDTHS = (0.01, 1000.0)
-"""Least and most bytes that memory moves in a cycle."""
+"""Smallest and largest accepted number of bytes that memory moves in a cycle."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +29,15 @@ class RunOptions:
     """How a frame runs.
 
     Attributes:
-        full: the machine has all units of its configuration; otherwise it has those that the frame calls for.
-        merge: tiles are merged.
-        incremental: stages hand over incrementally, or whole groups through double buffers; None: as the configuration says.
+        full: whether the machine has all units of its configuration; otherwise it has those that the frame needs.
+        merge: whether tiles are merged.
+        incremental: whether stages hand over incrementally, or else whole groups through double buffers; None: as the
+            configuration says.
         beta: merge threshold in intersections, 0 without merging; None: the machine finds it.
-        display: 4 bytes a pixel in memory instead of 16.
-        latency: of memory, in cycles.
-        bytes_per_cycle: of memory, reads and writes together; None: a beat read and a beat written in every cycle.
+        display: whether a pixel takes 4 bytes in memory instead of 16.
+        latency: latency of the memory in cycles.
+        bytes_per_cycle: bandwidth of the memory, for reads and writes together; None: one beat read and one beat written in
+            every cycle.
     """
 
     full: bool
@@ -51,19 +54,19 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("the machine and its memory")
     add = group.add_argument
     add("--machine", default="scene", metavar="|".join(MACHINES),
-        help="units for active effects only, or all of the configuration's (default: scene)")
-    add("--pixels", metavar="|".join(PIXELS), help="format of the frame in memory (default: wide; of two eyes display)")
+        help="units for active effects only, or all units of the configuration (default: scene)")
+    add("--pixels", metavar="|".join(PIXELS), help="format of the frame in memory (default: wide; display for two eyes)")
     add("--merge", default="1", metavar="0|1", help="merge tiles (default: 1); 0 is the same as --beta 0")
     add("--pipeline", metavar="0|1",
         help="stages hand over incrementally (default: the configuration's, 1); 0 is another machine, with double buffers")
     add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
     add("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
-        help=f"of memory, bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
-    add("--latency", type=int, default=100, metavar="N", help="of memory, cycles (default: 100)")
+        help=f"bandwidth of the memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
+    add("--latency", type=int, default=100, metavar="N", help="latency of the memory in cycles (default: 100)")
 
 
 def run_options(args: argparse.Namespace) -> RunOptions:
-    """The options behind parsed arguments, which also have `stereo`.
+    """The options that parsed arguments describe; the arguments must include `stereo`.
 
     Raises:
         InputError: a value is not accepted.
@@ -79,7 +82,11 @@ def run_options(args: argparse.Namespace) -> RunOptions:
 
 
 def parse_beta(text: str, merge: bool) -> int | None:
-    """The threshold; None for automatic, 0 where nothing is merged."""
+    """The merge threshold; None for automatic, 0 if nothing is merged.
+
+    Raises:
+        InputError: the text is neither 'auto' nor an accepted number.
+    """
     most = (1 << COUNT_BITS) - 1
     if text != "auto" and not (text.isdigit() and int(text) <= most):
         raise InputError(f"beta {text!r} is not accepted: 0..{most} or 'auto' are")
@@ -89,7 +96,11 @@ def parse_beta(text: str, merge: bool) -> int | None:
 
 
 def parse_bandwidth(text: str) -> float | None:
-    """Bytes a cycle; None for "unlimited"."""
+    """Bytes in a cycle; None for "unlimited".
+
+    Raises:
+        InputError: the text is neither "unlimited" nor an accepted number.
+    """
     if text == "unlimited":
         return None
     low, high = BANDWIDTHS
@@ -103,7 +114,11 @@ def parse_bandwidth(text: str) -> float | None:
 
 
 def parse_switch(name: str, text: str) -> bool:
-    """Of "0" or "1"."""
+    """The value of "0" or "1".
+
+    Raises:
+        InputError: the text is neither; the message calls the value `name`.
+    """
     if text not in ("0", "1"):
         raise InputError(f"{name} {text!r} is not accepted: 0 or 1 is")
     return text == "1"

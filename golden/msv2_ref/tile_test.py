@@ -122,7 +122,7 @@ def _columns(block, scene, k):
         block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
 
 
-# The arrays are taken out of `scene` outside the loops: within, numba would count references to them.
+# The arrays are taken out of `scene` before the loops, because inside a loop numba would count references to them.
 @compiled
 def _emit(part, count, block, runs, scene, k, at, tile_of, splat_of, use_of, counts, filtered):
     """Writes the intersections of `count` runs from position `at` on and returns the position after them."""

@@ -41,7 +41,7 @@ def load_camera(path: Path | str) -> Camera:
     unknown = set(entry) - set(Camera.__dataclass_fields__)
     if unknown:
         accepted = ", ".join(Camera.__dataclass_fields__)
-        raise InputError(f"{path}: {sorted(unknown)[0]!r} is no entry of a camera; accepted: {accepted}")
+        raise InputError(f"{path}: {sorted(unknown)[0]!r} is not an entry of a camera; accepted are {accepted}")
     rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
         raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows are needed")

@@ -70,7 +70,7 @@ def concatenate(models: list[GaussianModel], name: str) -> GaussianModel:
     for key in ("sh_degree", "levels"):
         values = [getattr(model, key) for model in models]
         if len(set(values)) > 1:
-            raise InputError(f"{name}: parts have {key} {values}; one and the same is accepted")
+            raise InputError(f"{name}: the parts have {key} {values}; all must have the same")
     arrays = ("means", "log_scales", "quats", "opacity", "sh_dc", "sh_rest", "quality_bound")
     reasons = dict.fromkeys(reason for model in models for reason in model.dropped)
     return GaussianModel(

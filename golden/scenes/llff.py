@@ -39,7 +39,7 @@ def load_llff(folder: Path) -> Dataset:
     photographs = find_images(folder)
     images = sorted(p for p in photographs.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if photographs else []
     if len(images) != len(poses):
-        raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; as many needed")
+        raise InputError(f"{path}: {len(poses)} poses, {len(images)} photographs in {photographs or folder}; one each needed")
     cameras = fit_to_images([_camera(pose, image) for pose, image in zip(poses, images, strict=True)], images)
     lone = folder / "sparse" / "0" / "points3D.bin"
     points, colours = read_points(lone) if lone.exists() else (np.empty((0, 3)), np.empty((0, 3), np.uint8))

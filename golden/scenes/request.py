@@ -49,7 +49,8 @@ class Request:
 
 
 class _Given(argparse.Action):
-    """Of a positional argument that an option can give, too: its absence leaves the option's value alone."""
+    """Stores a positional argument that can also be given as an option: without the argument, the option's value is left as
+    it is."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option_string: str | None = None,
@@ -59,7 +60,7 @@ class _Given(argparse.Action):
 
 
 def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
-    """Adds the scene, as `SCENE` or `--scene SCENE`; `what` says what is accepted besides 'embedded', the default."""
+    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides 'embedded', the default."""
     parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
                         help=f"{what}, or 'embedded' (default)")
     parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
@@ -75,22 +76,24 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
     default_size = size or "the camera's; 640x360 on an orbit"
     add_scene_argument(parser, "model file or folder")
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
-                        help="an orbit (default), one of the scene's cameras (an orbit view if it has none), a JSON file")
+                        help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
+                             "or a JSON file")
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
-    parser.add_argument("--gaze", default="none", metavar="X,Y|none", help="gazed pixel; turns foveation on (default: none)")
+    parser.add_argument("--gaze", default="none", metavar="X,Y|none",
+                        help="the gazed pixel; it turns foveation on (default: none)")
     parser.add_argument("--levels", type=int, default=None, metavar="N",
                         help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
-    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="in [0, 1] (default: 0,0,0)")
-    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
+    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
 
 
 def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds `--effects` and `--depth`, which `golden.msv2_ref.plan.work_for` reads."""
-    group = parser.add_argument_group("effects", "what the scene and the request call for is found out and printed")
+    group = parser.add_argument_group("effects", "the effects that the scene and the request need are found and printed")
     group.add_argument("--effects", default="auto", metavar="auto|all|none|LIST",
-                       help="auto runs what is called for; all, or more than that of " + ",".join(EFFECTS) + ", the rest on "
-                       "neutral data, which changes no pixel; less is refused (default: auto)")
-    group.add_argument("--depth", action="store_true", help="ask for a depth of every pixel")
+                       help="auto runs the effects that are needed; all, or a list of " + ",".join(EFFECTS) + ", runs more on "
+                       "neutral data, which changes no pixel; a list without a needed effect is refused (default: auto)")
+    group.add_argument("--depth", action="store_true", help="compute a depth for every pixel")
 
 
 _EYE_DEFAULTS = {
@@ -99,17 +102,17 @@ _EYE_DEFAULTS = {
 
 def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of a frame for two eyes."""
-    group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's, or the source's "
-                                      "where the other is not given")
-    group.add_argument("--stereo", action="store_true", help="render one eye, warp it into the other")
+    group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's gaze, or the "
+                                      "source's if --gaze-right is not given")
+    group.add_argument("--stereo", action="store_true", help="render one eye and warp it into the other")
     group.add_argument("--ecc-thresh", type=float, metavar="DEG",
                        help=f"eccentricity beyond which tiles may be warped (default: {ECC_THRESHOLD_DEG:g})")
     group.add_argument("--ipd", type=float, metavar="M", help=f"distance between the eyes in metres (default: {IPD_METRES})")
     group.add_argument("--units-per-metre", type=float, metavar="S",
-                       help="scale of the scene; `msv2 study metric_scale` computes it (default: the scene's, else 1)")
+                       help="scale of the scene; `msv2 study run metric_scale` computes it (default: the scene's, else 1)")
     group.add_argument("--source", metavar="left|right", help="the eye that is rendered as a whole (default: left)")
     group.add_argument("--gaze-right", metavar="X,Y",
-                       help="where the right eye looks (default: both eyes look at one point)")
+                       help="the pixel at which the right eye looks (default: both eyes look at the same point)")
 
 
 def take_stereo_arguments(args: argparse.Namespace) -> None:

@@ -12,23 +12,25 @@ def markdown(report: Mapping[str, Any]) -> str:
     views = report["views"]
     parts = [
         f"# {report['scene']}: a foveated model", "",
-        f"{width}x{height}; {views['train']} views train, {views['validation']} validate, {views['test']} test. "
-        f"References are {report['references']}. " + _options(report["options"]), "",
+        f"Frames are {width}x{height}. {views['train']} views train, {views['validation']} validate, {views['test']} test. "
+        f"The references are {report['references']}. " + _options(report["options"]), "",
         _summary(report), "",
         _pictures(report["pictures"]),
         "## Stages", "",
-        "Whole frames of what each stage left, on the test views; HVSQ at the pooling of the stage's level.", "",
-        _table(("stage", "level", "points", "entries/frame", "PSNR dB", "SSIM", "HVSQ 1e-5", "iterations", "seconds"),
+        "Each row measures a stage's model on whole frames of the test views. HVSQ pools as the stage's level does.",
+        "",
+        _table(("stage", "level", "points", "intersections/frame", "PSNR dB", "SSIM", "HVSQ 1e-5", "iterations", "seconds"),
                ((r["stage"], r["level"], f"{r['points']:,}", f"{r['entries']:,.0f}", f"{r['psnr']:.2f}", f"{r['ssim']:.4f}",
                  _hvsq(r["hvsq"]), f"{r['iterations']:,}", f"{r['seconds']:.0f}") for r in report["stages"])),
-        "## Levels", "", "HVSQ of whole frames at each level's pooling; the target is L1's.", "",
+        "## Levels", "", "HVSQ of whole frames at each level's pooling. The target is the HVSQ of L1.", "",
         _table(("level", "points", "of L1", "pooling px", "HVSQ 1e-5, test", "validation", "target", "above target"),
                ((f"L{r['level']}", f"{r['points']:,}", f"{100 * r['share']:.1f} %", f"{pooling:.2f}", _hvsq(r["hvsq_test"]),
                  _hvsq(r["hvsq_validation"]), _hvsq(r["target_validation"]), f"{r['excess_percent']:+.1f} %")
                 for r, pooling in zip(report["levels"], report["pooling_px"], strict=True))),
         _storage(report["storage"]), "",
         "## Regions", "",
-        "HVSQ 1e-5 of frames gazed at in the centre, each pixel pooled by its eccentricity, mean over the test views.", "",
+        "HVSQ in 1e-5 of frames with the gaze in the centre. Each pixel pools by its eccentricity; means over the test views.",
+        "",
         _table(("region", "from", "of the frame", "dense", "L1 everywhere", "foveated"),
                ((f"R{r['region']}", f"{r['start_deg']:g} deg", f"{100 * r['pixels']:.1f} %", _hvsq(r["hvsq_dense"]),
                  _hvsq(r["hvsq_l1"]), _hvsq(r["hvsq_foveated"])) for r in report["regions"])),
@@ -49,14 +51,14 @@ def _summary(report: Mapping[str, Any]) -> str:
         f"- PSNR on test views: dense {report['psnr_dense']:.2f} dB, L1 {report['psnr_l1']:.2f} dB "
         f"({100 * report['psnr_l1'] / report['psnr_dense']:.1f} %)." + _doubtful(report),
         f"- Points: dense {points['dense']:,}, levels {', '.join(f'{count:,}' for count in points['levels'])}.",
-        f"- Entries per frame: dense {entries['dense']:,.0f}, " + ", ".join(
+        f"- Intersections per frame: dense {entries['dense']:,.0f}, " + ", ".join(
             f"{'L1 everywhere' if name == 'l1' else name} {value:,.0f} (1/{entries['dense'] / max(value, 1):.2f})"
             for name, value in entries.items() if name != "dense") + "."]
     if report["quantised_loss_db"] is not None:
         lines.append(f"- Quantisation to the machine's formats costs {report['quantised_loss_db']:.4f} dB.")
     times = ", ".join(f"{count} times in {stage}" for stage, count in report.get("narrowed", {}).items() if count)
-    lines.append(f"- Splats too wide to be placed by the machine were narrowed {times or 'nowhere'}; {report['misplaced']} are "
-                 "left in the frames of the test views.")
+    lines.append(f"- Splats that were too wide for the machine to place were narrowed {times or 'nowhere'}. "
+                 f"{report['misplaced']} of them are left in the frames of the test views.")
     return "\n".join(lines)
 
 
@@ -66,7 +68,7 @@ def _doubtful(report: Mapping[str, Any]) -> str:
     if not doubtful:
         return ""
     judged = "" if psnr is None else f"; dense {psnr:.2f} dB on the other test views"
-    return f" The poses of {len(doubtful)} views are in doubt, which neither train nor validate{judged}."
+    return f" The poses of {len(doubtful)} views are in doubt, so these views neither train nor validate{judged}."
 
 
 def _pictures(pictures: Mapping[str, str]) -> str:
@@ -90,7 +92,7 @@ def _storage(storage: Mapping[str, float]) -> str:
 def _machine(report: Mapping[str, Any]) -> list[str]:
     machine = report["machine"]
     if machine is None:
-        return ["## Machine", "", "Frames of this size are wider than the machine's rows: not rendered there.", ""]
+        return ["## Machine", "", "Frames of this size are wider than the machine's rows and were not rendered there.", ""]
     rows = [("L1 everywhere", machine["psnr_float"], machine["psnr_quantised"])]
     if machine["foveated_psnr_float"] is not None:
         rows.append(("foveated", machine["foveated_psnr_float"], machine["foveated_psnr_quantised"]))

@@ -19,6 +19,7 @@ from golden.training.report import Trained, write_report
 from golden.training.scene import TrainingScene, load_training_scene
 from golden.training.teacher import has_photographs, teacher_scene
 from spec.errors import InputError
+from spec.paths import BUILD
 
 LOG_SCALE_MIN = -20.0
 """Degenerate axes of loaded models (log scale -inf) get this log scale: they look the same and can be trained."""
@@ -45,7 +46,7 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
-    out = make_folder(args.out or Path("build/train") / run_name(scene.name, recipe))
+    out = make_folder(args.out or BUILD / "train" / run_name(scene.name, recipe))
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
     try:

@@ -1,7 +1,10 @@
-"""Known ways in which splatting software fails, as one registry of cases, run on every renderer of the project.
+"""Known ways in which splatting software fails, as one registry of cases that run on every renderer of the project.
 
-`makers` makes small models and cameras, `case` says what a case is, `projection` .. `streams` hold the cases by subject,
-`registry` lists them, `check` runs them on the oracle and on the integer renderer, `faults` drops guards to see that cases
-notice, `ranges` profiles the values that records take. The gradient's part is `msv2.cases.gradients`, the
-RTL's is `msv2.cases`, which also has the command line.
+    makers                  small models and cameras
+    case                    the definition of a case
+    projection ... streams  the cases by subject; `registry` lists those that renderers run, `streams` those of the machine
+    alone check                   runs the cases on the oracle and on the integer renderer gradients               runs them on
+    the differentiable renderer rtl                     runs them on the machine golden_faults           removes guards from the
+    renderers, to show that cases notice; `rtl_faults` does so in the hardware command, report         the command line and its
+    reports
 """

@@ -1,4 +1,4 @@
-"""What a hard case is: shots that any renderer can take, and what must be seen in them."""
+"""The definition of a hard case: frames that any renderer can take, and what they must show."""
 
 from __future__ import annotations
 
@@ -17,24 +17,25 @@ from spec.config import DEFAULT
 from spec.constants import MAX_LEVELS
 
 COLUMNS = ("oracle", "golden", "gradient", "rtl")
-"""Who takes part: the float64 renderer, the integer one, the differentiable one, the hardware."""
+"""The renderers that take part: the float64 one, the integer one, the differentiable one, and the hardware."""
 
 RIM = 2.8 / 255
-"""An alpha of 1 on the rim of a support of 3 sigma: two renderers may differ by it in a pixel that the rim meets."""
+"""The opacity that an alpha of 1 has at the rim of a support of 3 sigma. Two renderers may differ by it in a pixel on the
+rim."""
 
 
 class CaseFailure(AssertionError):
-    """What a case expected and did not see, in words."""
+    """A case's expectation does not hold; the message says what was expected and what was seen."""
 
 
 def require(holds: object, message: str) -> None:
-    """CaseFailure unless `holds`."""
+    """Raises CaseFailure unless `holds`."""
     if not holds:
         raise CaseFailure(message)
 
 
 def close(what: str, got: ArrayLike, wanted: ArrayLike, within: float) -> float:
-    """The largest difference; CaseFailure where it is above `within`, or where something is not finite."""
+    """The largest difference. Raises CaseFailure where it is above `within`, or where a value is not finite."""
     got, wanted = np.asarray(got, float), np.asarray(wanted, float)
     got, wanted = np.broadcast_arrays(got, wanted)
     off = np.abs(got - wanted)
@@ -47,15 +48,15 @@ def close(what: str, got: ArrayLike, wanted: ArrayLike, within: float) -> float:
 
 @dataclass(frozen=True)
 class Renderer:
-    """How exact a renderer is.
+    """A renderer and its accuracy.
 
     Attributes:
         name: one of COLUMNS.
-        error: largest error of a colour in 0..1 or of a coverage, away from rims of footprints.
-        ulp: relative step of a camera-space depth.
-        depth: largest relative error of a pixel's depth.
-        largest_colour: colours above are cut there.
-        weights: blend tiles weigh their levels by each pixel's `exact` eccentricity, or by the tile's `plane`.
+        error: the largest error of a colour in 0..1 or of a coverage, away from the rims of footprints.
+        ulp: the relative step of a camera-space depth.
+        depth: the largest relative error of a pixel's depth.
+        largest_colour: colours above this value are clamped to it.
+        weights: how blend tiles weigh their levels: by each pixel's `exact` eccentricity, or by the tile's `plane`.
     """
 
     name: str
@@ -75,16 +76,16 @@ RENDERERS = {renderer.name: renderer for renderer in (ORACLE, GOLDEN, GRADIENT)}
 
 @dataclass(frozen=True)
 class Shot:
-    """A frame that a case asks for.
+    """A frame that a case asks a renderer for.
 
     Attributes:
-        model, camera: what is seen, from where.
-        gaze: in pixels: the model's levels are used; None: level 1 everywhere, or level 2 where `outer`.
-        outer: level 2 everywhere, where alpha may reach 1; the model needs two levels.
+        model, camera: the model and the camera.
+        gaze: the gaze in pixels, with which the model's levels are used; None for level 1 everywhere, or level 2 with `outer`.
+        outer: level 2 everywhere, where alpha may reach 1; this needs a model of two levels.
         background: red, green, blue.
-        beta, obb: as the integer renderer takes them.
-        rim: bound of the difference between two renderers in any pixel; None: they are not compared.
-        empty: nothing is covered, and that is what is asked; where it is not said, a frame without coverage fails.
+        beta, obb: arguments of the integer renderer.
+        rim: bound of the difference between two renderers in any pixel; None if they are not compared.
+        empty: whether nothing is meant to be covered; otherwise a frame without coverage fails.
     """
 
     model: GaussianModel
@@ -99,7 +100,7 @@ class Shot:
 
     @property
     def foveation(self) -> FoveationMap:
-        """What every tile shows."""
+        """The levels that the tiles show."""
         display = Display(self.camera.width, self.camera.height)
         if self.gaze is not None:
             return foveation_map(display, self.gaze, min(self.model.levels, MAX_LEVELS))
@@ -109,17 +110,17 @@ class Shot:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a renderer made of a shot.
+    """A renderer's result for a shot. Values that a renderer does not provide are None.
 
     Attributes:
         image: (H, W, 3) float64, not clamped.
-        coverage: (H, W) float64, 1 - T; None where a renderer does not tell.
-        depth: (H, W) float64 world units, NaN where it is invalid; None likewise.
-        near, faint: culled at the near plane and for their opacity; None likewise.
-        drawn: splats on some tile's list; None likewise.
-        entries: pairs of splat and tile.
-        tile_entries: (tiles,) int64; None likewise.
-        frame: what the renderer returned.
+        coverage: (H, W) float64, 1 - T.
+        depth: (H, W) float64 in world units, NaN where it is invalid.
+        near, faint: the numbers of points culled at the near plane and for their opacity.
+        drawn: the number of splats with an intersection.
+        entries: the number of intersections.
+        tile_entries: (tiles,) int64, the intersections of each tile.
+        frame: the object that the renderer returned.
     """
 
     image: np.ndarray
@@ -133,13 +134,13 @@ class Seen:
     frame: object = None
 
     def counts(self, **wanted: int) -> None:
-        """CaseFailure where a count that the renderer tells is another."""
+        """Raises CaseFailure where a count that the renderer provides differs."""
         for name, value in wanted.items():
             got = getattr(self, name)
             require(got is None or got == value, f"{name} must be {value}, not {got}")
 
     def at(self, x: int, y: int) -> float:
-        """Coverage of a pixel."""
+        """The coverage of a pixel."""
         return float(self.coverage[y, x])
 
 
@@ -148,23 +149,23 @@ Album = Mapping[str, Seen]
 
 
 FIELDS = ("sh_dc", "opacity", "means", "log_scales", "quats")
-"""Fields whose gradients are compared."""
+"""The fields whose gradients are compared."""
 
 SMOOTH = ("sh_dc", "opacity", "log_scales")
-"""Of these, those that no depth hangs on."""
+"""Those fields on which no depth depends."""
 
 
 @dataclass(frozen=True)
 class Gradients:
-    """What a case expects of gradients of the shot named `shot`, besides that all are finite and the oracle's.
+    """The expected gradients of the shot named `shot`. All gradients must also be finite and agree with the oracle.
 
     Attributes:
-        shot: which one.
-        zero: rows whose every gradient is exactly 0.
-        lit: rows whose colour has a gradient other than 0.
-        moved: rows whose position has one.
-        compared: fields whose directional derivatives are those of the oracle by finite differences. Not those along which an
-            order, a cut or the near plane changes within the step.
+        shot: the name of the shot.
+        zero: rows of which every gradient must be exactly 0.
+        lit: rows whose colour must have a gradient other than 0.
+        moved: rows whose position must have a gradient other than 0.
+        compared: the fields whose directional derivatives are compared with finite differences of the oracle. Fields along
+            which an order, a cut or the near plane changes within the step must be left out.
     """
 
     shot: str
@@ -179,18 +180,18 @@ class Case:
     """A hard case.
 
     Attributes:
-        number: that of the list in docs/stability.md.
-        name: what it is called in tests and on command lines.
-        what: what it is.
-        expected: what must come of it.
-        shots: the frames of a renderer; None for cases about something else.
+        number: its number in the list in docs/stability.md.
+        name: its name in tests and on command lines.
+        what: a description of the case.
+        expected: a description of the expected result.
+        shots: the frames for a renderer; None for cases about something else.
         expect: raises CaseFailure where the frames are not as they must be.
-        gradients: what is asked of the differentiable renderer; empty: the case is not for it.
-        columns: of the renderers that take the shots.
-        checks: by column: whatever else is run; gives the worst error or None.
-        absent: by column: why the case has no part there.
-        rtl: the integer renderer's frames are played through the machine.
-        eyes: frames of two eyes by name (`msv2.cases.eyes.TwoEyes`), which the machine plays; None for cases without.
+        gradients: the requirements on the differentiable renderer; empty if the case does not concern it.
+        columns: the renderers that take the shots.
+        checks: by column, a further check, which returns the worst error or None.
+        absent: by column, the reason why the case has no part there.
+        rtl: whether the integer renderer's frames are played through the machine.
+        eyes: by name, the frames of two eyes (`msv2.cases.eyes.TwoEyes`) that the machine plays; None if the case has none.
     """
 
     number: int
@@ -208,12 +209,12 @@ class Case:
 
     @property
     def id(self) -> str:
-        """Number and name."""
+        """Number and name of the case."""
         return f"{self.number:02d}-{self.name}"
 
 
 def scene_case(number: int, name: str, what: str, expected: str, **options: object) -> Callable[[Callable], Case]:
-    """Turns `expect(album, renderer, shots)` into a case; `options` are Case's."""
+    """Turns a function `expect(album, renderer, shots)` into a case; `options` are further arguments of Case."""
     def made(expect: Callable[[Album, Renderer, Shots], None]) -> Case:
         return Case(number, name, what, expected, expect=expect, **options)
     return made

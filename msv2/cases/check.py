@@ -1,4 +1,4 @@
-"""The cases on the oracle and on the integer renderer."""
+"""Runs the cases on the oracle and on the integer renderer."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from msv2.cases.case import RENDERERS, Album, Case, CaseFailure, Renderer, Seen,
 from spec.config import TINY, AcceleratorConfig
 
 MACHINE: AcceleratorConfig = TINY
-"""The machine whose integer renderer and RTL run the cases: the formats are every machine's."""
+"""The configuration whose integer renderer and RTL run the cases. Its formats are those of every configuration."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A case in a column.
+    """The result of a case in a column.
 
     Attributes:
-        outcome: pass, FAIL, or - where the case has no part there.
+        outcome: "pass", "FAIL", or "-" where the case has no part in the column.
         error: the largest difference to the oracle's image, where there is one.
-        words: why it failed, or why it has no part.
+        words: the reason why it failed, or why it has no part.
         seconds: wall time.
-        crashed: it failed by another exception than CaseFailure.
+        crashed: whether it failed by another exception than CaseFailure.
     """
 
     outcome: str
@@ -37,7 +37,7 @@ class Cell:
 
 
 def see_oracle(shot: Shot, weights: str = "plane") -> Seen:
-    """A shot by the float64 renderer; `weights` of blend tiles as `render` takes them."""
+    """Renders a shot with the float64 renderer; `weights` is the argument of `render` for blend tiles."""
     frame = oracle.render(shot.model, shot.camera, foveation=shot.foveation, weights=weights, background=shot.background,
                           tile_test="obb" if shot.obb else "exact")
     require(frame.visible + sum(frame.culled.values()) == len(shot.model), f"{frame.culled} must account for every point")
@@ -46,7 +46,7 @@ def see_oracle(shot: Shot, weights: str = "plane") -> Seen:
 
 
 def see_golden(shot: Shot) -> Seen:
-    """A shot by the integer renderer."""
+    """Renders a shot with the integer renderer."""
     frame = pipeline.render(shot.model, shot.camera, config=MACHINE, foveation=shot.foveation, background=shot.background,
                             beta=shot.beta, obb=shot.obb)
     reason, n = frame.projected.reason, MACHINE.formats
@@ -63,7 +63,8 @@ SEE: Mapping[str, Callable[[Shot], Seen]] = {"oracle": see_oracle, "golden": see
 
 
 def album(case: Case, renderer: Renderer, see: Callable[[Shot], Seen]) -> Album:
-    """A case's shots, each with what holds for any: finite, bounded, as large as it was asked for."""
+    """Renders a case's shots and checks what holds for any frame: finite, within bounds, and covered unless meant to be
+    empty."""
     shots = case.shots(renderer)
     seen = {name: see(shot) for name, shot in shots.items()}
     for name, picture in seen.items():
@@ -77,7 +78,7 @@ def album(case: Case, renderer: Renderer, see: Callable[[Shot], Seen]) -> Album:
 
 
 def worst_error(case: Case, renderer: Renderer, seen: Album) -> float | None:
-    """The largest difference of a shot's image to the oracle's; CaseFailure beyond the shot's rim."""
+    """The largest difference of a shot's image to the oracle's. Raises CaseFailure where it is above the shot's `rim`."""
     errors = []
     for name, shot in case.shots(renderer).items():
         if shot.rim is None:
@@ -91,7 +92,7 @@ def worst_error(case: Case, renderer: Renderer, seen: Album) -> float | None:
 
 
 def check_shots(case: Case, renderer: Renderer, see: Callable[[Shot], Seen]) -> float | None:
-    """A case's shots and expectation by one renderer; the worst error, CaseFailure where something is wrong."""
+    """Checks a case's shots with one renderer. Returns the worst error; raises CaseFailure where an expectation fails."""
     seen, shots = album(case, renderer, see), case.shots(renderer)
     case.expect(seen, renderer, shots)
     first = next(iter(shots))
@@ -100,7 +101,8 @@ def check_shots(case: Case, renderer: Renderer, see: Callable[[Shot], Seen]) -> 
 
 
 def run(case: Case, column: str) -> float | None:
-    """A case in the column `oracle` or `golden`; the worst error, CaseFailure where something is wrong."""
+    """Runs a case in the column `oracle` or `golden`. Returns the worst error; raises CaseFailure where an expectation
+    fails."""
     errors = []
     if case.shots is not None and column in case.columns:
         errors.append(check_shots(case, RENDERERS[column], SEE[column]))
@@ -115,20 +117,20 @@ def takes_part(case: Case, column: str) -> bool:
 
 
 def cell(case: Case, column: str) -> Cell:
-    """A case in the column `oracle` or `golden`, told and not raised."""
+    """Runs a case in the column `oracle` or `golden`; a failure is returned instead of raised."""
     if not takes_part(case, column):
         return Cell("-", words=case.absent.get(column, "no part in it"))
     return told_cell(lambda: run(case, column))
 
 
 def told_cell(work: Callable[[], float | None]) -> Cell:
-    """What `work`, which gives the worst error, comes to, told and not raised."""
+    """Runs `work`, which returns the worst error; a failure is returned instead of raised."""
     begin = time.perf_counter()
     try:
         error = work()
     except CaseFailure as failure:
         return Cell("FAIL", words=str(failure), seconds=time.perf_counter() - begin)
-    except Exception as failure:  # a crash is a failure of the case, and the others still run
+    except Exception as failure:  # a crash is a failure of this case; the other cases still run
         words = f"{type(failure).__name__}: {failure}"
         return Cell("FAIL", words=words, seconds=time.perf_counter() - begin, crashed=True)
     return Cell("pass", error, seconds=time.perf_counter() - begin)

@@ -1,4 +1,4 @@
-"""Cases 32 to 35: colours, thin axes, coordinates of planetary size."""
+"""Cases 32 to 35: colours, thin axes, and coordinates of planetary size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec.constants import SH_C1
 def _negative(renderer: Renderer) -> Shots:
     model = splats((0, 0, 2), scale=1.0, opacity=0.9, colour=(-0.5, -3, 0.25))
     rest = np.zeros((1, 3, 3))
-    rest[0, 1, :2] = 1.25 / SH_C1  # along z, beyond what the integer renderer's `sh_rest` holds: 2
+    rest[0, 1, :2] = 1.25 / SH_C1  # along z; this is beyond 2, the limit of the integer renderer's `sh_rest`
     rest[0, 1, 0] = 1.9
     return {"shot": Shot(replace(model, sh_rest=rest), view(), rim=None)}
 
@@ -26,7 +26,7 @@ def _negative(renderer: Renderer) -> Shots:
     gradients=(Gradients("shot", lit=(0,)),))
 def NEGATIVE_COLOUR_SUM(album, renderer, shots):
     seen = album["shot"]
-    # The colour is seen along the splat's mean, so every pixel has it.
+    # The view-dependent colour is evaluated along the direction to the splat's mean, so every pixel has the same colour.
     got = seen.image[24, 32] / seen.coverage[24, 32]
     close("colour", got, (-0.5 + 1.9 * SH_C1, 0, 0.25), max(1e-6, 2 * renderer.error))
 

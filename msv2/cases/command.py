@@ -1,4 +1,5 @@
-"""`python -m msv2.cases`: the hard cases on the oracle, the integer renderer, the differentiable one and the machine."""
+"""`python -m msv2.cases`: runs the hard cases on the oracle, the integer renderer, the differentiable renderer and the
+machine."""
 
 from __future__ import annotations
 
@@ -24,24 +25,25 @@ from spec.errors import InputError
 from spec.paths import ROOT
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
-"""Those that renderers run, too, and those of the machine alone."""
+"""The cases that renderers run, and those of the machine alone."""
 
 GRADIENTS = "msv2.cases.gradients"
-"""The differentiable renderer's part, in a process of its own: this one needs no torch."""
+"""The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
 
 EPILOG = """\
-Writes stability.json, stability.md and stability.png. Exit status 1 where a case fails or a seeded fault is not caught.
+Writes stability.json; the study `stability` makes a page and a picture of it. The exit status is 1 if a case fails or a seeded
+fault is not caught.
 
 examples:
   %(prog)s                                     everything
   %(prog)s --columns oracle,golden --no-faults    in a minute, without a simulator
-  %(prog)s --case 06-needle-at-the-frustum     one case, everywhere
-  %(prog)s --columns rtl --add                 the machine, beside what other columns gave before
+  %(prog)s --case 06-needle-at-the-frustum     one case in all columns
+  %(prog)s --columns rtl --add                 the machine; earlier results of other columns are kept
 """
 
 
 class Gradients:
-    """The differentiable renderer's cells and faults, made beside everything else; without torch all cells say so."""
+    """Runs the differentiable renderer's cases and faults in parallel to the others; without torch all its cells say so."""
 
     def __init__(self, cases: Sequence[Case], with_faults: bool, folder: Path):
         self._cases, self._path, self._process = cases, folder / "gradients.json", None
@@ -51,7 +53,7 @@ class Gradients:
             self._process = subprocess.Popen([*command, *["--faults"] * with_faults], cwd=ROOT)
 
     def result(self) -> tuple[dict[str, Cell], list[FaultRow]]:
-        """What came of it, once it is done; RuntimeError where the process failed."""
+        """Waits for the process; returns the cells and faults. Raises RuntimeError where the process failed."""
         if self._process is None:
             return {case.id: Cell("-", words="torch is not installed") for case in self._cases}, []
         if self._process.wait():
@@ -72,7 +74,7 @@ def machine(cases: Sequence[Case], folder: Path) -> dict[str, Cell]:
 
 
 def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder: Path) -> Result:
-    """All that is asked for."""
+    """Runs the chosen cases and faults in the chosen columns."""
     begin = time.perf_counter()
     by_column: dict[str, dict[str, Cell]] = {}
     faults: list[FaultRow] = []
@@ -100,17 +102,18 @@ def run(cases: Sequence[Case], columns: Sequence[str], with_faults: bool, folder
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m msv2.cases", __doc__, EPILOG)
-    parser.add_argument("--case", action="append", metavar="CASE", help="only this one, by id or name; may be given again")
-    parser.add_argument("--columns", default=",".join(COLUMNS), help="of oracle, golden, gradient, rtl (default: all)")
+    parser.add_argument("--case", action="append", metavar="CASE", help="run only this case, by id or name; can be repeated")
+    parser.add_argument("--columns", default=",".join(COLUMNS),
+                        help="columns among oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
-    parser.add_argument("--add", action="store_true", help="to the results in the output folder: what is not run now stays")
-    parser.add_argument("--keep", action="store_true", help="write the results into reports/ as well")
+    parser.add_argument("--add", action="store_true",
+                        help="add to the results in the output folder; those not run now are kept")
     return parser.parse_args(argv)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a case fails or a fault is not caught."""
+    """Runs the command line; returns 1 where a case fails or a fault is not caught."""
     args = _arguments(argv)
     columns = args.columns.split(",")
     unknown = [name for name in columns if name not in COLUMNS]
@@ -126,6 +129,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = added(CASES, read_record(Path(args.out)), result)
     print("\n".join(table(result)))
     write(result, Path(args.out))
-    if args.keep:
-        write(result, ROOT / "reports")
     return int(result.failed + result.missed > 0)

@@ -1,4 +1,4 @@
-"""Cases 45 to 52: depth, the second eye, the gaze."""
+"""Cases 45 to 52: depth, frames of two eyes, and gazes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from spec.memory import frame_pixel
 from spec.stereo import background_transmittance, reach, solid_transmittance
 
 STEREO_MACHINE = MACHINE.with_(name=f"{MACHINE.name}_stereo", stereo=True)
-"""The machine that plays frames of two eyes."""
+"""The configuration that plays frames of two eyes."""
 
 
 @dataclass(frozen=True)
 class TwoEyes:
-    """A frame of two eyes that a case asks for: baseline in world units, gazes in pixels."""
+    """The inputs of a case's frame of two eyes. The baseline is in world units, and gazes are in pixels."""
 
     model: GaussianModel
     camera: Camera
@@ -43,14 +43,14 @@ class TwoEyes:
 
     @property
     def frame(self) -> StereoFrame:
-        """By the integer renderer."""
+        """The frame that the integer renderer makes."""
         pair = stereo_pair(self.camera, ipd_metres=self.baseline, source_eye=self.source_eye)
         return render_stereo(self.model, pair, config=STEREO_MACHINE, threshold_deg=self.threshold_deg, gaze=self.gaze,
                              gaze_target=self.gaze_target, background=self.background)
 
     @property
     def warped(self) -> oracle.OracleWarp:
-        """The oracle's frame of the source, warped in float64."""
+        """The oracle's frame of the source eye, warped to the other eye in float64."""
         seen = see_oracle(Shot(self.model, self.camera, background=self.background))
         return oracle.warp(seen.image, seen.depth, seen.coverage, self.baseline * self.camera.fx,
                            -1 if self.source_eye == "left" else 1, reach=reach(STEREO_MACHINE))
@@ -73,7 +73,7 @@ def NO_COVERAGE(album, renderer, shots):
 
 
 def _pixels(transmittance: np.ndarray | int, shape: tuple[int, int] = (1, 1)) -> np.ndarray:
-    """FramePixel records of random colours, a quarter of a pixel's disparity, and raw transmittances."""
+    """FramePixel records with random colours, a disparity of a quarter of a pixel, and these raw transmittances."""
     n, out = MACHINE.formats, np.zeros(shape, frame_pixel(MACHINE).dtype)
     out["colour"] = np.random.default_rng(0).integers(0, 1 << n.accumulator.frac_bits, (*shape, 3))
     out["transmittance"] = transmittance
@@ -136,7 +136,7 @@ def _beyond_the_row(column: str) -> None:
         require((origin == kinds.HOLE).any(), f"{name}: where it was there must be holes")
     if column == "golden":
         pixels = _pixels(0, (1, 40))
-        pixels["depth"][0, 5:] = 0  # a disparity without end
+        pixels["depth"][0, 5:] = 0  # an infinite disparity
         moved = warp.warp_pixels(STEREO_MACHINE, pixels, (1 << 24) - 1, False)
         require(not moved["keep"][0, 5:].any(), "a depth of 0 must be dropped")
 
@@ -152,7 +152,7 @@ def _two_layers() -> Mapping[str, TwoEyes]:
 def _nearest_wins(column: str) -> None:
     for name, eyes in _two_layers().items():
         sign = -1 if eyes.source_eye == "left" else 1
-        # Of the bar 0.99 show, of the wall behind it the rest: a depth of 1.07 and 9.4 pixels of disparity; the wall's is 1.25.
+        # The bar covers 0.99 and the wall behind it the rest: a depth of 1.07, so 9.4 pixels of disparity; the wall has 1.25.
         columns = slice(*sorted((33 + sign * 8, 33 + sign * 11)))
         if column == "oracle":
             image = eyes.warped.image
@@ -177,11 +177,12 @@ HOLES = {
         ([(1, 0), (2, 0)], [(1, 0), (2, 0)]), ([(1, 0), (2, 0), (1, 1), (2, 1)], [(1, 1), (2, 1)]), ([(0, 0)], [(0, 0)]),
         ([(15, 4), (15, 5)], [(15, 4), (15, 5)]), ([(31, 8), (31, 7)], [(31, 7), (31, 8)])),
 }
-"""By the machine's rule: holes in a frame of 32x9 pixels, and those of them with enough warped neighbours in their strip."""
+"""By the machine's rule of filling: sets of holes in a frame of 32x9 pixels, and those of them with enough warped neighbours in
+their strip to be filled."""
 
 
 def _holes_filled(column: str, rule: str, holes: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """Places that are filled, (n, 2), and strips with a hole left."""
+    """The places that are filled, (n, 2), and for each strip whether a hole is left."""
     raw = np.zeros((32, 9), int)
     raw[tuple(np.transpose(holes))] = 20000  # neither background nor solid
     if column == "golden":

@@ -1,4 +1,4 @@
-"""PLY files of the cases, written here and not by the project's exporter, so that they can be wrong."""
+"""PLY files for the cases. They are written here and not by the project's exporter, so that they can be wrong."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec.errors import InputError
 
 
 def columns_of(model: GaussianModel) -> dict[str, np.ndarray]:
-    """Columns of a 3DGS PLY of a model of one level, as they are: nothing is clipped, refused or dropped."""
+    """The columns of a 3DGS PLY for a model of one level. Nothing is clipped, refused or dropped."""
     columns = dict(zip("xyz", model.means.T, strict=True)) | {f"f_dc_{c}": model.sh_dc[:, 0, c] for c in range(3)}
     rest = model.sh_rest.transpose(0, 2, 1).reshape(len(model), -1)
     columns |= {f"f_rest_{i}": values for i, values in enumerate(rest.T)}
@@ -26,7 +26,7 @@ def columns_of(model: GaussianModel) -> dict[str, np.ndarray]:
 
 
 def ply_bytes(columns: Mapping[str, np.ndarray], kind: str = "float", rows: int | None = None) -> bytes:
-    """A little-endian PLY of float32 columns; `kind` and `rows` are what its header says."""
+    """A little-endian PLY of float32 columns. `kind` and `rows` are the type and the number of rows that its header states."""
     count = len(next(iter(columns.values())))
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {count if rows is None else rows}"]
     header += [f"property {kind} {name}" for name in columns] + ["end_header", ""]
@@ -34,7 +34,7 @@ def ply_bytes(columns: Mapping[str, np.ndarray], kind: str = "float", rows: int 
 
 
 def in_a_file(content: bytes, use: Callable[[Path], object], name: str = "model.ply") -> object:
-    """What `use` makes of a file of that content."""
+    """The result of `use` for a temporary file with this content."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(content)
@@ -42,12 +42,12 @@ def in_a_file(content: bytes, use: Callable[[Path], object], name: str = "model.
 
 
 def loaded(columns: Mapping[str, np.ndarray]) -> GaussianModel:
-    """The model that a PLY of these columns loads as."""
+    """The model that the loader makes of a PLY with these columns."""
     return in_a_file(ply_bytes(columns), load_model)
 
 
 def refused(content: bytes, words: str, name: str = "model.ply") -> None:
-    """CaseFailure unless the file is refused by an InputError with these words in it."""
+    """Raises CaseFailure unless the loader refuses the file with an InputError whose message contains `words`."""
     try:
         model = in_a_file(content, load_model, name)
     except InputError as error:

@@ -1,6 +1,6 @@
-"""Seeded faults: a guard dropped, and the case that must turn red for it.
+"""Seeded faults in the renderers: each removes a guard, and a case must then fail.
 
-Guards that numba has compiled in are dropped where Python hands them their constants.
+Some guards are compiled by numba. They are removed where Python passes constants to the compiled code.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from spec.formats import Fixed, Rounding
 
 @dataclass(frozen=True)
 class Fault:
-    """A guard dropped.
+    """A seeded fault, that is, a guard removed.
 
     Attributes:
-        name: of the fault.
-        column: whose guard: oracle, golden, gradient or rtl.
+        name: the name of the fault.
+        column: the renderer whose guard it is: oracle, golden, gradient or rtl.
         case: id or name of the case that must fail.
-        drop: a context in which the guard is not there.
+        drop: makes a context in which the guard is absent.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Fault:
 
 
 def replaced(*changes: tuple[str, object]) -> Callable[[], AbstractContextManager]:
-    """A context in which each named attribute is another."""
+    """A context in which each named attribute is replaced."""
     def context() -> AbstractContextManager:
         stack = ExitStack()
         for name, value in changes:
@@ -49,25 +49,25 @@ def replaced(*changes: tuple[str, object]) -> Callable[[], AbstractContextManage
 
 
 def _culling(**changes: object) -> Callable[[], AbstractContextManager]:
-    """Other constants in the culling unit's kernels."""
+    """A context with other constants in the projection unit's kernels."""
     original = projection.culling_constants
     return replaced(("golden.msv2_ref.projection.culling_constants", lambda config: original(config)._replace(**changes)))
 
 
 def _array(**changes: object) -> Callable[[], AbstractContextManager]:
-    """Other constants in the array's kernels."""
+    """A context with other constants in the array's kernels."""
     original = array_kernel.array_constants
     return replaced(("golden.msv2_ref.array_kernel.array_constants", lambda config: original(config)._replace(**changes)))
 
 
 def _registers(**changes: object) -> Callable[[], AbstractContextManager]:
-    """Other registers of the frame."""
+    """A context with other frame registers."""
     original = pipeline.frame_registers
     return replaced(("golden.msv2_ref.pipeline.frame_registers", lambda *asked: replace(original(*asked), **changes)))
 
 
 def _wrapping(self: Fixed, x: np.ndarray | float, rounding: Rounding = Rounding.HALF_UP) -> np.ndarray:
-    """`Fixed.quantise` that wraps where it must saturate."""
+    """A `Fixed.quantise` that wraps where it must saturate."""
     raw = np.floor(np.ldexp(np.clip(np.asarray(x, float), -(2.0**40), 2.0**40), self.frac_bits) + 0.5).astype(np.int64)
     return self.from_bits(self.to_bits(raw))
 
@@ -173,11 +173,11 @@ FAULTS = (
     Fault("frames without coverage pass", "oracle", "no-coverage-fails",
           replaced(("msv2.cases.self_check.check_shots", lambda case, renderer, see: None))),
 )
-"""Of the oracle, the integer renderer and the loader."""
+"""The faults of the oracle, the integer renderer and the loader."""
 
 
 def caught(fault: Fault) -> tuple[bool, str]:
-    """Whether the fault's case fails with it, and how it fails, or why the fault proves nothing."""
+    """Whether the fault makes its case fail, and the failure's message, or why the fault proves nothing."""
     case = case_named(fault.case)
     with fault.drop(), np.errstate(all="ignore"):
         got = cell(case, fault.column)
@@ -185,5 +185,5 @@ def caught(fault: Fault) -> tuple[bool, str]:
 
 
 def told(got: Cell) -> bool:
-    """Whether a case failed by what it expects; a crash may be the fault's own."""
+    """Whether a case failed by its own expectation. A crash does not count, as the fault itself may have caused it."""
     return got.outcome == "FAIL" and not got.crashed

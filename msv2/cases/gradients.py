@@ -1,13 +1,12 @@
-"""The hard cases on the differentiable renderer: expected images, finite gradients, and those of the oracle.
+"""The hard cases on the differentiable renderer: expected images, finite gradients, and gradients that agree with the oracle.
 
-    python -m msv2.cases.gradients [CASE ...] [--faults]    JSON of all cases, or of those named
+    python -m msv2.cases.gradients [CASE ...] [--faults]    writes JSON of all cases, or of the named ones
 
-Directional derivatives of a weighted sum of the image are compared with finite differences of the float64 oracle.
+The directional derivatives of a weighted sum of the image are compared with finite differences of the float64 oracle.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -27,19 +26,21 @@ from msv2.cases.case import GRADIENT, Case, Gradients, Seen, Shot, require
 from msv2.cases.check import Cell, check_shots, see_oracle, told_cell
 from msv2.cases.golden_faults import Fault, replaced, told
 from msv2.cases.registry import CASES, case_named
+from spec.command_line import command_parser
 from spec.constants import ALPHA_MAX_L1, COVERAGE_VALID, SH_C0
 
 STEPS = {"sh_dc": 1e-4, "opacity": 1e-8, "means": 1e-9, "log_scales": 1e-8, "quats": 1e-8}
-"""Half a finite difference, by field; opacities as logits. Small, so that hardly a pixel meets a cut in between."""
+"""Half the step of a finite difference, by field; for opacities a step of the logit. The steps are so small that hardly a pixel
+crosses a cut within them."""
 
 KINK = 1e-3
-"""Colours nearer to 0, where they are clamped, take no part."""
+"""Colours nearer than this to 0, where they are clamped, are left out of finite differences."""
 
 TOLERANCE = 2e-3
-"""Of a directional derivative, as a share of the sum of its terms' magnitudes: float32 against float64."""
+"""Tolerance of a directional derivative relative to the sum of its terms' magnitudes, for float32 against float64."""
 
 OPAQUE = 0.999
-"""Opacities above have no logit to speak of and take no part in finite differences."""
+"""Opacities above this value have no usable logit and are left out of finite differences."""
 
 
 def level_of(model: GaussianModel, level: int) -> Gaussians:
@@ -51,12 +52,13 @@ def level_of(model: GaussianModel, level: int) -> Gaussians:
 
 
 def trainable(gaussians: Gaussians) -> Gaussians:
-    """The Gaussians, every field asking for its gradient."""
+    """The Gaussians with gradients enabled in every field."""
     return gaussians.map(lambda tensor: tensor.detach().clone().requires_grad_(True))
 
 
 def draw(shot: Shot) -> tuple[Seen, list[Gaussians], torch.Tensor]:
-    """A shot by the differentiable renderer: what is seen, the levels' Gaussians, and the image that gradients come from."""
+    """Renders a shot with the differentiable renderer. Returns the result, the Gaussians of each level, and the image
+    tensor."""
     if shot.gaze is not None:
         levels = [trainable(level_of(shot.model, level)) for level in range(shot.model.levels)]
         image = render_foveated(levels, shot.camera, shot.foveation, background=shot.background)
@@ -71,17 +73,17 @@ def draw(shot: Shot) -> tuple[Seen, list[Gaussians], torch.Tensor]:
 
 
 def see_gradient(shot: Shot) -> Seen:
-    """A shot by the differentiable renderer."""
+    """Renders a shot with the differentiable renderer."""
     return draw(shot)[0]
 
 
 def weights_of(shot: Shot) -> np.ndarray:
-    """(H, W, 3) float64 weights of the loss, of all signs."""
+    """(H, W, 3) float64 weights of the loss, positive and negative."""
     return np.random.default_rng(1).normal(size=(shot.camera.height, shot.camera.width, 3))
 
 
 def check_gradients(case: Case, wanted: Gradients) -> None:
-    """CaseFailure where a gradient is not finite, or not as the case says, or not the oracle's."""
+    """Raises CaseFailure where a gradient is not finite, not as the case expects, or does not agree with the oracle."""
     shot = case.shots(GRADIENT)[wanted.shot]
     _, levels, image = draw(shot)
     (image * torch.from_numpy(weights_of(shot)).float()).sum().backward()
@@ -101,7 +103,7 @@ def check_gradients(case: Case, wanted: Gradients) -> None:
 
 
 def _changed(shot: Shot, name: str, change: np.ndarray) -> Shot:
-    """The shot with a field of its model changed by `change`; opacities as logits."""
+    """The shot with a field of its model changed by `change`; opacities are changed as logits."""
     level = 1 if shot.outer else 0
     values = getattr(shot.model, name)
     if name == "opacity":
@@ -116,11 +118,11 @@ def _changed(shot: Shot, name: str, change: np.ndarray) -> Shot:
 
 
 def _compare(shot: Shot, grads: dict[str, np.ndarray], name: str, step: float) -> None:
-    """CaseFailure where the derivative along a random direction differs from the oracle's finite difference."""
+    """Raises CaseFailure where the derivative along a random direction differs from the oracle's finite difference."""
     direction, level = np.random.default_rng(2).normal(size=grads[name].shape), 1 if shot.outer else 0
     if name == "opacity":
         direction = np.where(shot.model.opacity[:, level] < OPAQUE, direction, 0.0)
-    if name == "sh_dc":  # a colour of 0 is a kink
+    if name == "sh_dc":  # the clamp at 0 is a kink
         direction = np.where(np.abs(SH_C0 * shot.model.sh_dc[:, level] + 0.5) > KINK, direction, 0.0)
     images = [see_oracle(_changed(shot, name, sign * step * direction)).image for sign in (1, -1)]
     losses = [float((image * weights_of(shot)).sum()) for image in images]
@@ -130,7 +132,8 @@ def _compare(shot: Shot, grads: dict[str, np.ndarray], name: str, step: float) -
 
 
 def run(case: Case) -> float | None:
-    """A case; the largest difference of an image to the oracle's, CaseFailure where something is wrong."""
+    """Runs a case. Returns the largest difference of an image to the oracle's; raises CaseFailure where an expectation
+    fails."""
     worst = check_shots(case, GRADIENT, see_gradient)
     for wanted in case.gradients:
         check_gradients(case, wanted)
@@ -138,19 +141,19 @@ def run(case: Case) -> float | None:
 
 
 def takes_part(case: Case) -> bool:
-    """Whether the case is run here."""
+    """Whether the case is run on the differentiable renderer."""
     return case.shots is not None and "gradient" in case.columns
 
 
 def cell(case: Case) -> Cell:
-    """A case, told and not raised."""
+    """Runs a case; a failure is returned instead of raised."""
     if not takes_part(case):
         return Cell("-", words=case.absent.get("gradient", "no part in it"))
     return told_cell(lambda: run(case))
 
 
 def _spoilt(change: Callable[[Blending, list[np.ndarray]], None]) -> Callable[[], AbstractContextManager]:
-    """A context in which `change` works on the gradients of mean2d, factor, opacity, colour and depth that blending gives."""
+    """A context in which `change` modifies the gradients of mean2d, factor, opacity, colour and depth that blending returns."""
     original = Blending.backward
 
     def backward(blending: Blending, *asked: np.ndarray, **options: bool) -> tuple[np.ndarray, ...]:
@@ -185,11 +188,11 @@ FAULTS = (
     Fault("alpha may be 1 at level 1", "gradient", "opaque-against-the-stop",
           replaced((f"{__name__}.ALPHA_MAX_L1", 1.0))),
 )
-"""Of the differentiable renderer."""
+"""The faults of the differentiable renderer."""
 
 
 def caught(fault: Fault) -> tuple[bool, str]:
-    """Whether the fault's case fails with it, and how it fails."""
+    """Whether the fault makes its case fail, and the failure's message."""
     with fault.drop():
         got = cell(case_named(fault.case))
     return told(got), got.words or f"{fault.case} does not notice"
@@ -201,13 +204,11 @@ def _told_fault(fault: Fault) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases.gradients", description=__doc__,
-        formatter_class=argparse.RawTextHelpFormatter)
+    """Runs the command line."""
+    parser = command_parser("python -m msv2.cases.gradients", __doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help="ids of cases (default: all)")
-    parser.add_argument("--faults", action="store_true", help="run the seeded faults, too")
-    parser.add_argument("--json", metavar="FILE", help="write there instead of to the screen")
+    parser.add_argument("--faults", action="store_true", help="also run the seeded faults")
+    parser.add_argument("--json", metavar="FILE", help="write the results to this file instead of the screen")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
     chosen = [case for case in CASES if not args.cases or case.id in args.cases]

@@ -1,4 +1,4 @@
-"""Cases 21 to 31: models and files that are broken, or look it."""
+"""Cases 21 to 31: models and files that are broken, or look broken."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from msv2.cases.makers import splats, view
 
 COLOURS = np.array([(0.9, 0.2, 0.1), (0.1, 0.8, 0.3), (0.2, 0.3, 0.9), (0.8, 0.8, 0.1), (0.5, 0.1, 0.9)])
 PLACES = [((x - 31.5) / 25, (y - 23.5) / 25, 2.0) for x, y in ((8, 8), (56, 8), (32, 24), (8, 40), (56, 40))]
-"""Means that project onto the centres of five pixels, of two units' depth, far apart."""
+"""Five means far apart at depth 2, which project onto the centres of pixels."""
 
 
 def five(**options: object) -> GaussianModel:
-    """Five splats, each of its own colour, at `PLACES`."""
+    """Five splats at `PLACES`, each of its own colour."""
     return splats(*PLACES, colour=COLOURS, **{"scale": 0.05, "opacity": 0.9, **options})
 
 
 def without(model: GaussianModel, *rows: int) -> GaussianModel:
-    """The model less some rows."""
+    """The model without some rows."""
     return model.select(np.setdiff1d(np.arange(len(model)), rows))
 
 
 def spoilt(changes: dict[str, tuple[int, float]]) -> GaussianModel:
-    """`five()`, with a number of a row spoilt in each named field; by its last component."""
+    """`five()` with a broken number: for each named field, the last component of a row is replaced."""
     model = five()
     for name, (row, value) in changes.items():
         values = getattr(model, name).copy()
@@ -43,7 +43,8 @@ def spoilt(changes: dict[str, tuple[int, float]]) -> GaussianModel:
 
 
 def _cleaned(changes: dict[str, tuple[int, float]], dropped: dict[str, int]) -> Callable[[Renderer], Shots]:
-    """The model as it comes out of a file, beside the rows that are right; oracle and gradients get the broken one, too."""
+    """Shots of the broken model after loading it from a file, and of the correct rows alone. The oracle and the differentiable
+    renderer also get the broken model directly."""
     def shots(renderer: Renderer) -> Shots:
         broken = spoilt(changes)
         model = loaded(columns_of(broken))
@@ -55,11 +56,11 @@ def _cleaned(changes: dict[str, tuple[int, float]], dropped: dict[str, int]) -> 
 
 
 def _dropped_and_counted(album: Album, renderer: Renderer, shots: Shots) -> None:
-    """Bit by bit the frame of the rows that are right."""
+    """The frame must equal that of the correct rows, bit by bit."""
     right = album["right"]
     require(right.image.any(), "the rows that are right must show")
     require(np.array_equal(album["loaded"].image, right.image), "loaded: the image must be that of the rows that are right")
-    if "unfiltered" in album:  # in float64 where the file has float32
+    if "unfiltered" in album:  # this model is in float64, whereas files hold float32
         close("unfiltered: image", album["unfiltered"].image, right.image, max(1e-4, renderer.error))
     if renderer.name == "oracle":
         wanted = len(five()) - len(shots["right"].model)
@@ -68,7 +69,7 @@ def _dropped_and_counted(album: Album, renderer: Renderer, shots: Shots) -> None
 
 
 def _refused_by_hand(changes: dict[str, tuple[int, float]]) -> None:
-    """A NaN that no loader has dropped is refused by the integer renderer, field by field."""
+    """The integer renderer must refuse a NaN that no loader has dropped, in each field."""
     for name, change in changes.items():
         try:
             render(spoilt({name: change}), view(), config=MACHINE)
@@ -194,7 +195,7 @@ def _activated() -> None:
     columns |= {f"scale_{i}": rng.uniform(0.001, 0.9, 200) for i in range(3)}
     refused(ply_bytes({**columns, "opacity": rng.uniform(0, 1, 200)}), "look activated already")
     refused(ply_bytes({**columns, "opacity": rng.normal(0, 4, 200)}), "look activated already")
-    in_a_file(ply_bytes(columns_of(five())), load_model)  # what is right passes
+    in_a_file(ply_bytes(columns_of(five())), load_model)  # a correct file must load
 
 
 def _degrees() -> None:

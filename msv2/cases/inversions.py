@@ -1,11 +1,10 @@
-"""Analyse the order in which a frame's splats are blended: against the machine's own z, and against float64 z."""
+"""Analyses the order in which a frame's splats are blended, against the machine's own z and against float64 z."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,21 +13,24 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
+from spec.paths import BUILD
 
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
 
-  machine_inversions    by the machine's own z, rounded as it rounds: pairs of which not both keys are saturated. Must be 0.
-  saturated_inversions  the same for pairs whose keys both are
-  equal_keys            pairs that the Gaussian's index puts in order
-  float64_inversions    by z in float64, as the oracle projects; largest_gap is the largest (z1 - z2) / z1 among them
-  max_abs_error         largest difference of a colour of a pixel when the same entries are blended by float64 z instead;
-                        worst_pixel is where, changed_pixels how many differ at all, psnr_db what that is in all
+  machine_inversions    inversions by the machine's own, rounded z, among pairs with at most one saturated key; must be 0
+  saturated_inversions  inversions by the machine's z among pairs whose keys are both saturated
+  equal_keys            pairs with equal keys, which are ordered by the index of the Gaussian
+  float64_inversions    inversions by the oracle's float64 z; largest_gap is the largest (z1 - z2) / z1 among them
+  max_abs_error         the largest difference in a pixel's colour if the same intersections are blended in the order of
+                        float64 z; worst_pixel is its place, changed_pixels the number of pixels that differ, and psnr_db
+                        the PSNR between the two images
 
-Exit status 1 where machine_inversions is not 0.
+The exit status is 1 if machine_inversions is not 0.
 
 examples:
   python -m msv2.cases.inversions                                         the embedded scene
@@ -37,7 +39,7 @@ examples:
 
 
 def machine_z(frame: pipeline.Frame) -> np.ndarray:
-    """(N,) float64 camera z of every Gaussian, every operation rounded to the `view` format."""
+    """(N,) float64 camera z of every Gaussian, with every operation rounded to the `view` format."""
     V, r, mean = frame.config.formats.view, frame.registers, frame.words.decoded.mean
     product = [V.round(r.rotation[2, i] * V.round(mean[:, i] - r.position[i])) for i in range(3)]
     return V.round(V.round(product[0] + product[1]) + product[2])
@@ -49,14 +51,14 @@ def float64_z(model: GaussianModel, camera: Camera) -> np.ndarray:
 
 
 def neighbours(start: np.ndarray) -> np.ndarray:
-    """(entries - non-empty tiles,) first entry of every pair of neighbours that share a tile; `start` is (tiles + 1,)."""
+    """(intersections - non-empty tiles,) the first of every pair of neighbours that share a tile; `start` is (tiles + 1,)."""
     last = np.zeros(start[-1], bool)
     last[start[1:][np.diff(start) > 0] - 1] = True
     return np.flatnonzero(~last)
 
 
 def reordered(frame: pipeline.Frame, z: np.ndarray) -> pipeline.Frame:
-    """The frame with every tile's entries blended by (z, Gaussian index); `z` is (N,)."""
+    """The frame with every tile's intersections blended in the order of (z, Gaussian index); `z` is (N,)."""
     e, r = frame.entries, frame.registers
     tile = np.repeat(np.arange(len(r.header)), np.diff(e.start))
     order = np.lexsort((e.splat, z[e.splat], tile))
@@ -69,7 +71,7 @@ def reordered(frame: pipeline.Frame, z: np.ndarray) -> pipeline.Frame:
 
 
 def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
-    """The numbers of order.json, of a frame and its Gaussians' float64 z (N,)."""
+    """The numbers of order.json for a frame, given the float64 z (N,) of its Gaussians."""
     first = neighbours(frame.entries.start)
     near, far = frame.entries.splat[first], frame.entries.splat[first + 1]
     key, own = frame.projected.depth_key, machine_z(frame)
@@ -90,9 +92,7 @@ def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases.inversions", description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("python -m msv2.cases.inversions", __doc__, EPILOG)
     add_request_arguments(parser)
     add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/order/NAME)")
@@ -100,7 +100,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def report(request: Request, config: AcceleratorConfig) -> dict[str, object]:
-    """order.json of a request."""
+    """The content of order.json for a request."""
     frame = pipeline.render(
         request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
     machine = {"config": config.name, "configuration": config_record(config)}
@@ -108,14 +108,14 @@ def report(request: Request, config: AcceleratorConfig) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when the machine's order is not that of its own z."""
+    """Runs the command line; returns 1 when the machine's order is not that of its own z."""
     args = _arguments(argv)
     config = config_from(args)
     request = resolve(args)
     numbers = report(request, config)
-    out = make_folder(args.out or Path("build/order") / request.model.name)
+    out = make_folder(args.out or BUILD / "order" / request.model.name)
     write_json(out / "order.json", numbers)
-    print(f"{out}: {numbers['entries']:,} entries, {numbers['machine_inversions']} inversions by the machine's z, "
+    print(f"{out}: {numbers['entries']:,} intersections, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")
     return int(numbers["machine_inversions"] > 0)
 

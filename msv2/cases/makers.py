@@ -1,4 +1,4 @@
-"""Small models and cameras that are made by hand."""
+"""Makes small models and cameras for the cases."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from spec.constants import SH_C0
 
 
 def view(width: int = 64, height: int = 48, **changes: object) -> Camera:
-    """A camera at the origin that looks along z, focal length 50 px."""
+    """A camera at the origin that looks along z, with a focal length of 50 pixels."""
     camera = Camera(np.eye(3), np.zeros(3), 50.0, 50.0, width / 2, height / 2, width, height)
     return replace(camera, **changes)
 
 
 def turned_view(width: int, height: int) -> Camera:
-    """A turned camera with unequal focal lengths and its principal point off the centre."""
+    """A turned camera with unequal focal lengths, whose principal point is off the centre."""
     turn = np.deg2rad(12)
     rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     return Camera(rotation, np.array([0.3, -0.2, 1.0]), 0.8 * width, 0.9 * width, 0.55 * width, 0.4 * height, width, height)
@@ -31,7 +31,7 @@ def splats(
     *means: Sequence[float], scale: ArrayLike = 0.1, opacity: ArrayLike = 0.8, colour: ArrayLike = (1, 1, 1),
     quat: ArrayLike = (1, 0, 0, 0), levels: int = 1,
 ) -> GaussianModel:
-    """Gaussians of given colour (per point or for all); `scale` is one, three, or (N, 3) standard deviations."""
+    """Gaussians of a given colour, per point or for all. `scale` is one standard deviation, three, or an (N, 3) array."""
     n = len(means)
     with np.errstate(divide="ignore"):
         log_scales = np.log(np.broadcast_to(scale, (n, 3)).astype(float))
@@ -46,9 +46,9 @@ def splats(
 
 
 def random_model(rng: np.random.Generator, n: int, levels: int = 1, sh: int = 0, wild: bool = False) -> GaussianModel:
-    """Splats in front of, beside and behind a camera near the origin, equal depths among them.
+    """Splats in front of, beside and behind a camera near the origin; some have equal depths.
 
-    `wild` spreads their axes over eight decades (needles, discs, giants), their opacities to the faintest and the largest.
+    With `wild`, their axes span eight decades (needles, discs, giants), and their opacities reach the faintest and the largest.
     """
     means = rng.uniform((-4, -3, -1), (4, 3, 8), (n, 3))
     means[: n // 4, 2] = np.round(means[: n // 4, 2])
@@ -62,7 +62,7 @@ def random_model(rng: np.random.Generator, n: int, levels: int = 1, sh: int = 0,
 
 
 def map_for(camera: Camera, gaze: tuple[float, float] | None, levels: int) -> FoveationMap | None:
-    """The foveation map of a gaze given as fractions of the frame; None without one."""
+    """The foveation map of a gaze that is given as fractions of the frame; None without a gaze."""
     if gaze is None:
         return None
     return foveation_map(Display(camera.width, camera.height), (gaze[0] * camera.width, gaze[1] * camera.height), levels)

@@ -1,4 +1,4 @@
-"""Cases 36 to 44 and 56: order, tiles and frames."""
+"""Cases 36 to 44 and 56: the order of splats, tiles, and sizes of frames."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def NOTHING_VISIBLE(album, renderer, shots):
 
 
 def crowded(count: int, seed: int) -> GaussianModel:
-    """Small faint splats, all of them 4 to 12 pixels from the corner of `view()`."""
+    """Small faint splats, all of them between 4 and 12 pixels from the corner of `view()`."""
     rng = np.random.default_rng(seed)
     means = rng.uniform((-1.1, -0.8, 2.0), (-0.8, -0.5, 2.001), (count, 3))
     return splats(*means, scale=1e-3, opacity=0.05, colour=rng.uniform(0, 1, (count, 3)))
@@ -196,7 +196,7 @@ FULL_INDEX = Case(
 
 
 def _edges(renderer: Renderer) -> Shots:
-    sigma = np.sqrt(4 - 0.3) / 50 * 2  # a radius of 6 px at 3 sigma
+    sigma = np.sqrt(4 - 0.3) / 50 * 2  # so that 3 sigma are a radius of 6 pixels
     shots = {}
     for offset in (-0.05, -1e-3, 0.0, 1e-3, 0.05):
         mean = ((10.5 + offset - 32) / 50 * 2, (8.5 - 24) / 50 * 2, 2)

@@ -1,4 +1,4 @@
-"""Cases 1 to 10: what projection must survive."""
+"""Cases 1 to 10: projection."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ GREY = (0.5, 0.25, 0.75)
 
 
 def only_background(album: Album, renderer: Renderer, shots: Shots) -> None:
-    """Nothing is drawn in any shot."""
+    """Checks that nothing is drawn in any shot."""
     for name, seen in album.items():
         close(f"{name}: image", seen.image, np.broadcast_to(shots[name].background, seen.image.shape), renderer.error)
         require(seen.coverage is None or not seen.coverage.any(), f"{name}: nothing must be covered")
 
 
 def closed_form(seen, shot: Shot, renderer: Renderer, opacity: float, mean=None, scale=None, what: str = "") -> None:
-    """Coverage of a single splat is the closed form's, wherever that is sure."""
+    """Checks that the coverage of a single splat is that of the closed form, wherever that is certain."""
     mean = shot.model.means[0] if mean is None else mean
     scale = np.exp(shot.model.log_scales[0]) if scale is None else scale
     wanted, sure = alphas(shot.camera, mean, scale, opacity)

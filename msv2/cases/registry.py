@@ -1,4 +1,4 @@
-"""All cases that renderers can run; the machine's own are in `msv2.cases`."""
+"""All cases that renderers can run. `msv2.cases.streams` has those of the machine alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CASES: tuple[Case, ...] = tuple(sorted(
 
 
 def case_named(name: str) -> Case:
-    """The case of a name or an id; KeyError where there is none."""
+    """The case with this name or id. Raises KeyError where there is none."""
     for case in CASES:
         if name in (case.name, case.id):
             return case

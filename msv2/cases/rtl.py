@@ -1,4 +1,5 @@
-"""The cases' golden frames through the machine: every pixel, every counter, all cases in one simulation a machine."""
+"""Plays the cases' golden frames through the machine and compares every pixel and counter. All cases share one simulation per
+machine."""
 
 from __future__ import annotations
 
@@ -15,11 +16,12 @@ from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
 
 MACHINES: Mapping[str, AcceleratorConfig] = {"one eye": MACHINE, "two eyes": STEREO_MACHINE}
-"""Machines that play cases."""
+"""The configurations that play cases."""
 
 
 def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
-    """A case's frames by machine, each over what the frame before left in memory, without a reset; empty: it has no part."""
+    """A case's frames by machine. Each is played without a reset and over the memory that the previous frame left. Empty where
+    the case has no part."""
     if not case.rtl:
         return {}
     found: dict[str, list[PlannedFrame]] = {name: [] for name in MACHINES}
@@ -34,16 +36,16 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
 
 
 Plans = Mapping[str, Mapping[str, Sequence[PlannedFrame]]]
-"""Frames by case's id, then by machine."""
+"""Frames by the case's id, then by machine."""
 
 
 def check(plans: Plans, folder: Path, *, progress: bool = False) -> dict[str, Cell]:
-    """Plays plans of frames, by case's id and machine: a cell a case.
+    """Plays plans of frames and returns a cell for each case.
 
     Args:
-        plans: what to play.
-        folder: where images, frames and logs go.
-        progress: show bars.
+        plans: the frames to play, by the case's id and by machine.
+        folder: the folder for images, frames and logs.
+        progress: whether to show progress bars.
     """
     failures: dict[str, list[str]] = {case: [] for case in plans}
     seconds = dict.fromkeys(plans, 0.0)

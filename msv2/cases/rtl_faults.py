@@ -1,4 +1,5 @@
-"""Seeded faults in hardware: settings that a guard stands on, dropped; arrays and whole machines, emitted without a guard."""
+"""Seeded faults in hardware. Some change a setting on which a guard depends; others emit the array or the whole machine without
+a guard."""
 
 from __future__ import annotations
 
@@ -29,14 +30,14 @@ from tb.vrc_array.traced import case_of
 
 @dataclass(frozen=True)
 class RtlFault:
-    """A guard that the hardware does not have, and the case whose frame must show it.
+    """A guard that is removed from the hardware, and the case whose frame must show it.
 
     Attributes:
-        name: of the fault.
-        case, shot: whose golden frame is played.
-        settings: of the machine, by register: what is written instead.
-        patches: names in rtl's modules, and what stands there while the part is emitted.
-        part: array or machine.
+        name: the name of the fault.
+        case, shot: the case and the shot whose golden frame is played.
+        settings: by register, values that are written in place of the frame's own settings.
+        patches: names in rtl's modules, with their replacements while the part is emitted.
+        part: "array" or "machine".
     """
 
     name: str
@@ -71,11 +72,11 @@ FAULTS = (
     RtlFault("saturated values are not counted", "saturations-are-counted", "means", part="machine",
              patches={"rtl.culling.saturations.at_limit": lambda value, number: Const(0)}),
 )
-"""All of them; those with settings are played in one simulation, the others each in an array, or a machine, of their own."""
+"""All faults. Those in settings are played in one simulation, each of the others in an array or a machine of its own."""
 
 
 def frame_of(fault: RtlFault) -> tuple[Frame, int | None, bool]:
-    """The golden frame, its merge threshold and tile test."""
+    """The golden frame, its merge threshold, and whether the tile test uses boxes."""
     shot = case_named(fault.case).shots(GOLDEN)[fault.shot]
     return see_golden(shot).frame, shot.beta, shot.obb
 
@@ -88,14 +89,14 @@ def _frames(fault: RtlFault) -> list[PlannedFrame]:
 
 
 def settings_caught(faults: Sequence[RtlFault], folder: Path) -> list[tuple[bool, str]]:
-    """Of faults in settings: whether the right frame is right and the faulty one is told, and how."""
+    """For faults in settings: whether the correct frame passes and the faulty one fails, and the failure's message."""
     frames = [_frames(fault) for fault in faults]
     failures = run_plan(MACHINE, [frame for pair in frames for frame in pair], folder).failures
     return [_told(failures.get(right.name), failures.get(faulty.name)) for right, faulty in frames]
 
 
 def emitted_without(fault: RtlFault, unit: str, config: AcceleratorConfig) -> str:
-    """Verilog of a unit with the fault's patches in place."""
+    """The Verilog of a unit, emitted with the fault's patches in place."""
     patches = [mock.patch(name, value) for name, value in fault.patches.items()]
     for patch in patches:
         patch.start()
@@ -107,7 +108,8 @@ def emitted_without(fault: RtlFault, unit: str, config: AcceleratorConfig) -> st
 
 
 def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
-    """Of a fault in the array: whether its frame is told, and how. Without it the array is right by the case's own test."""
+    """For a fault in the array: whether its frame fails, and the failure's message. The case's own test shows that the array
+    without the fault is right."""
     case, usual = case_of(frame_of(fault)[0], fault.name), vrc_playback(config)
     verilog = emitted_without(fault, "vrc_array", config)
     if verilog == usual.verilog:
@@ -118,7 +120,7 @@ def array_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACH
 
 
 def machine_caught(fault: RtlFault, folder: Path, config: AcceleratorConfig = MACHINE) -> tuple[bool, str]:
-    """The same of a fault in another unit of the machine; without it the machine is right by the case's own frames."""
+    """The same for a fault in another unit of the machine. The case's own frames show that the machine without it is right."""
     item, usual = planned(Played(fault.name, *frame_of(fault)), "faulty"), machine(config)
     verilog = emitted_without(fault, units.TOP, config)
     if verilog == usual.verilog:
@@ -134,7 +136,7 @@ def _told(right: list[str] | None, faulty: list[str] | None) -> tuple[bool, str]
 
 
 def caught(folder: Path) -> dict[str, tuple[bool, str]]:
-    """Every fault by its name."""
+    """The results of all faults, by name."""
     in_settings = [fault for fault in FAULTS if fault.settings is not None]
     found = dict(zip((fault.name for fault in in_settings), settings_caught(in_settings, folder / "settings"), strict=True))
     for number, fault in enumerate(fault for fault in FAULTS if fault.patches is not None):

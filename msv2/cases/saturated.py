@@ -1,4 +1,4 @@
-"""Case 33, its counters: values beyond their formats are clamped, and each kind is counted."""
+"""Case 33, the counters: values beyond their formats are clamped, and each kind is counted."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ WANTED = {
     "means": {"saturated_means": 3, "saturated_depths": 1},
     "culled": {"saturated_depths": 1},
 }
-"""Counts by shot, of those that are not 0. The farthest splat in view has the largest depth where no outlier lies behind it."""
+"""Counts by shot, of those that are not 0. The farthest visible splat has the largest depth unless an outlier lies behind
+it."""
 
 
 def _levels_apart() -> Shot:
-    """Two splats in tiles of levels 1 and 2; one is too bright at level 2, which its views at both levels hold."""
+    """Two splats in tiles of levels 1 and 2. One is too bright at level 2, which its splat records of both levels contain."""
     model = splats((-0.2, 0, 2), (0.2, 0, 2), scale=4.0, opacity=0.5, colour=0.5, levels=2)
     model.sh_dc[0, 1] = 20.0
     return Shot(model, view(512, 16), gaze=(10.0, 8.0), rim=None)
@@ -30,7 +31,8 @@ def _shots(renderer: Renderer) -> Shots:
     bright = splats((0, 0, 2), (0.3, 0, 3), (-0.3, 0, 3), (0, 0, 4), scale=0.4, opacity=0.5,
                     colour=((40, 0.5, 0.5), (0.5, -3, 2), (0.5, 0.5, 1.9), (0, 9, 9)))
     near = splats((0, 0, 2), (0, 0, 3), scale=0.4, opacity=((0.8,), (0.001,)))
-    # The scale of depths is fitted to what is inside the frame: the last is beside it, and reaches in. No key is at its limit.
+    # The scale of depths is fitted to the splats inside the frame. The last one lies beside it and reaches in, beyond the
+    # scale.
     far = splats((0, 0, 2), (0, 0, 3), (0, 0, 50), (60, 0, 50), scale=[[0.4] * 3] * 2 + [[12.5] * 3] * 2, opacity=0.5)
     farther = splats(*[(0, 0, z) for z in (2, 2, 3, 1e12, 1e30)], scale=0.4, opacity=0.5)
     aside = splats((0, 0, 2), (110, 0, 0.3), (-110, 0, 0.3), (0, -110, 0.3), (10, 0, 0.3), scale=[[0.5] * 3, *[[60] * 3] * 4],

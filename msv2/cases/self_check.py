@@ -1,4 +1,4 @@
-"""Case 57: a case that shows nothing is no test, and must fail by design."""
+"""Case 57: a case that shows nothing tests nothing, so it must fail."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from msv2.cases.makers import splats, view
 
 
 def _blind(column: str) -> None:
-    """A case on a model behind the camera, which does not say that nothing is covered, must fail for that."""
+    """A case whose model is behind the camera, and which is not marked as empty, must fail for its missing coverage."""
     case = Case(0, "blind", "", "", shots=lambda renderer: {"shot": Shot(splats((0, 0, -1)), view())},
                 expect=lambda album, renderer, shots: None)
     try:

@@ -1,6 +1,7 @@
-"""One splat in closed form: the text of the rendering semantics for axes along the camera's, in a few lines.
+"""One splat in closed form: the rendering semantics for a splat whose axes are parallel to the camera's, in a few lines.
 
-A third derivation beside the two renderers': cases state values by it, for cameras at the origin that look along z.
+This is a third derivation, independent of the two renderers. Cases compute expected values with it, for cameras at the origin
+that look along z.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS, SU
 
 
 def exponents(camera: Camera, mean: ArrayLike, scale: ArrayLike) -> np.ndarray:
-    """(H, W) float64: half the squared Mahalanobis distance of every pixel's centre to a splat whose axes are the camera's."""
+    """(H, W) float64: half the squared Mahalanobis distance of each pixel's centre to a splat with axes parallel to the
+    camera's."""
     x, y, z = np.asarray(mean, float)
     sx, sy, sz = np.broadcast_to(np.asarray(scale, float), 3)
     left, right = -FRUSTUM_MARGIN * camera.cx / camera.fx, FRUSTUM_MARGIN * (camera.width - camera.cx) / camera.fx
@@ -29,7 +31,8 @@ def exponents(camera: Camera, mean: ArrayLike, scale: ArrayLike) -> np.ndarray:
 def alphas(
     camera: Camera, mean: ArrayLike, scale: ArrayLike, opacity: float, alpha_max: float = ALPHA_MAX_L1,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) float64 alpha of the splat, and (H, W) bool where it is sure: not within rounding of the support's rim."""
+    """(H, W) float64 the splat's alpha, and (H, W) bool where it is certain: outside the rounding error at the support's rim
+    and at the cut."""
     q = exponents(camera, mean, scale)
     alpha = np.minimum(opacity * np.exp(-q), alpha_max)
     rim = SUPPORT_SIGMA**2 / 2

@@ -1,4 +1,4 @@
-"""Cases of the machine alone: 41 (errors), 53, 54, 55; the frames are golden ones."""
+"""Cases of the machine alone: 41 (errors), 53, 54 and 55. The expected frames are golden ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ELSEWHERE = dict.fromkeys(("oracle", "golden", "gradient"), "of the machine alo
 
 @dataclass(frozen=True)
 class MachineCase(Case):
-    """A case of the machine: `frames` makes what is played, `unit` is a run of a unit beside it, which gives failures."""
+    """A case of the machine: `frames` makes the frames to play; `unit` runs one unit besides and returns its failures."""
 
     frames: Callable[[], list[PlannedFrame]] | None = None
     unit: Callable[[Path], dict[str, list[str]]] | None = None
@@ -34,7 +34,7 @@ class MachineCase(Case):
 def scene(
     name: str, seed: int = 0, size: tuple[int, int] = (48, 33), *, levels: int = 1, sh: int = 1, count: int = 80,
 ) -> Played:
-    """A golden frame of random splats; with a gaze where it has levels."""
+    """A golden frame of random splats; it is foveated where it has several levels."""
     model = random_model(np.random.default_rng(seed), count, levels, sh)
     foveation = foveation_map(Display(*size), (size[0] / 3, size[1] / 2), levels) if levels > 1 else None
     frame = render(model, turned_view(*size), config=MACHINE, foveation=foveation, background=(0.25, 0.5, 0.75))
@@ -47,7 +47,7 @@ def _memories() -> list[PlannedFrame]:
 
 
 def _ports(folder: Path) -> dict[str, list[str]]:
-    """The tile merge unit under pauses of every kind on each port and on all."""
+    """Runs the tile merge unit with pauses of every kind, on each port alone and on all."""
     plan = [item for item in tmu.unit_plan(MACHINE, 0) if "pauses" in item.name]
     return tmu.run_plan(MACHINE, plan, folder).failures
 
@@ -103,7 +103,7 @@ CASES = (
 
 
 def unit_cell(case: MachineCase, folder: Path) -> Cell:
-    """The cell of a case's unit."""
+    """Runs a case's unit and returns its cell."""
     wrong = case.unit(folder / case.name)
     words = "; ".join(f"{run}: {problems[0]}" for run, problems in list(wrong.items())[:3])
     return Cell("FAIL" if wrong else "pass", None if wrong else 0.0, words)

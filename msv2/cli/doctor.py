@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spec.command_line import command_parser
-from spec.paths import BUILD, ROOT, cache_folder
+from spec.paths import BUILD, cache_folder, data_folder
 
 EXAMPLES = """\
 Exit status 0 when everything that the base needs is there, 1 otherwise. The base is what draws scenes and simulates the RTL;
@@ -112,7 +112,7 @@ def folders() -> Iterator[Finding]:
     detail = pdk if whole else f"no folder {pdk}" if pdk else "the package lambdapdk" if library else "MSV2_PDK is not set"
     yield Finding("liberty files", whole or library, detail or "", "synth, study area: technologies other than generic",
                   "pip install lambdapdk, or set MSV2_PDK to a folder with asap7/asap7sc7p5t_*_RVT_TT_nldm.lib")
-    data = Path(os.environ.get("MSV2_DATA") or ROOT.parent / "shared" / "data")
+    data = data_folder()
     yield Finding("captured scenes", data.is_dir(), str(data) if data.is_dir() else "MSV2_DATA is not set to a folder",
                   "studies of captured scenes; the embedded scene needs none",
                   "set MSV2_DATA to a folder with trained/NAME (a model each)")

@@ -5,7 +5,6 @@ The site is static, uses no font and no script of another host, and is built wit
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import json
 import os
@@ -16,6 +15,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from spec.command_line import command_parser
 from spec.errors import InputError
 from spec.paths import DOCS, ROOT
 from spec.sources import ROOMS
@@ -109,7 +109,7 @@ def build(out: Path) -> Path:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.document.site", description=__doc__)
+    parser = command_parser("python -m msv2.document.site", __doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "docs", metavar="DIR", help="default: build/docs")
     print(build(parser.parse_args(argv).out))
     return 0

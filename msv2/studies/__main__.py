@@ -1,34 +1,24 @@
-"""`python -m msv2.studies NAME ...`: runs one study; `--help` after the name shows its options."""
+"""`msv2 study list` lists the studies; `msv2 study run NAME ...`, or without `run`, runs one; NAME --help shows its options."""
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-from spec.errors import InputError, run_command_line
-
-NAMES = tuple(sorted(path.parent.name for path in Path(__file__).parent.glob("*/study.py")))
-"""Every folder of this package that holds a `study` module."""
+from msv2.studies.catalogue import list_studies, run_study
+from spec.errors import run_command_line
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the study that the first argument names, with the rest of the arguments; its exit status.
+    """Lists the studies, or runs the one that the first argument names with the others; returns the exit status.
 
     Raises:
-        InputError: no study is named, or there is none of that name.
+        InputError: no study is named, or there is none of this name.
     """
-    name, *rest = sys.argv[1:] if argv is None else argv or [""]
-    if name in ("-h", "--help"):
-        print(f"{__doc__}\n\nstudies: {', '.join(NAMES)}")
-        return 0
-    if name not in NAMES:
-        near = difflib.get_close_matches(name, NAMES, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"study {name!r} is not accepted: choose one of {', '.join(NAMES)}{hint}")
-    return importlib.import_module(f"msv2.studies.{name}.study").main(rest) or 0
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["list"]:
+        return list_studies(arguments[1:])
+    return run_study(arguments[1:] if arguments[:1] == ["run"] else arguments)
 
 
 if __name__ == "__main__":

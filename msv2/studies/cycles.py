@@ -1,4 +1,4 @@
-"""What gave the cycles in a report, and how tables call them."""
+"""The sources of the cycles in a report, and their names in tables."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 ESTIMATE, MODEL, RTL = "golden", "model", "rtl"
-"""The estimate that version 0.1 made from golden frames, which reports kept from it hold; the cycle model of `perf`; the
-simulated RTL."""
+"""The sources of cycles: the estimate that version 0.1 made from golden frames, which reports of that version hold; the cycle
+model in `perf`; the simulated RTL."""
 
 CYCLES = {ESTIMATE: "cycles by the golden estimate of version 0.1", MODEL: "cycles by the model", RTL: "RTL cycles"}
-"""How tables call them."""
+"""The name of each source in tables."""
 
 EXPLAINED = {
     ESTIMATE: "*Cycles by the golden estimate of version 0.1* are kept from that version: each phase takes as long as its "
               "busiest part at one item a cycle, or as its traffic takes a memory of 25.6 bytes a cycle.",
     MODEL: "*Cycles by the model*: the cycle model (`perf/`) simulates the golden renderer's frame."}
-"""What each of them is, for pages."""
+"""Explanations of the sources, for pages."""
 
 
 def cycles_by(record: Mapping[str, Any]) -> str:
-    """What gave the cycles of a record: those kept from version 0.1 do not say it."""
+    """The source of a record's cycles. Records from version 0.1 do not name it."""
     return record.get("cycles_by", ESTIMATE)
 
 
 def explained(records: Iterable[Mapping[str, Any]]) -> str:
-    """The sentences of EXPLAINED for all that gave cycles in the records."""
+    """The sentences of EXPLAINED for all sources that occur in the records."""
     found = set(map(cycles_by, records))
     return " ".join(text for name, text in EXPLAINED.items() if name in found)
 
 
 def cycles_of(record: Mapping[str, Any]) -> str:
-    """How tables call the cycles of a record."""
+    """The name that tables give to a record's cycles."""
     return CYCLES[cycles_by(record)]

@@ -1,4 +1,4 @@
-"""What was measured before, kept in a folder by everything that it depends on, so that an interrupted study goes on."""
+"""Keeps measurements in a folder, under keys that cover all their inputs, so that an interrupted study can continue."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from spec.errors import InputError
 
 
 def fingerprint(modules: Iterable[str], *parts: object) -> str:
-    """16 hexadecimal digits that change with anything that the modules rest on, and with models, cameras and settings.
+    """A hash of 16 hexadecimal digits that changes with any source file on which the modules depend, and with the parts.
 
     Args:
-        modules: dotted names; everything of the project that they import counts.
+        modules: dotted names; everything of the project that they import counts too.
         parts: models and cameras count by their contents, anything else by its `repr`.
     """
     names = tuple(modules)
@@ -39,13 +39,13 @@ def _contents(part: object) -> object:
 
 
 def kept(folder: Path, key: str, make: Callable[[], dict[str, object]]) -> dict[str, object]:
-    """The row KEY.json of the folder; where there is none, or a damaged one, `make` makes it and it is written there."""
+    """The row in KEY.json of the folder. Where that is missing or damaged, `make` makes the row, and it is written there."""
     path = make_folder(folder) / f"{key}.json"
     if path.exists():
         try:
             return read_json(path)
         except InputError:
-            pass  # damaged: made anew
+            pass  # the file is damaged, so the row is made again
     row = make()
     write_json(path, row)
     return row

@@ -1,4 +1,5 @@
-"""Frames through the RTL by `python -m tb.frame`, a process for each frame, kept by everything that they are made of."""
+"""Runs frames through the RTL with `python -m tb.frame`, one process per frame. Results are kept under keys that cover all
+their inputs."""
 
 from __future__ import annotations
 
@@ -14,24 +15,19 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.request import make_folder
 from golden.scenes.save import save_model
 from msv2.studies.kept import fingerprint
+from msv2.studies.record import source_hash
 from spec.errors import InputError
 from spec.paths import ROOT
-from spec.sources import sources_of
 
 COMMAND = "tb.frame.__main__"
 """The module behind `python -m tb.frame`."""
 
 
-def frame_sources() -> tuple[Path, ...]:
-    """The files that a frame through the RTL is made of."""
-    return (*sources_of(COMMAND), ROOT / "tb" / "top" / "memory.sv")
-
-
 def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]:
-    """The numbers of a frame, which is simulated now. `out` also gets the pictures.
+    """Simulates a frame and returns its numbers. The pictures are written to `out`.
 
     Args:
-        scene: as `python -m tb.frame` takes it.
+        scene: the scene argument of `python -m tb.frame`.
         options: the other arguments of that command.
         out: the output folder.
 
@@ -47,7 +43,7 @@ def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]
 
 
 def numbers(folder: Path) -> dict[str, object]:
-    """The numbers of a frame that was simulated before.
+    """The numbers of a frame that was simulated earlier.
 
     Raises:
         InputError: a bit or a counter differs from the golden renderer's.
@@ -59,25 +55,22 @@ def numbers(folder: Path) -> dict[str, object]:
 
 
 def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool = False) -> dict[str, object]:
-    """The numbers of a frame, simulated where `folder` has none of the same scene, options and sources, or where `again`."""
+    """The numbers of a frame. It is simulated if `folder` has none with the same scene, options and sources, or with
+    `again`."""
     path = Path(scene)
     file = (path.stat().st_size, path.stat().st_mtime_ns) if path.exists() else None
-    out = folder / f"frame-{fingerprint((), _machine(), scene, file, *options)}"
+    out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), scene, file, *options)}"
     return numbers(out) if (out / "frame.json").exists() and not again else simulate(scene, options, make_folder(out))
 
 
 def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Sequence[str]) -> dict[str, object]:
-    """The same of a model and a camera, which are written to files for the command; they count by their contents."""
-    out = folder / f"frame-{fingerprint((), _machine(), model, camera, *options)}"
+    """The same for a model and a camera, which are written to files for the command; the key covers their contents."""
+    out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), model, camera, *options)}"
     if (out / "frame.json").exists():
         return numbers(out)
     scene, seen = make_folder(out).resolve() / "model.ply", out.resolve() / "camera.json"
     save_model(model, scene)
     save_camera(camera, seen)
     found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
-    scene.unlink()  # it is large, and made anew wherever it is needed again
+    scene.unlink()  # the file is large and easily made again
     return found
-
-
-def _machine() -> str:
-    return fingerprint((), *(path.read_bytes() for path in frame_sources()))

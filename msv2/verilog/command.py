@@ -30,7 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = command_parser("python -m msv2.verilog", __doc__, EXAMPLES)
     add_config_arguments(parser, DEFAULT_CONFIG)
     parser.add_argument("--stereo", action="store_true", help="with the warp unit, for frames of two eyes")
-    parser.add_argument("--unit", default=TOP, help=f"one of {', '.join(UNITS)} (default: {TOP}, the whole machine)")
+    parser.add_argument("--unit", default=TOP, metavar="UNIT",
+                        help=f"one of {', '.join(UNITS)} (default: {TOP}, the whole machine)")
     add_out_argument(parser, DEFAULT_OUT)
     parser.add_argument("--prefix", help="what the names of all modules begin with (default: the configuration's name and _)")
     args = parser.parse_args(argv)

@@ -10,7 +10,6 @@ that is needed only once are idle most of the time.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
@@ -22,6 +21,7 @@ from rtl.culling.near import near_graph
 from rtl.culling.projection import projection_graph
 from rtl.culling.schedule import Cost, cost, schedule
 from rtl.shapes import layout
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.records import gaussian_point, projected_splat
@@ -72,7 +72,7 @@ def table(costs: dict[tuple[int, int], Cost]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m rtl.culling.compare", description=__doc__.splitlines()[0])
+    parser = command_parser("python -m rtl.culling.compare", __doc__.splitlines()[0])
     parser.add_argument("--points-per-cycle", default="1", help="throughput, such as 1 (default), 1/2 or 2")
     args = parser.parse_args(argv)
     try:

@@ -102,7 +102,7 @@ class EntryWriter(wiring.Component):
     of the largest frame.
 
     The intersections of a splat lie in different tiles, so each is a write of its own, of a quarter of a beat.
-    reports/write_combining.md (`python -m msv2.studies write_combining`) shows what would be saved if beats waited for more
+    reports/write_combining.md (`msv2 study run write_combining`) shows what would be saved if beats waited for more
     intersections of their tile: in frames of 1920x1080 it takes 4,096 lines of 256 bits to save much, which is more storage
     than PAPER's places and origins together.
     """

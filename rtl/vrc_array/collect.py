@@ -12,7 +12,7 @@ tile.
 The machine with line buffers needs only this minimum, and its rows leave as they arrive. The baseline has a double buffer,
 whose halves are handed over as whole tiles. The minimum, half the storage of the double buffer, costs no time while memory
 limits a frame. It costs cycles where intersections arrive at one per cycle and tiles have few of them
-(`python -m msv2.studies drain_waits`). `lines` may therefore be larger, and the full machine makes use of that.
+(`msv2 study run drain_waits`). `lines` may therefore be larger, and the full machine makes use of that.
 
 The place of a row (tile, position, blend weights) travels beside the array for as long as its pixels travel in it::
 

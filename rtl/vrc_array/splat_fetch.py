@@ -13,7 +13,7 @@ A splat record is used only a few times: in the frames of these scenes 20 to 70 
 their record, and the next use is a whole tile list away. A cache of four ways with replacement in the order of filling misses
 about as little as a direct-mapped cache with twice the lines if tile lists are short, and costs tags but no lines. Replacement
 by last use, or other index bits to choose the set, bring nothing. The table shows the misses of 1,024 lines as a share of the
-intersections (`python -m msv2.studies splat_cache`, reports/splat_cache.md); the last column is the share of first uses:
+intersections (`msv2 study run splat_cache`, reports/splat_cache.md); the last column is the share of first uses:
 
                                direct    2 ways    4 ways    4 ways, by last use    direct, 2,048 lines    first uses
     embedded 128x128            0.829     0.807     0.792                  0.796                  0.763          0.621

@@ -1,8 +1,9 @@
-"""The bus: AXI master with test clients on memories of all tempers, and the host's registers.
+"""Tests of the bus units: the AXI master, driven by test clients against memories of many behaviours, and the host's registers.
 
-    device      what is simulated
-    memory      an AXI memory that pauses, reorders and fails, and checks the master's protocol
-    master      scenarios of the master, in the simulator's process
-    registers   scenarios of the register file, in the simulator's process
-    suite       plans of both
+    device      the Verilog designs that are simulated
+    memory      an AXI memory that pauses, reorders and fails, and checks that the master keeps the protocol
+    master      test scenarios of the master; this module runs in the simulator's process
+    registers   test scenarios of the register file; this module runs in the simulator's process
+    watch       checks on the master that hold in every cycle
+    suite       the test plans of both units
 """

@@ -1,4 +1,4 @@
-"""The AXI master with a read queue before every reader."""
+"""The designs under test: the AXI master with a read queue in front of every reader, and the register file."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from tb.common.emission import emitted
 from tb.common.runner import Design
 
 READERS, WRITERS = 5, 3
-"""Clients of the bench: not a power of two, not equally many."""
+"""Numbers of reading and writing clients in the test bench. They differ, and neither is a power of two."""
 
 DEPTH = 32
-"""Beats of a read queue."""
+"""Capacity of a read queue in beats."""
 
 IN_FLIGHT = 64
-"""Fewer than the read queues together ask for."""
+"""Reads that the master may have in flight. This is fewer than the read queues together request."""
 
 
 class AxiBench(wiring.Component):
-    """Ports `read_I`, `data_I`, `write_I` of the clients and those of the bus.
+    """The AXI master and its read queues in one module.
 
-    `restart` resets the read queues; `delivered` has a bit for each that gets a beat.
+    Its ports are `read_I`, `data_I` and `write_I` for client number I, and the AXI ports of the bus. `restart` resets the read
+    queues. Bit I of `delivered` is high when the queue of reader I receives a beat.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -71,14 +72,15 @@ class AxiBench(wiring.Component):
 
 
 def _design(name: str, module: str, verilog: str) -> Design:
-    """All ports of the module are for Python to see."""
+    """A design in which Python can access every port of the module."""
     listed = re.search(rf"^module {module}\((.*?)\);", verilog, re.DOTALL | re.MULTILINE)
     return Design(name, module, ((f"{module}.v", verilog),), tuple(re.findall(r"\w+", listed[1])))
 
 
 @cache
 def master_design(config: AcceleratorConfig) -> Design:
-    """The bench. Not kept by `tb.common.emission`, which knows rtl/ and spec/ alone."""
+    """The test bench of the master. `tb.common.emission` does not cache it: its key covers rtl/ and spec/ only, not this
+    file."""
     return _design("axi-master", "axi_bench", to_verilog(AxiBench(config), "axi_bench"))
 
 

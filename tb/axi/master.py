@@ -1,4 +1,5 @@
-"""The AXI master's scenarios, in the simulator's process: orders in, a report out (`tb.axi.suite`)."""
+"""Test scenarios of the AXI master. This module runs in the simulator's process: it reads orders and writes a report for
+`tb.axi.suite`."""
 
 from __future__ import annotations
 
@@ -29,13 +30,14 @@ from tb.common.streams import Sink, Source
 
 REQUEST, BEAT, WRITE = read_request(TINY), read_data(TINY), write_request(TINY)
 READ_BASE, WRITE_BASE, REGION = 1 << 13, 1 << 12, 24
-"""Beats: readers read behind READ_BASE, which nobody writes; writer i writes REGION beats from WRITE_BASE + i REGION on."""
+"""Beat addresses. Readers read from READ_BASE on, where nobody writes. Writer i writes to the REGION beats from
+WRITE_BASE + i REGION on."""
 
 READ_BEATS = 1 << 13
-"""Beats that readers read from."""
+"""Number of beats in the range that readers read."""
 
 PATIENCE = 30_000
-"""Cycles of a scenario at most."""
+"""Limit on the number of cycles of a scenario."""
 
 
 def words_of(beat: int) -> list[int]:
@@ -44,11 +46,12 @@ def words_of(beat: int) -> list[int]:
 
 
 class Traffic:
-    """Test clients with their requests.
+    """The test clients and their requests.
 
     Attributes:
-        reads: beats that every reader asks for.
-        writes: requests of every writer.
+        reads: the beat addresses that each reader requests.
+        writes: the requests of each writer.
+        sinks: the receivers of the readers' data.
     """
 
     def __init__(self, dut: object, order: dict, seed: int):
@@ -63,7 +66,7 @@ class Traffic:
         self._tasks: list[Task] = []
 
     def start(self) -> list[Task]:
-        """Clients begin; returns those that end by themselves."""
+        """Starts the clients; returns the tasks that end by themselves."""
         seeds = cycle(range(self._seed, self._seed + 100))
         self.sinks = [Sink(self._dut, f"data_{i}", BEAT, self._pattern, next(seeds)) for i in range(READERS)]
         endless = [cocotb.start_soon(sink.run()) for sink in self.sinks]
@@ -77,7 +80,7 @@ class Traffic:
         return ending
 
     def stop(self) -> None:
-        """Clients end, whatever they were at."""
+        """Stops the clients in whatever state they are."""
         for task in self._tasks:
             task.cancel()
         for i in range(READERS):
@@ -86,7 +89,7 @@ class Traffic:
             getattr(self._dut, f"write_{i}__valid").value = 0
 
     async def finish(self, ending: list[Task]) -> None:
-        """Waits until everything has been answered."""
+        """Waits until every request has been answered."""
         if ending:
             await Combine(*ending)
         for _ in range(PATIENCE):
@@ -98,7 +101,7 @@ class Traffic:
         raise AssertionError(f"not done {PATIENCE} cycles after the last request")
 
     def problems(self, stored: dict[int, int], temper: Temper) -> list[str]:
-        """What is wrong with the answers, and with what has been written."""
+        """Descriptions of all differences between the received or stored data and what is correct."""
         found = []
         for i, (sink, beats) in enumerate(zip(self.sinks, self.reads, strict=True)):
             got = [None if row["error"] else row["word"] for row in sink.rows]
@@ -116,7 +119,7 @@ class Traffic:
 
 
 async def reset(dut: object) -> None:
-    """All inputs at rest, then three cycles of reset."""
+    """Sets all inputs to their idle values and holds reset for three cycles."""
     await FallingEdge(dut.clk)
     for name in ("abort", "restart", "clear_errors", "m_axi_rvalid", "m_axi_bvalid"):
         getattr(dut, name).value = 0
@@ -131,7 +134,7 @@ async def reset(dut: object) -> None:
 
 
 async def until_quiet(dut: object) -> int:
-    """Cycles until nothing is on its way."""
+    """Waits until no transaction is in flight; returns the number of cycles waited."""
     for waited in range(PATIENCE):
         await FallingEdge(dut.clk)
         await ReadOnly()
@@ -141,7 +144,8 @@ async def until_quiet(dut: object) -> int:
 
 
 async def cut_off(dut: object, order: dict, traffic: Traffic) -> list[str]:
-    """Traffic, then an abort in the middle, as `AxiMaster` describes it; the clients are ready for new traffic after it."""
+    """Starts traffic and aborts it halfway, in the way that `AxiMaster` describes. Returns the problems that it found.
+    Afterwards the clients are ready for new traffic."""
     traffic.start()
     for _ in range(order["cut"]):
         await FallingEdge(dut.clk)
@@ -160,7 +164,7 @@ async def cut_off(dut: object, order: dict, traffic: Traffic) -> list[str]:
 
 
 async def broken_off(dut: object, order: dict, temper: Temper) -> list[str]:
-    """Traffic that ends as it is when master and memory are reset."""
+    """Starts traffic and stops it without waiting for answers, because master and memory are reset next. Returns problems."""
     memory = Memory(dut, temper, order["seed"] + 1, {"ar": READERS, "aw": WRITERS})
     traffic = Traffic(dut, order, order["seed"] + 1)
     task = cocotb.start_soon(memory.run())
@@ -174,7 +178,7 @@ async def broken_off(dut: object, order: dict, temper: Temper) -> list[str]:
 
 
 async def clear_errors(dut: object) -> None:
-    """A strobe, and the cycle in which its effect is seen."""
+    """Pulses `clear_errors` for one cycle and waits until its effect is visible."""
     for value in (1, 0):
         await FallingEdge(dut.clk)
         dut.clear_errors.value = value
@@ -182,7 +186,7 @@ async def clear_errors(dut: object) -> None:
 
 
 def unfair(turns: dict[str, list[int]], order: dict) -> list[str]:
-    """Whether clients that all ask for as much were served unequally at any time."""
+    """Descriptions of every round in which clients with equally many requests were not each served exactly once."""
     found = []
     for channel, counts in (("ar", order["reads"]), ("aw", order["writes"])):
         rounds = [turns[channel][i : i + len(counts)] for i in range(0, len(turns[channel]), len(counts))]
@@ -192,7 +196,7 @@ def unfair(turns: dict[str, list[int]], order: dict) -> list[str]:
 
 
 async def scenario(dut: object, order: dict) -> dict:
-    """One scenario on `Memory`; its report."""
+    """Runs one scenario on `Memory`; returns its report."""
     temper = Temper(**{**order["temper"], "latency": tuple(order["temper"]["latency"])})
     problems = []
     if order["reset_at"]:
@@ -219,7 +223,7 @@ async def scenario(dut: object, order: dict) -> dict:
 
 
 async def scenario_ram(dut: object, order: dict, ram: AxiRam) -> dict:
-    """One scenario on the AXI memory of cocotbext-axi; its report."""
+    """Runs one scenario on the AXI memory of cocotbext-axi; returns its report."""
     await reset(dut)
     for beat in (*range(WRITE_BASE, WRITE_BASE + REGION * WRITERS), *range(READ_BASE, READ_BASE + READ_BEATS)):
         ram.write(beat * BEAT_BYTES, fresh(beat).to_bytes(BEAT_BYTES, "little"))
@@ -245,7 +249,7 @@ async def scenario_ram(dut: object, order: dict, ram: AxiRam) -> dict:
 
 
 async def play(dut: object, kind: str, one: Callable[[dict], Awaitable[dict]]) -> None:
-    """All scenarios of a kind; the report is a file beside the orders."""
+    """Runs all scenarios of a kind and writes the report to a file beside the orders."""
     folder = Path(os.environ["AXI_FOLDER"])
     orders = [order for order in json.loads((folder / "orders.json").read_text()) if order["kind"] == kind]
     (folder / f"{kind}.json").write_text(json.dumps([await one(order) for order in orders]))
@@ -253,14 +257,14 @@ async def play(dut: object, kind: str, one: Callable[[dict], Awaitable[dict]]) -
 
 @cocotb.test()
 async def on_memory(dut: object) -> None:
-    """Scenarios on this project's own memory."""
+    """Runs the scenarios that use this project's own memory model."""
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
     await play(dut, "memory", partial(scenario, dut))
 
 
 @cocotb.test()
 async def on_ram(dut: object) -> None:
-    """Scenarios on cocotbext-axi's."""
+    """Runs the scenarios that use the memory model of cocotbext-axi."""
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
     ram = AxiRam(AxiBus.from_prefix(dut, "m_axi"), dut.clk, dut.rst, size=(READ_BASE + READ_BEATS) * BEAT_BYTES)
     await play(dut, "ram", partial(scenario_ram, dut, ram=ram))

@@ -1,7 +1,7 @@
-"""An AXI memory that pauses, answers late and out of order and with errors; and it checks what the master does.
+"""A memory model for the AXI master. It pauses, and it answers late, out of order and with errors; it also checks the master.
 
-It changes its wires at falling edges and reads the master's once they have settled there. That the master's wires do not
-move then shows that nothing it drives depends on READY, or on an answer, in the same cycle.
+The model changes its wires at falling clock edges and reads the master's wires after they have settled at the same edge. If
+the master's wires do not move then, no output of the master depends combinationally on READY or on an answer.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _FIXED = {"len": 0, "size": 5, "burst": 1, "last": 1, "cache": 2, "prot": 0}
 
 @dataclass(frozen=True)
 class Temper:
-    """How a memory behaves.
+    """The behaviour of a memory.
 
     Attributes:
-        pauses: share of cycles in which a channel pauses, by channel.
-        latency: least and most cycles until an answer.
-        shuffled: answers of different IDs overtake each other; otherwise all keep the order of their requests.
-        failing: every how manieth beat address answers with an error; 0 for none.
+        pauses: the fraction of cycles in which a channel pauses, by channel name.
+        latency: the least and the largest number of cycles until an answer.
+        shuffled: whether answers of different IDs may overtake each other; otherwise all keep the order of their requests.
+        failing: every beat address that is a multiple of this number answers with an error; 0 for none.
     """
 
     pauses: dict[str, float] = field(default_factory=dict)
@@ -39,13 +39,20 @@ class Temper:
     failing: int = 0
 
     def fails(self, beat: int) -> bool:
-        """Whether that address answers with an error."""
+        """Whether a request for this beat address answers with an error."""
         return bool(self.failing) and beat % self.failing == 0
 
 
 @dataclass
 class Answer:
-    """A transaction that waits for its answer."""
+    """A transaction that waits for its answer.
+
+    Attributes:
+        id: its AXI ID.
+        beat: its address in beats.
+        due: the first cycle in which it may be answered.
+        words, strobe: for a write, the data and the byte strobes.
+    """
 
     id: int
     beat: int
@@ -55,18 +62,19 @@ class Answer:
 
 
 def fresh(beat: int) -> int:
-    """What lies at a beat that nobody has written."""
+    """The content of a beat that nobody has written."""
     return sum((beat * 0x9E3779B1 + word * 0x85EBCA6B + 1 & 0xFFFFFFFF) << 32 * word for word in range(WORDS))
 
 
 class Memory:
-    """See the module.
+    """The memory model that the module describes.
 
     Attributes:
-        stored: beats that were written; a write takes effect when it is answered.
-        problems: broken rules, in words.
-        reads, writes: cycles in which each R was given, each B.
-        turns: IDs of the addresses taken on AR and on AW, in order.
+        stored: the written beats by address; a write takes effect when it is answered.
+        problems: descriptions of the protocol violations.
+        cycle: the number of cycles so far.
+        reads, writes: the cycles in which each answer on R, or on B, was given.
+        turns: the IDs of the addresses accepted on AR and on AW, in order.
     """
 
     def __init__(self, dut: object, temper: Temper, seed: int, ids: dict[str, int]):
@@ -84,13 +92,13 @@ class Memory:
         return getattr(self._dut, f"m_axi_{name}")
 
     def _seen(self, channel: str) -> tuple[int, ...] | None:
-        """What the master offers on a channel."""
+        """The values that the master offers on a channel, or None where it offers nothing."""
         if not self._wire(f"{channel}valid").value:
             return None
         return tuple(int(self._wire(channel + name).value) for name in _CHANNELS[channel])
 
     async def run(self) -> None:
-        """For ever."""
+        """Answers the master without end."""
         for name in ("arready", "awready", "wready", "rvalid", "bvalid"):
             self._wire(name).value = 0
         while True:
@@ -141,7 +149,7 @@ class Memory:
             self._waiting["b"].append(Answer(client, address // BEAT_BYTES, due, words, strobe))
 
     def _candidates(self, channel: str) -> Iterator[Answer]:
-        """Answers that may be given now: due, and the first of their ID."""
+        """The answers that may be given now: each is due, and is the first one that waits with its ID."""
         seen = set()
         for answer in self._waiting[channel]:
             if answer.due <= self.cycle and answer.id not in seen:
@@ -151,7 +159,7 @@ class Memory:
             seen.add(answer.id)
 
     def _answer(self, channel: str) -> Answer | None:
-        """Puts the next answer of R or B on its wires."""
+        """Drives the wires of R or B with the next answer and returns it, or None where there is none."""
         paused = self._rng.random() < self._temper.pauses.get(channel, 0)
         candidates = [] if paused else list(self._candidates(channel))
         self._wire(f"{channel}valid").value = bool(candidates)
@@ -173,11 +181,11 @@ class Memory:
             self.stored[answer.beat] = merged(self.at(answer.beat), answer.words, answer.strobe)
 
     def at(self, beat: int) -> int:
-        """What lies there."""
+        """The content of a beat."""
         return self.stored.get(beat, fresh(beat))
 
 
 def merged(old: int, new: int, strobe: int) -> int:
-    """A beat of which the bytes of the strobe are written."""
+    """The beat `old` with the bytes selected by the strobe replaced by those of `new`."""
     mask = sum(0xFF << 8 * byte for byte in range(BEAT_BYTES) if strobe >> byte & 1)
     return old & ~mask | new & mask

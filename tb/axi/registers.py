@@ -1,4 +1,5 @@
-"""The register file's scenarios, in the simulator's process: a host on cocotbext-axi's AXI4-Lite master."""
+"""Test scenarios of the register file. This module runs in the simulator's process, where a host accesses the registers
+through cocotbext-axi's AXI4-Lite master."""
 
 from __future__ import annotations
 
@@ -28,14 +29,15 @@ START, ABORT, RESET, CLEAR, ENABLE_DONE, ENABLE_ERROR = 1, 2, 4, 8, 0x100, 0x200
 BUSY, DONE, ERROR = 1, 2, 4
 
 PATIENCE = 20_000
-"""Cycles until accesses asked for at once must be answered."""
+"""Number of cycles within which accesses that were issued together must be answered."""
 
 
 class Host:
-    """Reads and writes registers, and watches what the machine is told.
+    """A host that reads and writes registers and records what the register file tells the machine.
 
     Attributes:
-        starts: settings, packed, at every `start`; aborts, clears: how many.
+        starts: the packed frame settings at every `start` pulse.
+        aborts, clears: the numbers of `abort` and `clear` pulses.
     """
 
     def __init__(self, dut: object, bus: AxiLiteMaster, config: AcceleratorConfig, pauses: float, seed: int):
@@ -53,7 +55,7 @@ class Host:
         return cycle([self.rng.random() < share for _ in range(997)])
 
     async def watch(self) -> None:
-        """For ever: strobes, and that answers stay until they are taken."""
+        """Counts the pulses, and checks that an answer stays unchanged until it is accepted. It never ends."""
         dut, held = self.dut, {"b": None, "r": None}
         while True:
             await FallingEdge(dut.clk)
@@ -69,38 +71,38 @@ class Host:
                 held[channel] = None if getattr(dut, f"s_axi_{channel}ready").value else offer
 
     async def write_at(self, address: int, value: bytes) -> AxiResp:
-        """The answer to a write of up to four bytes in one word."""
+        """Writes up to four bytes within one word; returns the answer."""
         return (await self._bus.write(address, value)).resp
 
     async def write(self, name: str, value: int) -> None:
-        """A write that must be answered OKAY."""
+        """Writes a register by name; the write must be answered OKAY."""
         resp = await self.write_at(self.map[name].offset, value.to_bytes(4, "little"))
         assert resp == AxiResp.OKAY, (name, resp)
 
     async def read(self, name: str) -> int:
-        """A read that must be answered OKAY."""
+        """Reads a register by name; the read must be answered OKAY."""
         resp, value = await self.answer(self.map[name].offset)
         assert resp == AxiResp.OKAY, name
         return value
 
     async def answer(self, address: int) -> tuple[AxiResp, int]:
-        """How a read is answered; a refused one counts as 0."""
+        """The answer to a read and the value read; the value is 0 where the read is refused."""
         answer = await self._bus.read(address, 4)
         return answer.resp, 0 if answer.resp != AxiResp.OKAY else int.from_bytes(answer.data, "little")
 
     async def wait(self, cycles: int = 8) -> None:
-        """Until what was written has had its effect."""
+        """Waits until a write has taken effect."""
         for _ in range(cycles):
             await FallingEdge(self.dut.clk)
 
     async def write_settings(self, patterns: dict[str, int]) -> None:
-        """All of them, in any order, with anything in the bits above."""
+        """Writes all settings in random order, with random values in the unused upper bits."""
         for name in self.rng.sample(list(patterns), len(patterns)):
             width = self.map[name].format.width
             await self.write(name, patterns[name] | self.rng.getrandbits(32 - width) << width if width < 32 else patterns[name])
 
     async def finish(self, code: ErrorCode) -> None:
-        """The machine ends its frame."""
+        """Signals that the machine has finished its frame with this error code."""
         await FallingEdge(self.dut.clk)
         self.dut.error.value, self.dut.finished.value = int(code), 1
         await FallingEdge(self.dut.clk)
@@ -108,7 +110,7 @@ class Host:
 
 
 def legal(host: Host) -> dict[str, int]:
-    """Random patterns within their limits."""
+    """Random bit patterns of all settings within their limits."""
     limits = {limit.setting: limit for limit in host_settings.limits(host.config)}
     patterns = {}
     for s in host_settings.settings(host.config):
@@ -120,7 +122,7 @@ def legal(host: Host) -> dict[str, int]:
 
 
 def packed(host: Host, patterns: dict[str, int]) -> int:
-    """The record of the patterns."""
+    """The patterns packed into a record of frame settings."""
     bits, offset = 0, 0
     for f in frame_settings(host.config).fields:
         for i in range(f.count):
@@ -130,14 +132,14 @@ def packed(host: Host, patterns: dict[str, int]) -> int:
 
 
 def read_back(register: Register, pattern: int) -> int:
-    """How a setting reads."""
+    """The 32 bits that a read returns for a setting with this pattern: a negative value is sign-extended."""
     width = register.format.width
     negative = registers.is_signed(register.format) and pattern >> width - 1
     return pattern | (0xFFFFFFFF >> width << width if negative else 0)
 
 
 async def identity(host: Host) -> None:
-    """What never changes, and that it cannot be written."""
+    """The identity registers have their values and cannot be written."""
     for name, value in registers.identity(host.config).items():
         assert await host.read(name) == value, name
     for r in host.map.values():
@@ -148,7 +150,7 @@ async def identity(host: Host) -> None:
 
 
 async def unmapped(host: Host) -> None:
-    """Addresses where no register is."""
+    """Accesses to addresses without a register are refused."""
     mapped = {r.offset for r in host.map.values()}
     free = [address for address in range(0, 1 << registers.REGISTER_ADDRESS_BITS, 4) if address not in mapped]
     for address in (*host.rng.sample(free, 40), free[0], free[-1]):
@@ -158,7 +160,7 @@ async def unmapped(host: Host) -> None:
 
 
 async def settings(host: Host) -> None:
-    """Settings read back as they were written, whole and in bytes."""
+    """Settings read back as they were written, in whole words and in single bytes."""
     patterns = {s.name: host.rng.getrandbits(s.field.format.width) for s in host_settings.settings(host.config)}
     await host.write_settings(patterns)
     for name, pattern in patterns.items():
@@ -175,7 +177,7 @@ async def settings(host: Host) -> None:
 
 
 async def crowd(host: Host) -> None:
-    """Many accesses asked for at once, reads and writes, answers taken late: each gets its own, in order."""
+    """Many reads and writes are issued at once and their answers accepted late: each gets its own answer, in order."""
     numbers = {s.name: host.rng.getrandbits(s.field.format.width) for s in host_settings.settings(host.config)}
     readable = {**registers.identity(host.config), "status": 0}
     wrong = 1 << registers.REGISTER_ADDRESS_BITS
@@ -199,7 +201,7 @@ async def crowd(host: Host) -> None:
 
 
 async def frames(host: Host) -> None:
-    """Frames one after another: each has the settings of its start, whatever is written while it runs."""
+    """Several frames run one after another. Each uses the settings from when it started, whatever is written while it runs."""
     patterns, busy = legal(host), 0
     await host.write_settings(patterns)
     for number in range(4):
@@ -227,7 +229,8 @@ async def frames(host: Host) -> None:
 
 
 async def bad_settings(host: Host) -> None:
-    """Each limit on both sides, and several at once: the first is named, nothing begins."""
+    """Each limit is violated on both sides, alone and together with another. The first violated setting is named, and no frame
+    starts."""
     names = [s.name for s in host_settings.settings(host.config)]
     limits = host_settings.limits(host.config)
     good = legal(host)
@@ -258,7 +261,8 @@ async def bad_settings(host: Host) -> None:
 
 
 async def interrupts(host: Host) -> None:
-    """Pending whether or not enabled; the line only where enabled; cleared by writing 1."""
+    """An interrupt becomes pending whether or not it is enabled, drives the line only where enabled, and is cleared by
+    writing 1."""
     await host.write_settings(legal(host))
     cases = [(enabled, code) for enabled in (0, ENABLE_DONE, ENABLE_ERROR, ENABLE_DONE | ENABLE_ERROR)
              for code in (ErrorCode.NONE, ErrorCode.READ_ERROR, ErrorCode.WATCHDOG)]
@@ -286,7 +290,8 @@ async def interrupts(host: Host) -> None:
 
 
 async def aborts(host: Host) -> None:
-    """Abort and reset, under way and idle; a frame that was reset leaves no trace when it ends."""
+    """Abort and reset are written while a frame runs and while none does. A frame that was reset leaves no trace when it
+    ends."""
     patterns = legal(host)
     await host.write_settings(patterns)
     await host.write("control", ABORT)
@@ -316,7 +321,7 @@ async def aborts(host: Host) -> None:
 
 
 async def counters(host: Host) -> None:
-    """Counters by name, 64 bits in one moment; errors of clients."""
+    """Counters read by name; both halves of a 64-bit counter come from the same moment. Also reads the clients' errors."""
     layout = counters_layout(host.config)
     for _ in range(2):
         values = {c.name: host.rng.getrandbits(c.width) for c in registers.counters(host.config)}
@@ -347,7 +352,7 @@ SCENARIOS = {f.__name__: f for f in (identity, unmapped, settings, crowd, frames
 
 
 async def restart(dut: object) -> None:
-    """All inputs at rest, then a reset."""
+    """Sets all inputs to their idle values and resets the register file."""
     dut.rst.value = 1
     for name in ("finished", "error", "busy", "phase", "read_errors", "write_errors"):
         getattr(dut, name).value = 0
@@ -359,7 +364,7 @@ async def restart(dut: object) -> None:
 
 @cocotb.test()
 async def scenarios(dut: object) -> None:
-    """Those of the orders; the report is a file beside them."""
+    """Runs the scenarios of the orders and writes the report to a file beside them."""
     folder, report = Path(os.environ["AXI_FOLDER"]), []
     orders = json.loads((folder / "orders.json").read_text())
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())

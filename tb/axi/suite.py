@@ -1,4 +1,4 @@
-"""The bus's test: the AXI master on memories of all tempers, the register file under a host, and how fast the bus is."""
+"""The tests of the bus: the AXI master on memories of many behaviours, the register file under a host, and the bus's speed."""
 
 from __future__ import annotations
 
@@ -17,32 +17,33 @@ from tb.common.runner import Waves, simulate
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "without_counters": TINY.with_(counters=False), "stereo": TINY.with_(stereo=True)}
-"""Machines that can be tested; only `counters`, `stereo` and number formats, which are the same everywhere, matter here."""
+"""Configurations that can be tested. Only `counters`, `stereo` and the number formats matter here, and the formats are the same
+in every configuration."""
 
 DISTINCT = ("tiny", "without_counters", "stereo")
 
 REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
-"""Of `tb.axi.registers`."""
+"""The names of the scenarios in `tb.axi.registers`."""
 
 FULL_RATE = 0.98
-"""Beats a cycle that a bus without pauses must carry in each direction, start and end apart."""
+"""Beats per cycle that the bus must carry in each direction when nothing pauses, not counting start and end."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A run of the master.
+    """A simulation run of the master.
 
     Attributes:
-        name: for messages.
-        kind: `memory` (`tb.axi.memory`) or `ram` (cocotbext-axi's).
-        reads, writes: requests of each client.
-        seed: of traffic and tempers.
-        pattern: pauses of the clients.
-        temper: as `tb.axi.memory.Temper`; of a `ram` only pauses.
-        cut: cycles after which other traffic before this one is aborted; 0 for none.
-        reset_at: cycles after which other traffic before this one ends with a reset of everything; 0 for none.
-        fair: all clients are served in turn.
-        most_cycles: until the last answer.
+        name: the run's name, for messages.
+        kind: the memory model: `memory` (`tb.axi.memory`) or `ram` (cocotbext-axi's).
+        reads, writes: the number of requests of each client.
+        seed: the seed of the traffic and of the memory's behaviour.
+        pattern: the pause pattern of the clients.
+        temper: the memory's behaviour, see `tb.axi.memory.Temper`; the model `ram` uses only its pauses.
+        cut: earlier traffic is started and aborted after this many cycles; 0 for none.
+        reset_at: earlier traffic is started and ended by a reset of everything after this many cycles; 0 for none.
+        fair: whether to check that all clients are served in turn.
+        most_cycles: the largest permitted number of cycles until the last answer; None for no limit.
     """
 
     name: str
@@ -60,9 +61,10 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Registers:
-    """A run of the register file: one of REGISTER_SCENARIOS with a host that pauses in a share of the cycles.
+    """A simulation run of the register file: one of REGISTER_SCENARIOS with a host that pauses in the fraction `pauses` of
+    cycles.
 
-    `config` is the machine's record (`spec.overrides.config_record`), because the run goes to another process.
+    `config` is the configuration as a record (`spec.overrides.config_record`), because the run is sent to another process.
     """
 
     name: str
@@ -77,7 +79,7 @@ Planned = Scenario | Registers
 
 @dataclass
 class BusOutcome(Outcome):
-    """Of a plan; and the cycles of every run by its name."""
+    """The outcome of a plan, with the number of cycles of every run by its name."""
 
     cycles_of: dict[str, int] = field(default_factory=dict)
 
@@ -94,7 +96,8 @@ def _traffic(reads: int, writes: int) -> dict[str, tuple[int, ...]]:
 
 
 def master_plan(seed: int, count: int) -> list[Scenario]:
-    """Full rate, every temper, errors, single clients, aborts; `count` requests of a client in long runs."""
+    """Runs at full rate, with every memory behaviour, with errors, with single clients and with aborts. `count` is the number
+    of requests of a client in long runs."""
     some, often = _traffic(count // 4, count // 4), Pattern.RANDOM.value
     steady = {**_traffic(count, count * READERS // WRITERS), "fair": True}
     most = round(count * READERS / FULL_RATE) + 20
@@ -139,21 +142,22 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
 
 
 def register_plan(config: AcceleratorConfig, seed: int) -> list[Registers]:
-    """Every scenario, without pauses and with."""
+    """Every register scenario, once without pauses and once with."""
     return [
         Registers(f"registers: {scenario}, {pauses:.0%} pauses", scenario, pauses, seed + i, config_record(config))
         for scenario in REGISTER_SCENARIOS for i, pauses in enumerate((0.0, 0.5))]
 
 
 def full_plan(config: AcceleratorConfig, seed: int, count: int = 400) -> list[Planned]:
-    """Both units; the master is the same in all variants."""
+    """The runs of both units. The master's runs are included for one variant only, since it is the same in all."""
     return [*(master_plan(seed, count) if config.counters and not config.stereo else ()), *register_plan(config, seed)]
 
 
 def run_plan(
     config: AcceleratorConfig, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
 ) -> BusOutcome:
-    """Runs a plan, one simulation a unit; waves are those of the last. SimulationError where one does not end."""
+    """Runs a plan with one simulation per unit. Waves are kept from the last one. Raises SimulationError where one does not
+    end."""
     begin, outcome = time.perf_counter(), BusOutcome()
     units = (
         (Scenario, "tb.axi.master", master_design, ("memory", "ram")),

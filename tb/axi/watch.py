@@ -1,4 +1,4 @@
-"""What the AXI master says of itself, compared with what moves at its ports, in every cycle."""
+"""Checks in every cycle that the AXI master's status outputs agree with what moves at its ports."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from tb.axi.device import IN_FLIGHT, READERS, WRITERS
 
 
 class Watch:
-    """`idle`, `quiet`, the error flags and the counters' strobes; and that nothing is taken or delivered during an abort.
+    """Checks `idle`, `quiet`, the error flags and the counters' strobes, and that an abort accepts and delivers nothing.
 
     Attributes:
-        problems: what differs, in words.
+        problems: descriptions of the differences.
     """
 
     def __init__(self, dut: object):
         self._dut, self.problems = dut, []
         self._writes, self._reads = [0] * WRITERS, 0
-        self._arrived: tuple[int, bool] | None = None  # what R gave a cycle ago
+        self._arrived: tuple[int, bool] | None = None  # the ID and the error of the answer on R one cycle ago
         self._read_errors, self._write_errors = 0, 0
 
     async def run(self) -> None:
-        """For ever, from a state in which nothing is on its way."""
+        """Checks without end. It must start in a state in which no transaction is in flight."""
         while True:
             await FallingEdge(self._dut.clk)
             await ReadOnly()

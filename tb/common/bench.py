@@ -1,4 +1,7 @@
-"""A unit between files, with what files cannot do beside it: a component with the ports that `tb.common.playback` plays."""
+"""A component that holds a unit under test and has the ports that `tb.common.playback` plays.
+
+A subclass adds the logic that files cannot replace, such as delays of the memory.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,13 @@ from tb.common.playback import Playback, Stream
 
 
 class Bench(wiring.Component):
-    """The frame of a bench: a subclass makes the unit, joins it, and adds the rest.
+    """The base class of a bench: a subclass creates the unit, connects it with `join`, and adds its own logic.
 
     Parameters:
-        inputs: streams into the bench, by name.
-        outputs: streams out of it.
-        settings: plain inputs, constant during a run, and their bits.
-        observed: plain outputs, read at the end of a run, and their bits.
+        inputs: the streams into the bench, by name.
+        outputs: the streams out of the bench, by name.
+        settings: the widths in bits of plain inputs, by name; they are constant during a run.
+        observed: the widths in bits of plain outputs, by name; they are read at the end of a run.
     """
 
     def __init__(
@@ -37,7 +40,7 @@ class Bench(wiring.Component):
         })
 
     def join(self, m: Module, unit: wiring.Component, *, apart: tuple[str, ...] = ()) -> None:
-        """Connects the ports of the unit that have the names of the bench's, but for the streams `apart`."""
+        """Connects every port of the unit to the port of the bench with the same name, except for the streams `apart`."""
         own = unit.signature.members.keys() - {*apart}
         for name in [name for name in self.inputs if name in own]:
             wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(unit, name))
@@ -47,10 +50,10 @@ class Bench(wiring.Component):
         m.d.comb += [getattr(self, name).eq(getattr(unit, name)) for name in self.observed if name in own]
 
     def delay_answers(self, m: Module, unit: wiring.Component, most: int) -> None:
-        """Passes `data` to the unit, each item no sooner than `delay` + 1 cycles after its request left `reads`.
+        """Passes `data` to the unit, each item at the earliest `delay` + 1 cycles after its request left `reads`.
 
-        The requests go to a file and the answers come from one: as the requests are compared with the golden ones, what is in
-        the file of answers is what the memory holds there. `most` is the largest `delay`.
+        The requests go to a file, and the answers come from a file. This file can stand for the memory because the requests are
+        compared with the golden ones, so it is known in advance which beats they read. `most` is the largest `delay`.
         """
         age, due = Signal(most + 1), Signal(16)
         left, answered = self.reads.valid & self.reads.ready, self.data.valid & self.data.ready
@@ -58,11 +61,17 @@ class Bench(wiring.Component):
             unit.data.payload.eq(self.data.payload), unit.data.valid.eq(self.data.valid & due.any()),
             self.data.ready.eq(unit.data.ready & due.any()),
         ]
-        # A request that leaves is 0 cycles old at the next edge; a shift register counts the others' age.
+        # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
         m.d.sync += [age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
 
     def playback(self, name: str, module: str, verilog: str | None = None) -> Playback:
-        """The bench with files at its streams. `name` is that of the build folder; `verilog`: the bench's, emitted before."""
+        """The bench with a file at each stream.
+
+        Args:
+            name: the name of the build folder.
+            module: the name of the bench's Verilog module.
+            verilog: the bench's Verilog if it has been emitted before; None emits it.
+        """
         return Playback(
             name=name, module=module, verilog=verilog or to_verilog(self, module),
             inputs=tuple(Stream(*item) for item in self.inputs.items()),

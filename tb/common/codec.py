@@ -1,4 +1,4 @@
-"""Bit patterns to files that Verilog reads and writes, and back; `spec.packing` makes patterns of records."""
+"""Converts bit patterns to files that Verilog reads and writes, and back. `spec.packing` converts records to bit patterns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _DIGIT[_HEX] = np.arange(16)
 
 
 def write_hex(path: Path, patterns: np.ndarray) -> None:
-    """One line of hexadecimal digits, highest first, for each of (N, bytes) little-endian bit patterns."""
+    """Writes (N, bytes) little-endian bit patterns as N lines of hexadecimal digits, highest digit first."""
     count, size = patterns.shape
     text = np.full((count, 2 * size + 1), ord("\n"), np.uint8)
     backward = patterns[:, ::-1]

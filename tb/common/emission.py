@@ -1,4 +1,5 @@
-"""Emitted Verilog, kept: emission takes seconds, and its text decides whether a simulator must be built."""
+"""A cache of emitted Verilog. Emission takes seconds, and every run needs the emitted text to decide whether a simulator must
+be rebuilt."""
 
 from __future__ import annotations
 
@@ -10,17 +11,17 @@ from importlib.metadata import version
 
 from rtl import units
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-FOLDER = ROOT / "build" / "emitted"
+FOLDER = cache_folder("emitted")
 
 
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
-    """Verilog, from build/emitted where rtl/, spec/, Amaranth and the configuration are as they were.
+    """Verilog, from the cache where rtl/, spec/, Amaranth and the configuration are as they were.
 
-    It is `emit(config)`; without `emit` it is that of the unit of that name in `rtl.units`.
+    It is emitted by `emit(config)` or, without `emit`, as the unit of this name in `rtl.units`.
     """
-    parameters = config.with_(name="any")  # equal machines of different names share everything
+    parameters = config.with_(name="any")  # machines that differ only in their name share one entry
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():

@@ -1,4 +1,5 @@
-"""Units whose every output is known in advance: runs with the rows they must give, and how fast."""
+"""Test plans for units whose every output is known in advance: runs, the rows that they must give, and how fast they must
+be."""
 
 from __future__ import annotations
 
@@ -20,14 +21,14 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class Planned:
-    """A run and what must come of it.
+    """A run and its expected results.
 
     Attributes:
-        run: what is played.
-        expected: rows of every output stream.
-        observed: values of plain outputs at the end; of those not named any is right.
-        least_rate: items a cycle in which one is offered, by input port; at least.
-        most_cycles: cycles from the start to the last item; at most.
+        run: the recording to play.
+        expected: the rows of every output stream.
+        observed: the final values of plain outputs; outputs that are not named here are not checked.
+        least_rate: for an input port, the least permitted number of items accepted per cycle in which an item is offered.
+        most_cycles: the largest permitted number of cycles from the start to the last item; None for no limit.
     """
 
     run: Run
@@ -38,19 +39,19 @@ class Planned:
 
     @property
     def name(self) -> str:
-        """The run's, for reports."""
+        """The run's name, for reports."""
         return self.run.name
 
 
 @dataclass
 class Outcome:
-    """Of a plan.
+    """The outcome of a plan.
 
     Attributes:
-        failures: problems by run's name; empty when all is well.
-        recordings: what every run gave that was not cut off, by name.
-        runs, items, cycles: how much was compared and simulated.
-        seconds: wall time, the build included.
+        failures: descriptions of problems by the run's name; empty when all is well.
+        recordings: by name, the outputs of every run that was not aborted.
+        runs, items, cycles: the numbers of compared runs, compared items and simulated cycles.
+        seconds: wall time, including the build.
     """
 
     failures: dict[str, list[str]] = field(default_factory=dict)
@@ -62,7 +63,7 @@ class Outcome:
 
     @property
     def amount(self) -> str:
-        """What was compared."""
+        """The amount of compared data, in words."""
         return f"{self.items} items"
 
 
@@ -71,13 +72,13 @@ def planned(
     observed: Mapping[str, int] | None = None, least_rate: Mapping[str, float] | None = None, most_cycles: int | None = None,
     **options: object,
 ) -> Planned:
-    """A run that gives `expected`; `options` are those of `Run`."""
+    """A run that must give `expected`; `options` are further arguments of `Run`."""
     run = Run(name, inputs, {port: len(rows) for port, rows in expected.items()}, **options)
     return Planned(run, expected, observed or {}, least_rate or {}, most_cycles)
 
 
 def every_pattern(ports: Sequence[str], seed: int) -> dict[str, dict[str, tuple[Pattern, int]]]:
-    """Patterns of pauses by a name for the run: each kind on each port alone, and on all of them."""
+    """Pause patterns of the ports by a name for the run: each kind of pattern on each port alone, and on all ports together."""
     return {
         f"{pattern.value} pauses of {', '.join(paused)}": {port: (pattern, seed + i) for i, port in enumerate(paused)}
         for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY)
@@ -85,17 +86,17 @@ def every_pattern(ports: Sequence[str], seed: int) -> dict[str, dict[str, tuple[
 
 
 def rate(recording: Recording, port: str) -> float:
-    """Items that an input port took a cycle in which one was offered."""
+    """Items that an input port accepted per cycle in which one was offered."""
     return recording.items[port] / max(recording.items[port] + recording.stalls[port], 1)
 
 
 def recorded(plan: Sequence[Planned], outcome: Outcome) -> Iterator[tuple[Planned, Recording]]:
-    """The runs of a plan that were not cut off, each with what it gave."""
+    """The runs of a plan that were not aborted, each with its recording."""
     return ((item, outcome.recordings[item.name]) for item in plan if item.name in outcome.recordings)
 
 
 def at_full_rate(plan: Sequence[Planned], outcome: Outcome, *kinds: str) -> Iterator[tuple[Planned, Recording]]:
-    """Those of the recorded runs that show how fast the unit is: whose names begin with one of `kinds`, or a suite's usual."""
+    """The recorded runs that measure the unit's speed: their names begin with one of `kinds`, by default "rate" or "traced"."""
     return (pair for pair in recorded(plan, outcome) if pair[0].name.startswith(kinds or ("rate", "traced")))
 
 
@@ -103,8 +104,10 @@ def run_plan(
     playback: Playback, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
     watchdog: int = 20_000, judge: Callable[[Planned, Recording], list[str]] | None = None,
 ) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare. `watchdog`: see `play`;
-    `judge`: tells what is wrong with a run's recording; None: `problems`."""
+    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails.
+
+    For `watchdog` see `play`. `judge` lists what is wrong with the recording of a run; None stands for `problems`.
+    """
     begin, outcome = time.perf_counter(), Outcome()
     for item, recording in zip(
             plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress, watchdog=watchdog),
@@ -123,7 +126,8 @@ def run_plan(
 
 
 def runner(playback: Callable[[AcceleratorConfig], Playback], watchdog: int = 20_000) -> Callable[..., Outcome]:
-    """A suite's `run_plan(config, plan, folder, *, waves, progress)`: `run_plan` of the configuration's playback."""
+    """A suite's function `run_plan(config, plan, folder, *, waves, progress)`, which calls `run_plan` with the playback of the
+    configuration."""
     def run(
         config: AcceleratorConfig, plan: Sequence[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
     ) -> Outcome:
@@ -132,7 +136,7 @@ def runner(playback: Callable[[AcceleratorConfig], Playback], watchdog: int = 20
 
 
 def problems(item: Planned, recording: Recording) -> list[str]:
-    """What is wrong with a recording, in words; empty when every bit and every rule is kept."""
+    """Descriptions of everything that is wrong with a recording; empty when all results and rates are as required."""
     found = list(recording.errors)
     for port, wanted in item.expected.items():
         found += _differences(port, recording.outputs[port], wanted)

@@ -1,4 +1,4 @@
-"""For benches of units that write a frame to memory: what files of items cannot do."""
+"""A wrapper for test benches of units that write a frame to memory: it starts frames and models the memory's idle signal."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 
 IDLE_AFTER = 9
-"""Cycles after a write until the memory says that it is idle."""
+"""Cycles after a write until the memory model reports that it is idle."""
 
 
 def frame_by_frame(m: Module, bench: wiring.Component, unit: wiring.Component) -> None:
-    """Gives the unit of a bench, whose `rows` and `writes` are joined, frames and a memory.
+    """Drives the unit's `begin` and `writes_idle`. The unit's `rows` and `writes` must be connected to those of the bench.
 
-    `begin` is high for a cycle where the setting `frame` changes. The memory is idle IDLE_AFTER cycles after a write. `early`
-    stays high once `finished` was high before that: it then came too soon, as the memory was not idle, or a row too soon.
+    `begin` is high for one cycle when the setting `frame` changes. The memory becomes idle IDLE_AFTER cycles after a write.
+    `early` goes high and stays high if the unit raises `finished` too soon: before the memory was idle, or before its last
+    write.
     """
     before, wait, finished = Signal(8), Signal(range(IDLE_AFTER + 1)), Signal()
     written = bench.writes.valid & bench.writes.ready

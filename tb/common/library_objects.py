@@ -1,11 +1,12 @@
-"""The compiler that Verilator's makefiles call, as their OBJCACHE: objects of Verilator's own library are compiled once.
+"""A compiler wrapper, called by Verilator's makefiles as OBJCACHE, that compiles Verilator's own library only once.
 
-Every simulator is linked with the same five files of the library, which take four fifths of the time of a small unit's build.
+Every simulator is linked with the same five files of the library. Compiling them takes four fifths of the build time of a
+small unit.
 
     python -IS library_objects.py KEPT LIBRARY COMPILER ARGUMENTS...
 
-KEPT is where their objects are kept, by a hash of the whole command line; a folder is good for one compiler and one
-Verilator. LIBRARY is the folder of the library's sources; what lies elsewhere is compiled as ever.
+KEPT is the folder in which the objects are kept, by a hash of the whole command line; one folder serves one compiler and one
+version of Verilator. LIBRARY is the folder of the library's sources; files from elsewhere are compiled as usual.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from pathlib import Path
 
 
 def compile_or_copy(kept: Path, library: Path, command: Sequence[str]) -> int:
-    """Runs a compiler's command, or copies what the same command has given before; returns the exit status."""
+    """Runs a compiler command, or copies the object that the same command produced before. Returns the exit status."""
     shared = (
         Path(command[-1]).parent == library and "-o" in command[:-1]
-        and f"-I{os.getcwd()}" not in command)  # headers of the model's own: it is not the same object elsewhere
+        and f"-I{os.getcwd()}" not in command)  # such a command uses the model's own headers: its object cannot be shared
     if not shared:
         return subprocess.run(command, check=False).returncode
     out = command.index("-o") + 1
     digest = hashlib.sha256(repr([*command[:out], *command[out + 1 :]]).encode()).hexdigest()[:16]
     known = kept / f"{digest}.o"
     kept.mkdir(parents=True, exist_ok=True)
-    with open(kept / "lock", "w") as lock:  # one process compiles, others wait for its object
+    with open(kept / "lock", "w") as lock:  # one process compiles while the others wait for its object
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not known.exists():
             scratch = known.with_suffix(".tmp.o")
@@ -40,7 +41,7 @@ def compile_or_copy(kept: Path, library: Path, command: Sequence[str]) -> int:
             if status:
                 return status
             scratch.replace(known)
-    shutil.copyfile(known, command[out])  # no link: a compiler that writes over the copy must not change what is kept
+    shutil.copyfile(known, command[out])  # not a link: a compiler that overwrites the copy must not change the kept object
     return 0
 
 

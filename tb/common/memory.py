@@ -1,8 +1,9 @@
-"""A memory at a unit's ports, of test benches: it answers late, in fits and starts, and as unkindly as its rules allow.
+"""A memory model for the memory ports of a unit. It answers late and irregularly, within the rules that a unit must cope with.
 
-`with_memory` wraps a unit, so that `Playback` sees what remains. What was written becomes visible `latency` cycles after it was
-taken, and `writes_idle` is low from the cycle after a write was taken until all are visible. A read sees memory as it is when
-it is taken (`early`) or as it is when it is answered: a unit must be right with both.
+`with_memory` wraps a unit together with this memory, so that `Playback` sees the remaining ports. A write becomes visible
+`latency` cycles after it was accepted. `writes_idle` is low from the cycle after a write was accepted until all writes are
+visible. A read returns the memory's content either at the time when it was accepted (`early`) or at the time when it is
+answered: a unit must be correct in both cases.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from dataclasses import replace
 from tb.common.playback import Playback
 
 SETTINGS = (("latency", 10), ("read_pauses", 8), ("write_pauses", 8), ("early", 1), ("bad_beat", 28))
-"""Plain inputs of the wrapper: cycles to an answer and of a write; 256ths of the cycles in which reads, or writes, pause
-(taking and answering, each by itself); when reads look; a beat whose reads are answered with an error."""
+"""Additional plain inputs of the wrapper, with their widths. `latency`: cycles until an answer and until a write is visible.
+`read_pauses`, `write_pauses`: the share of cycles, in 256ths, in which reads or writes pause; accepting and answering pause
+independently. `early`: when reads look at the memory. `bad_beat`: a beat whose reads are answered with an error."""
 
 NO_BAD_BEAT = 1 << 27
-"""`bad_beat` of a memory without one."""
+"""The value of `bad_beat` for a memory without a faulty beat."""
 
 _QUEUE = 2048
-"""Reads or writes that may be on their way."""
+"""Largest number of reads, and of writes, in flight."""
 
 _MEMORY = """\
 module memory_model (
@@ -99,9 +101,10 @@ _PORTS = (("reads__payload", 27), ("reads__valid", 1), ("reads__ready", 1), ("da
 
 
 def with_memory(playback: Playback, bits: int) -> Playback:
-    """The unit with a memory of 1 << bits beats at `reads`, `data`, `writes` and `writes_idle`; further settings are SETTINGS.
+    """The unit with a memory of 1 << bits beats connected to `reads`, `data`, `writes` and `writes_idle`, and with the
+    additional settings SETTINGS.
 
-    Higher bits of an address are ignored, but for `bad_beat`.
+    The memory ignores the higher bits of an address, except in the comparison with `bad_beat`.
     """
     name = f"{playback.module}_with_memory"
     ports, passed = ["input clk", "input rst"], ["clk", "rst"]

@@ -1,4 +1,4 @@
-"""When a stream's source or sink pauses: one table of bits per port, the same for every kind of testbench."""
+"""The cycles in which a stream's source or sink pauses: one table of bits per port, used by every kind of testbench."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 import numpy as np
 
 PERIOD = 4093
-"""Length of a table: a prime, so that no structure of the data keeps step with it."""
+"""Length of a table. It is a prime number, so that periodic data does not stay in step with the pauses."""
 
 
 class Pattern(Enum):
@@ -21,8 +21,8 @@ class Pattern(Enum):
     def pauses(self, seed: int = 0) -> np.ndarray:
         """(PERIOD,) bool, True where the port pauses; never True throughout.
 
-        NEVER pauses not at all; ALWAYS in every other cycle, the most that still moves; RANDOM in half of the cycles;
-        BURSTY for runs of up to 96 cycles, with runs of flow of the same kind between.
+        NEVER does not pause; ALWAYS pauses in every other cycle, the most that still lets items move; RANDOM pauses in half of
+        the cycles; BURSTY pauses for up to 96 cycles in a row, and flows for up to 96 cycles in a row between.
         """
         rng = np.random.default_rng(seed)
         if self is Pattern.NEVER:

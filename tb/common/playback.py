@@ -1,8 +1,8 @@
-"""A Verilog testbench that lives next to the unit: files in, files out, and Python only starts it and waits.
+"""A Verilog testbench that surrounds a unit and reads and writes files. Python only starts the simulation and waits for it.
 
-Driving ports from Python costs an event per cycle and port; here a thin wrapper reads one line of a file per item, pauses by
-the tables of `tb.common.patterns`, and writes what comes out, so that the unit runs at the simulator's own speed. Stimuli
-are files: one build serves every scene. `tb.common.player` is the Python side.
+Driving ports from Python costs an event per cycle and port. Here a thin Verilog wrapper reads one line of a file per item,
+pauses according to the tables of `tb.common.patterns`, and writes the outputs to files, so that the simulation runs at the
+simulator's own speed. Since stimuli are files, one build serves every scene. `tb.common.player` is the Python side.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ERRORS = {
     4: "more items came out than expected",
     8: "input was left over",
 }
-"""Bits of the wrapper's `errors`."""
+"""Meanings of the bits of the wrapper's output `errors`."""
 
 _STATIC_PORTS = {"rst": 1, "active": 1, "run": 32, "quiet": 32, "watchdog": 32}
 
@@ -37,14 +37,14 @@ class Playback:
     """A unit under test and its ports.
 
     Attributes:
-        name: of the build folder.
+        name: the name of the build folder.
         module: the unit's Verilog module, with ports clk, rst, and `NAME__payload`, `NAME__valid`, `NAME__ready`.
-        verilog: its text.
-        inputs: streams into it.
-        outputs: streams out of it.
-        settings: (port, bits) of plain inputs, constant during a run.
-        observed: (port, bits) of plain outputs, read at the end of a run.
-        apart: modules that Verilator keeps apart (`runner.Design`).
+        verilog: the module's Verilog text.
+        inputs: its input streams.
+        outputs: its output streams.
+        settings: (port, bits) of plain inputs, which are constant during a run.
+        observed: (port, bits) of plain outputs, which are read at the end of a run.
+        apart: modules that Verilator does not inline (see `runner.Design`).
     """
 
     name: str

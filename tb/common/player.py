@@ -1,4 +1,4 @@
-"""Playing recordings through a unit: stimuli out to files, one simulation for all of them, results back as records."""
+"""Plays recordings through a unit: writes the stimuli to files, runs one simulation for all of them, and reads back records."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ class Run:
     """One recording to play.
 
     Attributes:
-        name: for messages.
-        inputs: rows of every input stream, by name.
-        expected: number of items to come out of every output stream, by name.
+        name: the run's name, for messages.
+        inputs: the rows of every input stream, by name.
+        expected: the number of items that every output stream must give, by name.
         settings: values of the plain inputs.
-        patterns: (pattern, seed) of a port's pauses; a port not named never pauses.
-        reset: reset before the run.
-        abort: cycles after which the run is cut off by the next one's reset; its outputs are not checked. None: to the end.
-        quiet: cycles without any output that must follow the last expected item.
+        patterns: (pattern, seed) of a port's pauses; a port that is not named never pauses.
+        reset: whether to reset the unit before the run.
+        abort: the number of cycles after which the next run's reset cuts this run off, in which case its outputs are not
+            checked; None to run to the end.
+        quiet: the number of cycles without any output that must follow the last expected item.
     """
 
     name: str
@@ -43,15 +44,15 @@ class Run:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a run gave.
+    """The results of a run.
 
     Attributes:
-        outputs: rows of every output stream.
+        outputs: the rows of every output stream.
         cycles: clock cycles from the start to the last item that moved.
-        items, stalls: items moved on, and cycles spent waiting with an item at, every port.
+        items, stalls: by port, the number of items that moved and the number of cycles in which an item waited.
         observed: the plain outputs at the end.
         seconds: wall time.
-        errors: broken rules, in words.
+        errors: descriptions of the violated rules.
     """
 
     outputs: dict[str, np.ndarray]
@@ -67,20 +68,20 @@ def play(
     playback: Playback, runs: Sequence[Run], folder: Path, *, waves: Waves | None = None, progress: bool = False,
     watchdog: int = 20_000,
 ) -> list[Recording]:
-    """Plays `runs` in order in one simulation; files stay in `folder`.
+    """Plays `runs` in order in one simulation; all files stay in `folder`.
 
     Args:
         playback: the unit and its ports.
-        runs: what to play.
-        folder: where stimuli, results, log and waves go.
-        waves: record these.
-        progress: show a bar.
-        watchdog: cycles without any item moving after which a run is given up.
+        runs: the recordings to play.
+        folder: the folder for stimuli, results, log and waves.
+        waves: the waves to record, or None.
+        progress: whether to show a progress bar.
+        watchdog: a run is given up after this many cycles in which no item moves.
 
     Raises:
-        SimulationError: the build or the simulation itself fails; broken rules are in the recordings.
+        SimulationError: the build or the simulation itself fails. Violated rules do not raise; they are in the recordings.
     """
-    folder = folder.resolve()  # the simulator runs in it
+    folder = folder.resolve()  # the simulator runs in another working directory
     for number, run in enumerate(runs):
         _write_stimuli(playback, run, folder / str(number))
     orders = {

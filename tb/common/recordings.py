@@ -1,6 +1,7 @@
-"""The cocotb side of `tb.common.playback`: runs one recording after another in one simulation.
+"""The cocotb side of `tb.common.playback`: plays one recording after another in one simulation.
 
-This runs in the simulator's process. orders.json says what to play, report.json what came of it (`tb.common.player`).
+This module runs in the simulator's process. It reads orders.json, which lists the runs, and writes report.json with their
+results (see `tb.common.player`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _PROGRESS_CYCLES = 2000
 
 @cocotb.test()
 async def recordings(dut: object) -> None:
-    """All runs of the orders; the report has a line for each."""
+    """Plays all runs of the orders; the report has one item per run."""
     folder = Path(os.environ["PLAYBACK_FOLDER"])
     orders = json.loads((folder / "orders.json").read_text())
     dut.active.value, dut.rst.value, dut.watchdog.value = 0, 1, orders["watchdog"]
@@ -55,7 +56,7 @@ async def _start(dut: object, number: int, run: dict) -> None:
     for name, count in run["expected"].items():
         getattr(dut, f"{name}_limit").value = count
     dut.run.value, dut.quiet.value, dut.active.value = number, run["quiet"], 1
-    await ClockCycles(dut.clk, 2)  # `active` is seen by the first edge, `done` has fallen after the second
+    await ClockCycles(dut.clk, 2)  # the first edge samples `active`; `done` has fallen after the second
 
 
 async def _finish(dut: object, outputs: list[str], bar: tqdm) -> None:

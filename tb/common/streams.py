@@ -1,8 +1,8 @@
-"""Sources and sinks of streams driven from Python, cycle by cycle: for small units and odd protocols.
+"""Sources and sinks of streams that are driven from Python, cycle by cycle. They suit small units and unusual protocols.
 
-Slower than `tb.common.playback` by an order of magnitude, but with Python's freedom; both pause by the same tables. Ports
-follow Amaranth's names (`NAME__payload`, `NAME__valid`, `NAME__ready`). They change at falling edges and are read once they
-have settled there, so that what is seen is what the unit sees at its next rising edge.
+They are slower than `tb.common.playback` by an order of magnitude but have all of Python's freedom. Both pause according to the
+same tables. Ports have Amaranth's names (`NAME__payload`, `NAME__valid`, `NAME__ready`). The drivers change wires at falling
+edges and read them after they have settled there, so that they see what the unit sees at its next rising edge.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ class _Port:
 
 
 class Source(_Port):
-    """Offers items to a stream; an item stays until it is taken, pauses come between items.
+    """Offers items to a stream. An item stays until it is accepted; pauses come between items.
 
     Attributes:
-        sent: items taken so far.
+        sent: the number of items accepted so far.
     """
 
     sent = 0
 
     async def send(self, rows: Iterable[Mapping[str, object] | np.void]) -> None:
-        """Returns at the falling edge after the one that saw the last row taken."""
+        """Sends the rows. Returns at the falling edge after the one at which the last row was seen to be accepted."""
         for row in rows:
             await FallingEdge(self._clk)
             self._valid.value = 0
@@ -56,14 +56,14 @@ class Source(_Port):
 
 
 class Sink(_Port):
-    """Takes items from a stream.
+    """Accepts items from a stream.
 
     Attributes:
-        rows: items taken, as `Record.unpack` gives them.
+        rows: the accepted items, as `Record.unpack` gives them.
     """
 
     async def run(self) -> None:
-        """Takes items for ever; AssertionError where the unit withdraws or changes what it has offered."""
+        """Accepts items without end. Raises AssertionError where the unit withdraws or changes an offered item."""
         self.rows: list[dict] = []
         offered: int | None = None
         while True:

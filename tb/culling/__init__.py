@@ -1,5 +1,7 @@
-"""The projection unit's test: near test, projection and box test, in Verilator.
+"""Tests of the units in `rtl.culling`: the projection unit, the tile test and the colour unit. The near test is part of
+projection.
 
-    stimuli     points by hand, at random and of rendered frames, and what the golden renderer makes of them
-    suite       the plans, and how fast
+    *_stimuli       inputs made by hand, at random and from rendered frames, with the golden renderer's results
+    *_suite         the test plans, and the required speeds
+    colour_device   the colour unit with a memory that delays its answers
 """

@@ -1,4 +1,4 @@
-"""The colour unit between files, and a memory that keeps its answers back until they are due."""
+"""The colour unit in a test bench whose memory delays its answers."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tb.common.emission import emitted
 from tb.common.playback import Playback
 
 MOST_DELAY = COLOUR_LOOKAHEAD - 1
-"""Cycles from a request to its beat."""
+"""Largest `delay`, in cycles from a request to its beat."""
 
 
 class ColourBench(Bench):
-    """The unit, its `data` delayed.
+    """The colour unit with delayed `data`.
 
     Parameters:
-        config: the machine.
-        sh_degree: the unit's.
+        config: the machine's configuration.
+        sh_degree: the highest degree of spherical harmonics that the unit supports.
     """
 
     def __init__(self, config: AcceleratorConfig, sh_degree: int = 3) -> None:
@@ -51,7 +51,7 @@ def _emit(config: AcceleratorConfig, sh_degree: int) -> str:
 
 @cache
 def playback(config: AcceleratorConfig, sh_degree: int = 3) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     name = f"colour-{splat_interval(config)}-{sh_degree}"
     verilog = emitted(f"{name}-bench", config, partial(_emit, sh_degree=sh_degree))
     return ColourBench(config, sh_degree).playback(name, "colour_bench", verilog)

@@ -1,4 +1,4 @@
-"""Survivors of culling and their colour records."""
+"""Stimuli of the colour unit: splats that survived culling, and their colour records."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spec.records import INDEX_BITS, Record, gaussian_colour, surviving_splat
 
 DIRECTIONS = np.array([
     (x, y, z) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)])
-"""The axes, the diagonals, and nowhere."""
+"""The directions along the axes and the diagonals, and the zero vector."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Case:
     """One frame, or several with the same settings.
 
     Attributes:
-        name: for messages.
-        frames: (N,) SurvivingSplat records of each, without the `end`.
-        records: (N,) GaussianColour records of each, of degree `sh_degree`.
-        sh_degree, colour_base, views_base, view_shift: settings.
-        bad: numbers of the last frame's beats that the memory answers with an error.
+        name: the case's name, for messages.
+        frames: for each frame, (N,) SurvivingSplat records without the `end` item.
+        records: for each frame, (N,) GaussianColour records of degree `sh_degree`.
+        sh_degree, colour_base, views_base, view_shift: the unit's settings.
+        bad: positions in the last frame's beats of those that the memory answers with an error.
     """
 
     name: str
@@ -46,16 +46,17 @@ class Case:
 
     @property
     def settings(self) -> dict[str, int]:
-        """Of the unit."""
+        """The unit's settings by name."""
         return {name: getattr(self, name) for name in ("sh_degree", "colour_base", "views_base", "view_shift")}
 
     @property
     def observed(self) -> dict[str, int]:
-        """What the unit's plain outputs say in the end."""
+        """The values of the unit's plain outputs at the end."""
         return {"finished": 1, "error": int(len(self.bad) > 0)}
 
     def inputs(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
-        """Rows of the streams into the unit; bits of a beat beyond its record are set, and those of a bad beat flipped."""
+        """Rows of the input streams. The unused bits of a record's last beat are ones, so that a unit that reads them is wrong.
+        Faulty beats carry the same data and the error flag."""
         record, beats = gaussian_colour(config, self.sh_degree), colour_beats(config, self.sh_degree)
         patterns = pack(record, np.concatenate(self.records))
         bits = np.unpackbits(patterns, axis=1, bitorder="little")
@@ -70,7 +71,7 @@ class Case:
         return {"survivors": np.concatenate([item for frame in self.frames for item in (frame, end)]), "data": data}
 
     def expected(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
-        """Rows of the streams out of it."""
+        """Rows of the output streams."""
         splats, records = np.concatenate(self.frames), np.concatenate(self.records)
         beats = colour_beats(config, self.sh_degree)
         reads = np.zeros(len(splats) * beats, read_request(config).dtype)
@@ -85,12 +86,12 @@ class Case:
 
 
 def words_of(beats: np.ndarray) -> np.ndarray:
-    """(N, WORDS) uint32 of (N, BEAT_BYTES) uint8."""
+    """(N, BEAT_BYTES) uint8 beats as (N, WORDS) uint32 words."""
     return np.ascontiguousarray(beats).view("<u4")
 
 
 def random_rows(rng: np.random.Generator, record: Record, count: int) -> np.ndarray:
-    """(count,) records of any bits."""
+    """(count,) records with random bits in every field."""
     rows = np.zeros(count, record.dtype)
     for f in record.fields:
         low, high = f.raw_range if isinstance(f.format, Fixed) else (0, (1 << f.format.width) - 1)
@@ -99,7 +100,8 @@ def random_rows(rng: np.random.Generator, record: Record, count: int) -> np.ndar
 
 
 def random_survivors(config: AcceleratorConfig, rng: np.random.Generator, count: int, levels: Sequence[int]) -> np.ndarray:
-    """(count,) survivors of any bits with level masks drawn from `levels`; offsets of any direction, over many octaves."""
+    """(count,) random survivors with level masks drawn from `levels`. Their offsets have all directions and span many
+    octaves."""
     rows = random_rows(rng, surviving_splat(config), count)
     rows["index"] = rng.integers(0, 1 << INDEX_BITS, count)
     offset = rng.normal(size=(count, 3)) * 2.0 ** rng.integers(-8, 9, (count, 1))
@@ -112,7 +114,8 @@ def random_case(
     config: AcceleratorConfig, seed: int, sh_degree: int, counts: Sequence[int], *, name: str | None = None,
     levels: Sequence[int] = tuple(range(1, 1 << MAX_LEVELS)), bad: Sequence[int] = (),
 ) -> Case:
-    """Random survivors in frames of these lengths; small coefficients and any, settings drawn."""
+    """Random survivors in frames of these lengths. Most coefficients are small, some are arbitrary, and the settings are
+    drawn."""
     rng, n = np.random.default_rng(seed), config.formats
     frames = [random_survivors(config, rng, count, levels) for count in counts]
     records = [random_rows(rng, gaussian_colour(config, sh_degree), count) for count in counts]
@@ -126,7 +129,7 @@ def random_case(
 
 
 def extreme_case(config: AcceleratorConfig, sh_degree: int) -> Case:
-    """Every direction of DIRECTIONS, nearest and farthest, with the largest coefficients of either sign and none."""
+    """Every direction of DIRECTIONS, nearest and farthest, with zero coefficients and the largest ones of either sign."""
     n, view = config.formats, config.formats.view
     record = gaussian_colour(config, sh_degree)
     ends = [(low, high) for high in (n.sh_dc.raw_min, -1, 0, 1, n.sh_dc.raw_max) for low in (
@@ -145,7 +148,7 @@ def extreme_case(config: AcceleratorConfig, sh_degree: int) -> Case:
 
 
 def fine_case(config: AcceleratorConfig, seed: int, sh_degree: int, count: int) -> Case:
-    """Large coefficients about a grey, so that colours show what functions are to the last bit, and few of them saturate."""
+    """Large coefficients around a grey: few colours saturate, so they show every bit of the basis functions."""
     case, n = random_case(config, seed, sh_degree, [count], name=f"fine, degree {sh_degree}", levels=(1, 4)), config.formats
     rng, (records,) = np.random.default_rng(seed), case.records
     records["dc"] = rng.integers(1 << n.sh_dc.frac_bits - 1, 3 << n.sh_dc.frac_bits - 1, records["dc"].shape)
@@ -155,7 +158,7 @@ def fine_case(config: AcceleratorConfig, seed: int, sh_degree: int, count: int) 
 
 
 def frame_case(name: str, frame: Frame) -> Case:
-    """A traced frame's survivors, with the colours its model has."""
+    """The survivors of a traced frame, with the colour records of its model."""
     config, registers, words = frame.config, frame.registers, frame.words
     splats = projected_splats(config, words, registers)[:-1]
     survivors = tile_test(config, splats, registers.header[:, :2], registers.width, registers.height).survivors[:-1]

@@ -1,4 +1,4 @@
-"""The colour unit's test: every read, every view in its place, in one simulation a configuration, and how fast."""
+"""The colour unit's tests. Every read and every written splat record must be right and in place, at the required speed."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tb.culling.colour_device import MOST_DELAY, playback
 from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "default", "paper")
-"""A splat every 32, 16 and 4 cycles."""
+"""Configurations with different units: they take a splat every 32, 16 and 4 cycles."""
 
 PORTS = ("survivors", "data", "reads", "writes")
 
 SETTLING = 250
-"""Cycles of a run beyond its splats' own, at most: memory's latency and the pipelines."""
+"""Most cycles of a run in addition to those of its splats: the memory's latency and the pipelines."""
 
 ONE_LEVEL = tuple(1 << level for level in range(MAX_LEVELS))
 
@@ -38,7 +38,7 @@ def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, *, d
 
 
 def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[Planned]:
-    """Every degree up to `sh_degree`, extremes, empty frames, errors, pauses, resets, back to back."""
+    """Every degree up to `sh_degree`, extremes, empty frames, memory errors, pauses, resets, and runs back to back."""
     plan = []
     for degree in range(sh_degree + 1):
         plan.append(plan_of(config, random_case(config, seed + degree, degree, [150])))
@@ -63,7 +63,7 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """A splat an interval, whatever its level, at the longest latency of memory that costs nothing."""
+    """Runs at full rate: one splat per interval, whatever its level, with the longest memory latency that costs no time."""
     plan = []
     for degree in range(4):
         case = random_case(config, seed, degree, [300], levels=ONE_LEVEL, name=f"rate, degree {degree}")
@@ -72,7 +72,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The survivors of scenes' frames."""
+    """The survivors of real scenes' frames."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         case = frame_case(f"traced {name}", frame)
@@ -81,12 +81,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "320x180"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         splats = int(np.sum(item.run.inputs["survivors"]["end"] == 0))
@@ -100,5 +100,5 @@ def run_plan(
     config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
     sh_degree: int = 3,
 ) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails."""
     return exact.run_plan(playback(config, sh_degree), plan, folder, waves=waves, progress=progress)

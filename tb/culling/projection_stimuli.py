@@ -1,4 +1,4 @@
-"""Points for the projection unit: by hand where arithmetic is at its limits, at random, and those of rendered frames."""
+"""Stimuli of the projection unit: points made by hand at the limits of the arithmetic, random points, and rendered frames."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ REASONS = {"culled_near": NEAR, "culled_faint": FAINT, "culled_outside": OUTSIDE
 
 @dataclass(frozen=True)
 class Case:
-    """Frames of one view that follow each other.
+    """Consecutive frames of one camera.
 
     Attributes:
-        name: for messages.
-        config: the machine.
-        frames: words of each frame.
-        registers: the view.
+        name: the case's name, for messages.
+        config: the machine's configuration.
+        frames: the quantised Gaussians of each frame.
+        registers: the frame registers, which hold the camera.
     """
 
     name: str
@@ -42,12 +42,12 @@ class Case:
 
     @property
     def points(self) -> int:
-        """Of all frames."""
+        """Number of points of all frames."""
         return sum(len(words.geometry) for words in self.frames)
 
     @property
     def items(self) -> np.ndarray:
-        """GaussianPoint items of all frames."""
+        """The GaussianPoint items of all frames."""
         rows = np.zeros(self.points + len(self.frames), gaussian_point(self.config).dtype)
         at = 0
         for words in self.frames:
@@ -61,12 +61,12 @@ class Case:
 
     @property
     def splats(self) -> np.ndarray:
-        """What the golden renderer makes of them."""
+        """The splats that the golden renderer projects from the points."""
         return np.concatenate([projected_splats(self.config, words, self.registers) for words in self.frames])
 
     @property
     def observed(self) -> dict[str, int]:
-        """Counters after the last frame."""
+        """The counters after the last frame."""
         reason = project(self.config, self.frames[-1], self.registers).reason
         return {name: int((reason == code).sum()) for name, code in REASONS.items()}
 
@@ -83,13 +83,13 @@ class Case:
 
 
 def words_of(config: AcceleratorConfig, geometry: np.ndarray) -> GaussianWords:
-    """Words of geometry records; colours are black."""
+    """Quantised Gaussians with these geometry records; their colours are black."""
     colour = np.zeros(len(geometry), gaussian_colour(config, 0).dtype)
     return GaussianWords(config, geometry, colour, np.zeros(3), MAX_LEVELS, 0, {})
 
 
 def camera(width: int, height: int, turned: bool = True) -> Camera:
-    """A view along z from the origin, or one turned and moved, with unequal focal lengths."""
+    """A camera with unequal focal lengths that is turned and moved, or one at the origin that looks along z."""
     if not turned:
         return Camera(np.eye(3), np.zeros(3), width, width, width / 2, height / 2, width, height)
     a, b = np.deg2rad(25), np.deg2rad(-14)
@@ -100,7 +100,7 @@ def camera(width: int, height: int, turned: bool = True) -> Camera:
 
 
 def view(config: AcceleratorConfig, c: Camera, far: float = 20.0) -> FrameRegisters:
-    """Registers of a camera, whose depth saturates at `far`."""
+    """The frame registers of a camera. The depth key saturates at the distance `far`."""
     along = c.position + c.rotation.T @ np.array([0, 0, far])
     geometry = np.zeros(1, gaussian_geometry(config).dtype)
     geometry["mean"] = config.formats.position.quantise(along)
@@ -109,7 +109,7 @@ def view(config: AcceleratorConfig, c: Camera, far: float = 20.0) -> FrameRegist
 
 
 def random_geometry(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Records with ordinary sizes and opacities at the origin; a share of the rotations is not normalised."""
+    """Records at the origin with ordinary sizes and opacities. A part of the rotations is not normalised."""
     n = config.formats
     rows = np.zeros(count, gaussian_geometry(config).dtype)
     quat = rng.normal(size=(count, 4))
@@ -122,7 +122,7 @@ def random_geometry(config: AcceleratorConfig, rng: np.random.Generator, count: 
 
 
 def place(config: AcceleratorConfig, rows: np.ndarray, c: Camera, pixels: np.ndarray, z: np.ndarray) -> None:
-    """Moves the points to where the camera sees them at `pixels` (N, 2), `z` in front of it."""
+    """Moves the points so that the camera sees them at `pixels` (N, 2), at the distance `z` in front of it."""
     xy = (pixels - [c.cx, c.cy]) / [c.fx, c.fy]
     world = (np.column_stack([xy, np.ones(len(z))]) * z[:, None]) @ c.rotation + c.position
     rows["mean"] = config.formats.position.quantise(world)
@@ -136,13 +136,13 @@ def _behind(config, rng, rows, c):
 
 
 def _near_plane(config, rng, rows, c):
-    """z is the near plane exactly, or a few ulps away, with a camera that looks along z."""
+    """z is exactly at the near plane or a few ulps away from it, for a camera that looks along z."""
     near = int(config.formats.view.quantise(c.near))
     rows["mean"][:, 2] = near + rng.integers(-3, 4, len(rows))
 
 
 def _faint(config, rng, rows, c):
-    """About the faintest opacity that shows; levels that may not count are bright."""
+    """Opacities around the faintest visible one. Levels above the bound, which must be ignored, are bright."""
     faintest = tables.log2_alpha_min(config.formats)
     rows["log2_opacity"] = faintest + rng.integers(-2, 2, (len(rows), MAX_LEVELS))
     above = np.arange(MAX_LEVELS) > rows["bound"][:, None]
@@ -168,7 +168,7 @@ def _needles(config, rng, rows, c):
 
 
 def _saturating_means(config, rng, rows, c):
-    """About the largest mean that its format holds, and far beyond; so wide that some reach the frame."""
+    """Means around the largest one that its format holds and far beyond, with footprints so wide that some reach the frame."""
     pixels = rng.choice([-1, 1], (len(rows), 2)) * rng.choice([16384, 16383.99, 20000, 40000, 1e6, 100], (len(rows), 2))
     z = rng.uniform(1, 3, len(rows))
     place(config, rows, c, pixels, z)
@@ -176,39 +176,39 @@ def _saturating_means(config, rng, rows, c):
 
 
 def _depths(config, rng, rows, c):
-    """About the depth that saturates, and keys that do."""
+    """Depths around the one that saturates, and depths whose keys saturate."""
     place(config, rows, c, rng.uniform(0, 64, (len(rows), 2)), rng.choice([19.99, 20, 20.01, 50, 1e5, 1e9, 1e12], len(rows)))
     rows["scale"] = config.formats.scale.quantise(rng.uniform(1, 1e5, (len(rows), 3)))
 
 
 def _edges(config, rng, rows, c):
-    """Small footprints about the frame's edges and the borders of its tiles."""
+    """Small footprints around the frame's edges and the borders of its tiles."""
     corner = rng.choice([-2, 0, 16, 32, c.width - 16, c.width, c.height, c.height + 2], (len(rows), 2))
     place(config, rows, c, corner + rng.uniform(-4, 4, (len(rows), 2)), rng.uniform(1, 5, len(rows)))
     rows["scale"] = config.formats.scale.quantise(rng.uniform(1e-4, 1e-2, (len(rows), 3)))
 
 
 def _flipped(config, rng, rows, c):
-    """Rotations at the ends of the format, axes exactly swapped, and none at all."""
+    """Rotations at the ends of the format, exactly swapped axes, and zero quaternions."""
     to = config.formats.quaternion
     rows["quat"] = rng.choice([to.raw_min, to.raw_max, 0, 0, 1, -1], (len(rows), 4))
 
 
 def _giants(config, rng, rows, c):
-    """So near, under a camera that has hardly a near plane, that they are too wide for the conic's smallest factors."""
+    """Points so near to a camera with hardly any near plane that they are too wide for the smallest factors of the conic."""
     place(config, rows, c, rng.uniform(0, 200, (len(rows), 2)), 10.0 ** rng.uniform(-11.9, -9, len(rows)))
     rows["scale"] = config.formats.scale.quantise(10.0 ** rng.uniform(-12, 7, (len(rows), 3)))
 
 
 def _any_bits(config, rng, rows, c):
-    """Every field anything."""
+    """Random bits in every field."""
     for f in gaussian_geometry(config).fields:
         low, high = f.raw_range
         rows[f.name] = rng.integers(low, high + 1, rows[f.name].shape)
 
 
 def _any_bits_in_view(config, rng, rows, c):
-    """Every field anything but the mean."""
+    """Random bits in every field except the mean."""
     means = rows["mean"].copy()
     _any_bits(config, rng, rows, c)
     rows["mean"] = means
@@ -219,14 +219,14 @@ EDITS: dict[str, Edit] = {
     "extreme opacities": _opacities, "zero scales": _zero_scales, "huge scales": _huge_scales, "needles": _needles,
     "saturating means": _saturating_means, "saturating depths": _depths, "edges of the frame": _edges,
     "extreme rotations": _flipped, "giants": _giants, "any bits": _any_bits, "any bits in view": _any_bits_in_view}
-"""What is done to ordinary points in view, by name."""
+"""The changes that are made to ordinary visible points, by name."""
 
 
 def case_of(
     config: AcceleratorConfig, rng: np.random.Generator, name: str, *, size: tuple[int, int] = (300, 200), count: int = 300,
     frames: int = 1, turned: bool = True,
 ) -> Case:
-    """Frames of points of one of EDITS."""
+    """Frames of points that were changed by one of EDITS."""
     c = camera(*size, turned=turned and EDITS[name] not in (_near_plane, _giants))
     if EDITS[name] is _giants:
         c = replace(c, near=1e-12)
@@ -235,7 +235,7 @@ def case_of(
 
 
 def edited(config: AcceleratorConfig, rng: np.random.Generator, name: str, c: Camera, count: int) -> np.ndarray:
-    """Points in view, then edited."""
+    """Visible points, changed by the edit of this name."""
     rows = random_geometry(config, rng, count)
     place(config, rows, c, rng.uniform((0, 0), (c.width, c.height), (count, 2)), np.exp(rng.uniform(-1, 3, count)))
     EDITS[name](config, rng, rows, c)
@@ -243,7 +243,7 @@ def edited(config: AcceleratorConfig, rng: np.random.Generator, name: str, c: Ca
 
 
 def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, lengths: list[int]) -> Case:
-    """Frames of points of every kind."""
+    """Frames in which all kinds of points are mixed."""
     c, frames = camera(240, 180), []
     for length in lengths:
         parts = [edited(config, rng, kind, c, 1 + length // len(EDITS)) for kind in EDITS]
@@ -252,7 +252,7 @@ def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, l
 
 
 def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, fate: str, count: int) -> Case:
-    """Points that all end for one reason, one of REASONS, or as splats ("visible")."""
+    """Points with the same fate: all are rejected for one of REASONS, or all are projected ("visible")."""
     c = camera(300, 200)
     rows = random_geometry(config, rng, count)
     rows["log2_opacity"] = config.formats.log2_opacity.quantise(-12.0 if fate == "culled_faint" else 0.5)
@@ -263,12 +263,12 @@ def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, fate: str,
 
 
 def traced_case(frame: Frame, name: str) -> Case:
-    """A rendered frame's points."""
+    """The points of a rendered frame."""
     return Case(name, frame.config, (frame.words,), frame.registers)
 
 
 def shortened(case: Case, count: int) -> Case:
-    """The case with no more than `count` points a frame, spread over it."""
+    """The case with no more than `count` points per frame, which are taken at equal distances."""
     def thinned(words: GaussianWords) -> GaussianWords:
         step = max(1, -(-len(words.geometry) // count))
         return words_of(case.config, words.geometry[::step])

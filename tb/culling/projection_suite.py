@@ -1,4 +1,4 @@
-"""The projection unit's test: every splat and count against the golden renderer's, in one simulation a configuration."""
+"""The projection unit's tests: every splat and every counter is compared with the golden renderer's."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from tb.culling.projection_stimuli import (
 )
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "default", "paper")
-"""A point every 8 and 4 cycles, and every cycle."""
+"""Configurations with different units: they take a point every 8 cycles, every 4 cycles, and every cycle."""
 
 PORTS = ("sink", "source")
 
 _SETTLING = 200
-"""Cycles from a frame's last point to its `end` at the source, at most."""
+"""Most cycles from a frame's last point to its `end` at the source."""
 
 _RATE_POINTS = 500
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The unit of a configuration, emitted, with files at its streams."""
+    """The unit of a configuration, emitted as Verilog, with a file at each stream."""
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
         name=f"projection-{config.point_interval}", module="projection_unit",
@@ -61,17 +61,17 @@ def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
 
 
 def most_cycles(case: Case) -> int:
-    """Cycles of a case at full rate: an interval a point, and the way through the unit."""
+    """Cycles of a case at full rate: an interval per point, and the latency of the unit."""
     return case.config.point_interval * (case.points + len(case.frames)) + _SETTLING
 
 
 def least_rate(config: AcceleratorConfig) -> dict[str, float]:
-    """Points a cycle in which one is offered, but for rounding."""
+    """The least points accepted per cycle in which one is offered, with a margin for rounding."""
     return {"sink": (1 - 1e-9) / config.point_interval}
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Each kind of point; frames of every size; patterns of pauses; cut off by resets; back to back."""
+    """Every kind of point, frames of every size, patterns of pauses, runs cut off by resets, and runs back to back."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(case_of(config, rng, name)) for name in EDITS]
     for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
@@ -90,7 +90,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Points of one fate, which must enter as often as the configuration says."""
+    """Points that all have the same fate. They must be accepted as often as the configuration says."""
     rng, plan = np.random.default_rng(seed), []
     for fate in (*REASONS, "visible"):
         case = uniform_case(config, rng, fate, _RATE_POINTS)
@@ -99,7 +99,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str, most: int | None = None) -> list[Planned]:
-    """Scenes' frames, of no more than `most` points each, at full rate."""
+    """Real scenes' frames at full rate, each with no more than `most` points."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         case = traced_case(frame, f"traced {name}")
@@ -109,12 +109,12 @@ def traced_plan(config: AcceleratorConfig, size: str, most: int | None = None) -
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything; of trained scenes as many points as the slowest machine takes in a minute."""
+    """All runs. Of trained scenes they contain as many points as the slowest machine takes in a minute."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"), 100_000)]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         points, splats = len(item.run.inputs["sink"]) - 1, len(item.expected["source"]) - 1
@@ -125,4 +125,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,4 +1,4 @@
-"""Frames for the tile test: projected splats and the levels of tiles."""
+"""Stimuli of the tile test: frames of projected splats, and the levels of tiles."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from spec.records import INDEX_BITS, projected_splat, tile_level
 from spec.tables import log2_alpha_min
 
 SHAPES = ("dots", "discs", "needles", "giants", "extremes")
-"""Kinds of footprints."""
+"""The kinds of footprints."""
 
 LEVELS = ("one", "rings", "alternating", "random", "stretches")
-"""Kinds of level tables."""
+"""The kinds of level tables."""
 
 
 class Cost(NamedTuple):
-    """What a frame takes.
+    """The work of a frame.
 
     Attributes:
-        runs: that the unit tests.
-        emitting: those of them that give entries.
-        entries: without the `end`.
+        runs: the runs of tiles that the unit tests.
+        emitting: the runs that give intersections.
+        entries: the intersections, without the `end` item.
     """
 
     runs: int
@@ -40,21 +40,21 @@ class Cost(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """Cycles of the last stage: an entry each, and one for a run that gives none."""
+        """Cycles of the last stage: one per intersection, and one per run that gives none."""
         return self.entries + self.runs - self.emitting
 
 
 @dataclass(frozen=True)
 class Case:
-    """Frames of one size that follow each other.
+    """Consecutive frames of one size.
 
     Attributes:
-        name: for messages.
-        config: the machine.
-        width, height: in pixels.
-        frames: of each its ProjectedSplat records without `end`, and (tiles, 2) level and blend of its tiles.
-        obb: boxes instead of the exact test.
-        rendered: (tiles,) bool of each frame, which of them are rendered, on machines with stereo; empty: all are.
+        name: the case's name, for messages.
+        config: the machine's configuration.
+        width, height: the frame's size in pixels.
+        frames: for each frame its ProjectedSplat records without `end`, and (tiles, 2) the level and blend of its tiles.
+        obb: whether the unit tests boxes instead of making the exact test.
+        rendered: for each frame (tiles,) bool, which tiles are rendered, on machines with stereo; empty where all are.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Case:
 
     @property
     def masks(self) -> list[np.ndarray]:
-        """(tiles,) bool of each frame."""
+        """For each frame (tiles,) bool, which tiles are rendered."""
         return list(self.rendered) or [np.ones(len(levels), bool) for _, levels in self.frames]
 
     @property
@@ -77,7 +77,7 @@ class Case:
 
     @cached_property
     def golden(self) -> list[TileTest]:
-        """What the golden renderer makes of each frame."""
+        """The golden renderer's results for each frame."""
         return [tile_test(self.config, *frame, self.width, self.height, obb=self.obb, rendered=mask)
                 for frame, mask in zip(self.frames, self.masks, strict=True)]
 
@@ -95,7 +95,7 @@ class Case:
 
     @property
     def expected(self) -> dict[str, np.ndarray]:
-        """Items of its output streams."""
+        """Items of the output streams."""
         return {name: np.concatenate([getattr(frame, name) for frame in self.golden]) for name in ("entries", "survivors")}
 
     @property
@@ -104,12 +104,13 @@ class Case:
         return {"touched": self.golden[-1].touched, "filtered": self.golden[-1].filtered, "busy": 0}
 
     def costs(self) -> list[Cost]:
-        """Of each frame."""
+        """The work of each frame."""
         return [self._cost(*frame, mask, golden)
                 for frame, mask, golden in zip(self.frames, self.masks, self.golden, strict=True)]
 
     def _cost(self, splats: np.ndarray, levels: np.ndarray, rendered: np.ndarray, golden: TileTest) -> Cost:
-        """Runs stop at a group's last tile and where the next tile is of another kind."""
+        """The work of one frame. A run of tiles ends at the last tile of a group, and where the next tile has another level,
+        another blend, or is rendered where this one is not."""
         tiles_x = -(-self.width // TILE)
         grid = np.column_stack([levels, rendered]).reshape(-1, tiles_x, 3)
         stops = np.ones(grid.shape[:2], np.int64)
@@ -125,7 +126,7 @@ class Case:
 
 
 def _factors(rng: np.random.Generator, count: int, shape: str) -> np.ndarray:
-    """(count, 3) Cholesky factors; the narrowest footprint that culling makes has EXPONENT_SCALE / sqrt(LOW_PASS)."""
+    """(count, 3) Cholesky factors. The narrowest footprint that projection produces has EXPONENT_SCALE / sqrt(LOW_PASS)."""
     most = EXPONENT_SCALE / np.sqrt(LOW_PASS)
     size = {"dots": (0, 1), "discs": (2, 6), "needles": (0, 9), "giants": (7, 14), "extremes": (0, 62)}[shape]
     l1, l3 = most * 2.0 ** -rng.uniform(*size, (2, count))
@@ -135,7 +136,7 @@ def _factors(rng: np.random.Generator, count: int, shape: str) -> np.ndarray:
 
 
 def _means(config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int) -> np.ndarray:
-    """(count, 2) raw means: in and around the frame, on pixel centres and tile edges, as far away as can be."""
+    """(count, 2) raw means: in and around the frame, on pixel centres and tile edges, and as far away as the format allows."""
     n, size = config.formats.mean2d, np.array([width, height])
     pixels = rng.uniform(-0.3, 1.3, (count, 2)) * size
     kind = rng.integers(0, 6, (count, 1))
@@ -146,7 +147,8 @@ def _means(config: AcceleratorConfig, rng: np.random.Generator, count: int, widt
 
 
 def _opacities(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, 4) raw: one value or amplified level by level, and some at the cut, just above, just below; the extremes."""
+    """(count, 4) raw opacities. They are equal in all levels or grow with the level; some are at the cut, just above or just
+    below it, and some are the extremes of the format."""
     n, cut = config.formats.log2_opacity, log2_alpha_min(config.formats)
     gain = np.cumsum(rng.uniform(0, 2.5, (count, MAX_LEVELS)), 1) * rng.integers(0, 2, (count, 1))
     raw, kind = n.quantise(rng.uniform(-8, 0.5, (count, 1)) + gain), rng.integers(0, 12, (count, MAX_LEVELS))
@@ -157,10 +159,11 @@ def _opacities(config: AcceleratorConfig, rng: np.random.Generator, count: int) 
 def random_splats(
     config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int, shape: str,
 ) -> np.ndarray:
-    """(count,) ProjectedSplat records of one of SHAPES; boxes of every kind, most of them small ones near the mean."""
+    """(count,) ProjectedSplat records of one of SHAPES. Their boxes are of every kind, and most are small ones near the
+    mean."""
     n = config.formats
     splats = np.zeros(count, projected_splat(config).dtype)
-    for field in projected_splat(config).fields:  # what the unit only hands on
+    for field in projected_splat(config).fields:  # random values also in the fields that the unit only passes on
         low, high = field.raw_range
         size = (count, field.count) if field.count > 1 else count
         splats[field.name] = rng.integers(low, high + 1, size)
@@ -178,7 +181,7 @@ def random_splats(
 
 
 def random_levels(rng: np.random.Generator, tiles_x: int, tiles_y: int, kind: str) -> np.ndarray:
-    """(tiles, 2) level and blend of one of LEVELS."""
+    """(tiles, 2) the level and blend of tiles, of one of LEVELS."""
     y, x = np.divmod(np.arange(tiles_x * tiles_y), tiles_x)
     if kind == "one":
         return np.zeros((len(x), 2), np.int64)
@@ -198,8 +201,8 @@ def random_case(
     config: AcceleratorConfig, rng: np.random.Generator, name: str, width: int, height: int, count: int, *, frames: int = 2,
     shape: str | None = None, kind: str | None = None, obb: bool = False,
 ) -> Case:
-    """Frames of `count` splats each; shape and kind of the levels drawn for each where they are not given, and which tiles are
-    rendered, on machines with stereo."""
+    """Frames of `count` splats each. The shape and the kind of level table are drawn for each frame where they are not given;
+    on machines with stereo it is also drawn which tiles are rendered."""
     tiles = -(-width // TILE), -(-height // TILE)
     drawn = tuple((random_splats(config, rng, count, width, height, shape or str(rng.choice(SHAPES))),
                    random_levels(rng, *tiles, kind or str(rng.choice(LEVELS)))) for _ in range(frames))
@@ -208,7 +211,7 @@ def random_case(
 
 
 def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str) -> np.ndarray:
-    """(count,) first or last tile column of each splat's entries, -1 without any; all tiles at one level."""
+    """(count,) first or last tile column of each splat's intersections, -1 where it has none; all tiles are at one level."""
     tiles_x = -(-width // TILE)
     entries = tile_test(config, splats, np.zeros((tiles_x * -(-height // TILE), 2), np.int64), width, height).entries[:-1]
     row, column = np.searchsorted(splats["index"], entries["index"]), entries["tile"] % tiles_x
@@ -220,9 +223,10 @@ def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int
 def sharp_splats(
     config: AcceleratorConfig, rng: np.random.Generator, count: int, width: int, height: int, shape: str,
 ) -> np.ndarray:
-    """ProjectedSplat records, boxes one row high, moved along x until an ulp of `mean2d` more gives them another tile column.
+    """ProjectedSplat records at positions where one ulp of `mean2d` along x moves an end of the splat by one tile column.
 
-    The first or the last one then depends on the last bit of the ellipse's reach. Two records each, on both sides of the step.
+    Each splat's box is one row high. Its first or last tile column depends on the last bit of the ellipse's reach. There are
+    two records of each, one on either side of the step.
     """
     splats = whole_frame(random_splats(config, rng, count, width, height, shape), width, height)
     splats["log2_opacity"], frac = splats["log2_opacity"][:, :1], config.formats.mean2d.frac_bits
@@ -245,7 +249,7 @@ def sharp_splats(
 
 
 def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
-    """`sharp_splats` of every shape that has steps, a frame each."""
+    """`sharp_splats` of every shape that has such steps, one frame each."""
     width, height = min(config.row_width, 333), min(config.row_width, 121)
     tiles = -(-width // TILE) * -(-height // TILE)
     return Case("where an ulp decides", config, width, height, tuple(
@@ -254,7 +258,7 @@ def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) 
 
 
 def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The splats with the whole frame for a box."""
+    """The splats with a box that is the whole frame."""
     splats = splats.copy()
     for axis, size in (("x", width), ("y", height)):
         splats[f"first_{axis}"], splats[f"last_{axis}"] = 0, (size - 1) // TILE
@@ -262,7 +266,8 @@ def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
-    """Every shape in every table; frames of a pixel, a tile, a row, a column, odd sizes; nothing; boxes; the whole frame."""
+    """Every shape in every kind of table; frames of one pixel, tile, row or column and of odd sizes; no splats; boxes; splats
+    over the whole frame."""
     widest = config.row_width
     wide, tall = min(widest, 333), min(widest, 121)
     cases = [random_case(config, rng, f"{shape} in {kind}", wide, tall, 60, frames=1, shape=shape, kind=kind)
@@ -288,7 +293,7 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
 
 
 def splats_of(frame: Frame) -> np.ndarray:
-    """The ProjectedSplat records of a rendered frame, by index."""
+    """The ProjectedSplat records of a rendered frame, in the order of their index."""
     p, n, geometry = frame.projected, frame.config.formats, frame.words.geometry
     rows = np.flatnonzero(p.reason == VISIBLE)
     splats = np.zeros(len(rows), projected_splat(frame.config).dtype)
@@ -304,6 +309,6 @@ def splats_of(frame: Frame) -> np.ndarray:
 
 
 def case_of(frame: Frame, name: str, *, obb: bool = False) -> Case:
-    """A rendered frame."""
+    """The splats and levels of a rendered frame."""
     r = frame.registers
     return Case(name, frame.config, r.width, r.height, ((splats_of(frame), r.header[:, :2]),), obb)

@@ -1,4 +1,4 @@
-"""The tile test's test: every entry and survivor against the golden renderer's, in one simulation a configuration."""
+"""The tile test's tests: every intersection and every survivor is compared with the golden renderer's."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_cas
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True)}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "default", "paper", "tiny_stereo")
-"""A run every 8, 4 cycles and every cycle; tiles that are not rendered."""
+"""Configurations with different units: they test a run of tiles every 8 cycles, every 4 cycles and every cycle; the last one
+has tiles that are not rendered."""
 
 PORTS = ("splats", "table", "entries", "survivors")
 
 _SETTLING = 90
-"""Cycles of a frame beyond those of its table, runs and entries, at most: the way through the unit."""
+"""Most cycles of a frame in addition to those of its table, runs and intersections: the latency of the unit."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The unit of a configuration, emitted, with files at its streams."""
+    """The unit of a configuration, emitted as Verilog, with a file at each stream."""
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
         name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}", module="tile_test",
@@ -50,7 +51,8 @@ def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
 
 
 def most_cycles(case: Case) -> int:
-    """Cycles of a case at full rate: a table item a cycle, then a run an interval, and what a run's entries take beyond it."""
+    """Most cycles of a case at full rate: one per table item, then an interval per run of tiles, and one more for every
+    further intersection of a run."""
     interval, total = case.config.point_interval, 0
     for (_, levels), cost in zip(case.frames, case.costs(), strict=True):
         total += len(levels) + (interval - 1) * cost.runs + cost.steps + _SETTLING
@@ -58,7 +60,7 @@ def most_cycles(case: Case) -> int:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """By hand and at random; every pattern on every port; cut off by resets; back to back without one, at full rate."""
+    """Cases by hand and at random, every pattern on every port, runs cut off by resets, and runs back to back at full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(case) for case in corner_cases(config, rng)]
     plan.append(plan_of(sharp_case(config, rng, 400)))
@@ -78,7 +80,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str, **scenes: object) -> list[Planned]:
-    """Scenes' frames at full rate, exact and with boxes."""
+    """Real scenes' frames at full rate, with the exact test and with boxes."""
     plan = []
     for name, frame in traced_frames(config, size, **scenes).items():
         for obb in (False, True):
@@ -88,12 +90,12 @@ def traced_plan(config: AcceleratorConfig, size: str, **scenes: object) -> list[
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the traced frames, a line each."""
+    """One line per traced frame with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome, "traced"):
         splats, table = item.run.inputs["splats"], item.run.inputs["table"]
@@ -110,4 +112,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,6 +1,6 @@
-"""The float units against float64 and one rounding, by the million.
+"""Tests of the floating-point units with millions of operands: each result is one operation in float64, rounded once.
 
-    device      the units side by side, between files
-    stimuli     operands and what must come of them
+    device      the units side by side in one test bench
+    stimuli     operands and expected results
     suite       the runs of `python -m tb.sim --test float`
 """

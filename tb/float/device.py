@@ -1,4 +1,5 @@
-"""Every float unit in the formats the machine uses it in, side by side, each with a stream of operands and one of results."""
+"""Every floating-point unit in the formats in which the machine uses it, side by side, each with a stream of operands and one
+of results."""
 
 from __future__ import annotations
 
@@ -24,14 +25,14 @@ from spec.records import Field, Record, uint
 
 @dataclass(frozen=True)
 class Operation:
-    """A unit in certain formats.
+    """A unit in particular formats.
 
     Attributes:
-        kind: its class.
-        operands: formats by port.
-        result: format of the result.
-        exact: the operation in float64, of real operands by port.
-        rounding: of conversions to fixed point.
+        kind: the class of the unit.
+        operands: the formats of the operands, by port.
+        result: the format of the result.
+        exact: the operation in float64; it takes real operands by port.
+        rounding: the rounding of conversions to fixed point; None for other operations.
     """
 
     kind: type[FloatUnit]
@@ -41,26 +42,27 @@ class Operation:
     rounding: Rounding | None = None
 
     def make(self) -> FloatUnit:
-        """The unit."""
+        """A new unit of this kind and these formats."""
         formats = {name: number for name, number in self.operands.items() if name != "subtract"}
         options = {} if self.rounding is None else {"rounding": self.rounding}
         return self.kind(**formats, result=self.result, **options)
 
     def records(self, name: str) -> tuple[Record, Record]:
-        """(operands, result and saturation) as they travel."""
+        """The records of the streams: that of the operands, and that of the result with its saturation flag."""
         fields = tuple(Field(port, number, "") for port, number in self.operands.items())
         return Record(f"{name}_in", "", fields), Record(
             f"{name}_out", "", (Field("result", self.result, ""), Field("saturated", uint(1), "")))
 
 
 def _sum(a: np.ndarray, b: np.ndarray, subtract: np.ndarray) -> np.ndarray:
-    """a + b or a - b in float64, rounded to odd, which keeps what decides between two neighbours of any shorter format.
+    """a + b or a - b in float64, rounded to odd, so that a second rounding to any shorter format is still correct.
 
-    The nearest float64 will not do where an operand has more bits than the result: it may make a tie of a sum that is none.
+    The nearest float64 would not do where an operand has more bits than the result: rounding could turn a sum between two
+    neighbours into an exact tie.
     """
     b = np.where(subtract, -b, b)
     total = a + b
-    rest = (a - (total - (total - a))) + (b - (total - a))  # Knuth's exact error
+    rest = (a - (total - (total - a))) + (b - (total - a))  # the exact rounding error, by Knuth
     even = total.view(np.int64) & 1 == 0
     return np.where((rest != 0) & even, np.nextafter(total, np.where(rest > 0, np.inf, -np.inf)), total)
 
@@ -70,7 +72,7 @@ def _quotient(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def operations(config: AcceleratorConfig) -> dict[str, Operation]:
-    """What is tested, by name."""
+    """The tested operations, by name."""
     n = config.formats
     v, w, one = n.view, n.work, uint(1)
     pixels = SQ(n.mean2d.int_bits + 1, n.mean2d.frac_bits)
@@ -95,7 +97,8 @@ def operations(config: AcceleratorConfig) -> dict[str, Operation]:
 
 
 class FloatBench(wiring.Component):
-    """All operations of a configuration. Operands are taken whenever offered; results do not wait, so sinks must not pause."""
+    """All operations of a configuration. The bench accepts operands whenever they are offered; results cannot wait, so sinks
+    must not pause."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._operations = operations(config)

@@ -1,4 +1,4 @@
-"""Operands for the float units, and what must come of them."""
+"""Operands for the floating-point units, and the expected results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec.formats import Fixed, SmallFloat
 from tb.float.device import Operation
 
 _EVERY = ("reciprocal", "rsqrt", "sqrt")
-"""Operations that see every significand, with exponents of both parities."""
+"""Operations that are tested with every significand, with even and odd exponents."""
 
 
 def _signs(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -19,7 +19,7 @@ def _signs(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarr
 
 
 def _any(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Any bit pattern."""
+    """Random bit patterns."""
     return rng.integers(0, 1 << number.width, count)
 
 
@@ -31,14 +31,14 @@ def _middling(number: SmallFloat, rng: np.random.Generator, count: int) -> np.nd
 
 
 def _short(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Numbers with few significand bits set at the top, or all: ties and carries out of the fraction."""
+    """Numbers whose low significand bits are all zeros or all ones, which give ties and carries out of the fraction."""
     bits, fraction = _middling(number, rng, count), (1 << (number.sig_bits - 1)) - 1
     low = (1 << rng.integers(0, number.sig_bits, count)) - 1
     return np.where(rng.random(count) < 0.5, bits & ~low, bits | low & fraction)
 
 
 def _edges(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarray:
-    """The smallest and largest exponents."""
+    """Numbers with the smallest and the largest exponents."""
     top = (1 << number.exp_bits) - 1
     exponent = rng.choice([0, 1, 2, top // 2, top // 2 + 1, top - 1, top], count)
     near = rng.integers(0, 3, count) * rng.choice([1, -1], count) & ((1 << (number.sig_bits - 1)) - 1)
@@ -46,7 +46,8 @@ def _edges(number: SmallFloat, rng: np.random.Generator, count: int) -> np.ndarr
 
 
 def _neighbours(number: SmallFloat, bits: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Numbers a few ulps or a few binades from others, of any sign: cancellation, and alignment by every distance."""
+    """Numbers a few ulps or a few binades from the given ones, of either sign, for cancellation and every alignment
+    distance."""
     count, magnitude = len(bits), (1 << (number.exp_bits + number.sig_bits - 1)) - 1
     places = rng.integers(-number.sig_bits - 3, number.sig_bits + 4, count) * (rng.random(count) < 0.7)
     near = (bits & magnitude) + (places << (number.sig_bits - 1)) + rng.integers(-3, 4, count)
@@ -57,7 +58,7 @@ _KINDS: tuple[Callable, ...] = (_any, _middling, _short, _edges)
 
 
 def random_operands(operation: Operation, count: int, seed: int) -> dict[str, np.ndarray]:
-    """(count,) raw integers or bit patterns of every operand: all kinds of them, then shuffled together."""
+    """(count,) raw integers or bit patterns of every operand; all kinds of numbers are mixed."""
     rng = np.random.default_rng(seed)
     found: dict[str, np.ndarray] = {}
     for port, number in operation.operands.items():
@@ -75,12 +76,12 @@ def random_operands(operation: Operation, count: int, seed: int) -> dict[str, np
 
 
 def every_significand(number: SmallFloat) -> np.ndarray:
-    """Bit patterns of [1, 4)."""
+    """The bit patterns of all numbers in [1, 4)."""
     return np.arange(2 << (number.sig_bits - 1), dtype=np.int64) + (number.bias << (number.sig_bits - 1))
 
 
 def operands(name: str, operation: Operation, count: int, seed: int) -> np.ndarray:
-    """Rows of the operation's operand record: `count` random ones, after every significand where there is one operand."""
+    """Rows of the operation's operand record: `count` random ones, after every significand for operations in _EVERY."""
     columns = random_operands(operation, count, seed)
     if name.split("_")[0] in _EVERY:
         columns["a"] = np.concatenate([every_significand(operation.operands["a"]), columns["a"]])
@@ -91,7 +92,7 @@ def operands(name: str, operation: Operation, count: int, seed: int) -> np.ndarr
 
 
 def results(name: str, operation: Operation, rows: np.ndarray) -> np.ndarray:
-    """Rows of the operation's result record: one operation in float64, one rounding."""
+    """Rows of the operation's result record: one operation in float64 and one rounding."""
     with np.errstate(divide="ignore", invalid="ignore"):
         x = operation.exact(**{port: number.to_float(rows[port]) for port, number in operation.operands.items()})
     out = np.empty(len(rows), operation.records(name)[1].dtype)

@@ -1,4 +1,5 @@
-"""The float units' test: every operation on millions of operands, with bubbles, and across a reset."""
+"""The tests of the floating-point units: every operation with millions of operands, with gaps between them, and across a
+reset."""
 
 from __future__ import annotations
 
@@ -16,18 +17,18 @@ from tb.float.device import FloatBench, operations
 from tb.float.stimuli import operands, results
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines whose formats can be tested."""
+"""Configurations whose formats can be tested."""
 
 DISTINCT = ("tiny",)
-"""All have the same formats."""
+"""One configuration suffices, because all have the same formats."""
 
 RANDOM_OPERANDS, FEW_OPERANDS = 500_000, 5_000
-"""Of an operation at full rate, and in each of the other runs."""
+"""The number of random operands of an operation in the run at full rate, and of operands in each of the other runs."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The units, with files at their streams. Not kept by `tb.common.emission`, which knows rtl/ and spec/ alone."""
+    """The units, with a file at each stream. `tb.common.emission` does not cache them: its key covers rtl/ and spec/ only."""
     records = {name: operation.records(name) for name, operation in operations(config).items()}
     return Playback(
         name="float", module="float_bench", verilog=to_verilog(FloatBench(config), "float_bench"),
@@ -47,7 +48,8 @@ def _plan_of(
 
 
 def full_plan(config: AcceleratorConfig, seed: int, count: int = RANDOM_OPERANDS) -> list[Planned]:
-    """At full rate on random operands and on every significand; with bubbles; cut off by a reset and once more."""
+    """A run at full rate with random operands and every significand, runs with gaps, a run cut off by a reset, and one after
+    it."""
     many = {name: operands(name, unit, count, seed + i) for i, (name, unit) in enumerate(operations(config).items())}
     few = {name: rows[:FEW_OPERANDS] for name, rows in many.items()}
     plan = [_plan_of(config, "full rate", many)]
@@ -57,11 +59,11 @@ def full_plan(config: AcceleratorConfig, seed: int, count: int = RANDOM_OPERANDS
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """How many results every operation gave, a line each."""
+    """One line per operation with its latency and its number of results."""
     whole = [item for item in plan if item.name in outcome.recordings]
     return [f"{name}: latency {operation.kind.latency}, {sum(len(item.expected[f'{name}_out']) for item in whole)} results"
             for name, operation in operations(config).items()]
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

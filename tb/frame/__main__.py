@@ -23,7 +23,7 @@ from golden.scenes.request import (
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import BUILD
+from spec.paths import BUILD, short_path
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
@@ -34,34 +34,36 @@ from tb.top.memory import MemorySpeed
 PARTS = ("machine", "array")
 
 EPILOG = """\
-Writes OUT/frame.png (of two eyes left.png, right.png, right_source.png) and OUT/frame.json; exit status 1 where a bit or a
-counter differs. Of frame.json:
+Writes OUT/frame.png (with --stereo left.png, right.png and right_source.png) and OUT/frame.json. The exit status is 1 if a bit
+or a counter differs. The most important numbers of frame.json are:
 
-  bit_exact, mismatches, first_mismatches   every pixel against the golden renderer
-  counter_errors        counters of the machine that differ from what the golden frame says
-  frame_cycles          of these table_cycles, geometry_cycles and render_cycles; cycles: as the host sees them
-  bound_cycles          the largest of `bounds`: least cycles of the rendering phase by sorting (an entry a cycle), array (an
-                        entry a level and cycle, an op a cycle), pixel rows (one a cycle), memory (its beats at its bandwidth)
+  bit_exact, mismatches, first_mismatches   the comparison of every pixel with the golden renderer
+  counter_errors        counters of the machine that differ from the golden frame
+  frame_cycles          the cycles of a frame; table_cycles, geometry_cycles and render_cycles are those of its phases, and
+                        `cycles` is the number that the host sees
+  bound_cycles          the largest of `bounds`, the lower limits of render_cycles: sorting (one intersection a cycle), array
+                        (one intersection a cycle for each of its levels, one op a cycle), pixel rows (one a cycle), and
+                        memory (its beats at its bandwidth)
   utilisation           bound_cycles / render_cycles
-  stage_cycles          by stage: busy, starved (nothing to take), blocked (could not take it); stalls are the blocked ones
-  compile_s             seconds of compiling the golden renderer's kernels; wall_s and cpu_s are of the simulation alone
-  dram_bytes            read and write in all, reads and writes by client
+  stage_cycles          cycles in which a stage was busy, starved (it had no input) or blocked (its output was not taken)
+  compile_s             seconds to compile the golden renderer's kernels; wall_s and cpu_s are for the simulation alone
+  dram_bytes            all bytes read and written, and those of each client
 
-and with --stereo, where all of these are of both eyes together:
+With --stereo these numbers count both eyes together, and there are also:
 
-  stereo_overhead       cycles / (geometry_cycles + bound_cycles): what warping costs beyond the work on what is rendered
-  shares                of the target eye's pixels: rendered, rerendered, warped, background, filled; of its tiles: foveal,
-                        rerendered
-  source_cycles, target_cycles, source_entries, target_entries   by eye
+  stereo_overhead       cycles / (geometry_cycles + bound_cycles), the cost of warping in addition to the rendering
+  shares                shares of the target eye's pixels that are rendered, rerendered, warped, background or filled, and
+                        shares of its tiles that are foveal or rerendered
+  source_cycles, target_cycles, source_entries, target_entries   the numbers of each eye (entries are intersections)
 
 examples:
   %(prog)s                                        the embedded scene
   %(prog)s truck.splat --size 256x144 --gaze 128,72 --levels 4
   %(prog)s --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
-  %(prog)s --effects all --pixels display         every effect, a second eye too, on neutral data
+  %(prog)s --effects all --pixels display         every effect and a second eye, on neutral data
   %(prog)s --pixels display                       4 bytes a pixel instead of 16
   %(prog)s --stereo --ecc-thresh 27               two eyes, the second warped beyond 27 degrees
-  %(prog)s --part array                           the golden renderer's entries through the array alone
+  %(prog)s --part array                           only the array, with the golden renderer's intersections
 """
 
 
@@ -72,7 +74,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")
     add_run_arguments(parser)
-    parser.add_argument("--part", default="machine", metavar="|".join(PARTS), help="what of it is simulated (default: machine)")
+    parser.add_argument("--part", default="machine", metavar="|".join(PARTS),
+                        help="the part that is simulated (default: machine)")
     add_out_argument(parser, "build/frame")
     parser.add_argument("--waves", action="store_true", help="record waves (FST)")
     parser.add_argument("--wave-cycles", default=":", metavar="FIRST:LAST", help="record these cycles only")
@@ -80,7 +83,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a bit or a counter differs."""
+    """Runs the command line; returns 1 when a bit or a counter differs."""
     args = _arguments(argv)
     config = config_from(args, "default")
     choice("part", args.part, PARTS)
@@ -105,16 +108,17 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "merge": options.merge, "pipeline": config.incremental, "beta": options.beta,
                 "configuration": config_record(config), "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}
     write_json(out / "frame.json", {**work.request.record, **settings, **numbers})
-    return _verdict(numbers, str(out))
+    return _verdict(numbers, short_path(out))
 
 
 def _one_eye(
     args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
-    """The frame's numbers; its picture is saved. A second eye is forced on frames for displays, as no other machine's are."""
+    """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
+    so with a forced second eye that machine is simulated only for display pixels."""
     how = {"beta": options.beta, "speed": MemorySpeed(options.latency, options.bytes_per_cycle), "waves": waves}
     golden = work.render(beta=options.beta)
-    (out / "frame.json").unlink(missing_ok=True)  # what an earlier run said does not outlive this one's start
+    (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
         numbers, rtl = simulate_frame(work.config, golden, out / "sim", waves)
         image = rtl.image
@@ -132,7 +136,7 @@ def _one_eye(
 def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
-    """Both eyes' numbers; their pictures are saved."""
+    """Simulates both eyes, saves their pictures and returns their numbers."""
     golden = render_request(args, work.request, work.config, beta=options.beta, words=work.words, foveation=work.foveation)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
@@ -143,7 +147,7 @@ def _two_eyes(
 
 
 def _verdict(numbers: dict, out: str) -> int:
-    """Prints what came of the frame; 1 when a bit or a counter differs."""
+    """Prints the frame's results; returns 1 when a bit or a counter differs."""
     for mismatch in numbers["first_mismatches"]:
         place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
         place += f" of the {mismatch['eye']} eye" if "eye" in mismatch else ""
@@ -152,14 +156,14 @@ def _verdict(numbers: dict, out: str) -> int:
     for problem in (*numbers["stream_errors"], *wrong_counters):
         print(problem)
     verdict = "bit-exact" if numbers["bit_exact"] else f"NOT bit-exact: {numbers['mismatches']} values differ"
-    print(f"{out}: {verdict}, {numbers['pixels_checked']:,} pixels, {numbers['entries']:,} entries, "
+    print(f"{out}: {verdict}, {numbers['pixels_checked']:,} pixels, {numbers['entries']:,} intersections, "
           f"{numbers['cycles']:,} cycles at {numbers['cycles_per_s']:,} cycles/s{compile_note()}")
     if numbers.get("utilisation"):
         print(f"{out}: table {numbers['table_cycles']:,}, geometry {numbers['geometry_cycles']:,}, rendering "
               f"{numbers['render_cycles']:,} cycles; {100 * numbers['utilisation']:.1f} % of the bound, "
               f"{max(numbers['bounds'], key=numbers['bounds'].get)}")
     if "stereo_overhead" in numbers:
-        print(f"{out}: both eyes in {numbers['stereo_overhead']:.4f} of the cycles without warping; of the target's pixels "
+        print(f"{out}: both eyes in {numbers['stereo_overhead']:.4f} of the cycles without warping; pixels of the target eye: "
               + ", ".join(f"{name} {numbers['shares'][name]:.1%}" for name in KINDS))
     return 0 if numbers["bit_exact"] and not wrong_counters else 1
 

@@ -1,4 +1,4 @@
-"""How fast a frame could be rendered: what every rendering stage must do, at one item a cycle."""
+"""A lower bound on a frame's cycles: the work of every rendering stage at one item per cycle."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
 
 
 def array_ops(frame: Frame) -> int:
-    """Most ops of the array: one a level that uses an entry, one a level for a rendered tile's background; each for every block
-    of a tile."""
+    """Upper bound on the operations of the array: one for each level that uses an intersection, and one per level for the
+    background of a rendered tile; each of them for every block of a tile."""
     blend = frame.headers["blend"].astype(int)
     return frame.config.blocks * int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
 
@@ -22,16 +22,16 @@ def array_ops(frame: Frame) -> int:
 def bound_cycles(
     frame: Frame, ops: int, read_beats: int, write_beats: int, bytes_per_cycle: float | None, *, second: Frame | None = None,
 ) -> dict[str, int]:
-    """Least cycles of the rendering phase, by what sets them.
+    """Least cycles of the rendering phase, by the stage or resource that limits them.
 
-    The array takes an entry a cycle and level, even if it then skips it, and issues an op a cycle.
+    The array takes one intersection per cycle and level, even if it then skips it, and issues one operation per cycle.
 
     Args:
         frame: the golden frame.
-        ops: what the array issued; less than `array_ops` where entries were skipped or dropped.
-        read_beats, write_beats: of the rendering phase.
-        bytes_per_cycle: memory's; None: a beat read and a beat written in every cycle.
-        second: the target eye's frame, of frames of two; ops and beats are those of both.
+        ops: the operations that the array issued; fewer than `array_ops` where intersections were skipped or dropped.
+        read_beats, write_beats: beats of the rendering phase.
+        bytes_per_cycle: the memory's bandwidth; None for one beat read and one beat written in every cycle.
+        second: the target eye's frame, for frames of two eyes; `ops` and beats are then those of both eyes.
     """
     eyes = [frame, *([second] if second else [])]
     rows = sum(len(eye.headers) for eye in eyes) * TILE * (TILE // frame.config.cores_x)

@@ -1,4 +1,4 @@
-"""A golden frame of two eyes through the whole machine, and what warping costs."""
+"""Simulates a golden frame of two eyes on the whole machine, and computes the cost of warping."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tb.top.player import FrameResult
 def simulate_eyes(
     frame: StereoFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, waves: Waves | None = None,
 ) -> tuple[dict[str, object], FrameResult]:
-    """The numbers of frame.json, and what the machine gave.
+    """The numbers of frame.json, and the machine's output.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
     source, target, config = frame.source, frame.target, frame.source.config
-    cleared = frame_tiles(config) + clear_cycles(config)  # once after a reset, not of the frame
+    cleared = frame_tiles(config) + clear_cycles(config)  # cycles once after a reset, which do not belong to the frame
     run = stereo_run(frame, beta, speed, settle=cleared)
     result, build_s = played(machine, run, folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers
@@ -43,14 +43,14 @@ def simulate_eyes(
 
 
 def overhead(numbers: dict) -> float:
-    """Cycles of both eyes over those that they would take if warping were free: geometry, and the busiest stage's work on the
-    entries that are rendered."""
+    """The cycles of both eyes divided by those of a machine in which warping is free. The latter are the cycles of the geometry
+    phase and those of the busiest stage for the rendered intersections."""
     return round(numbers["cycles"] / (numbers["geometry_cycles"] + numbers["bound_cycles"]), 4)
 
 
 def save_eyes(frame: StereoFrame, result: FrameResult, out: Path) -> None:
-    """left.png and right.png, as the machine wrote them; where the target's pixels come from, right_source.png or
-    left_source.png."""
+    """Writes left.png and right.png as the machine rendered them, and right_source.png or left_source.png, which shows how each
+    pixel of the target eye was obtained."""
     source, target = (pixels.colour.astype("uint8") for pixels in (result.pixels, result.target))
     left, right = frame.pair.left_right(source, target)
     for name, picture in (("left", left), ("right", right),

@@ -1,4 +1,4 @@
-"""A golden frame's entries through the RTL array, and what came out."""
+"""Runs a golden frame's intersections through the RTL array and compares its pixels."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _SHOWN = 10
 def simulate_frame(
     config: AcceleratorConfig, frame: Frame, folder: Path, waves: Waves | None = None,
 ) -> tuple[dict[str, object], Frame]:
-    """The numbers of frame.json, and the frame with the RTL's pixels instead of the golden ones.
+    """The numbers of frame.json, and the frame with the RTL's pixels in place of the golden ones.
 
     Raises:
-        SimulationError: the build fails, or the array does not give every pixel once.
+        SimulationError: the build fails, or the array does not give every pixel exactly once.
     """
     case = Case("frame", frame.headers, frame.array_entries, frame.registers.background)
     playback = vrc_playback(config)

@@ -1,4 +1,4 @@
-"""A golden frame through the whole machine: from Gaussians and registers in memory to pixels in memory."""
+"""Runs a golden frame through the whole machine, from Gaussians and registers in memory to pixels in memory."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def simulate_machine(
 def compared(
     eyes: Sequence[Frame], result: FrameResult, wrong: Sequence[Mapping[str, object]], counters: Sequence[str],
 ) -> dict[str, object]:
-    """What was compared and what differs, of a frame of one eye or two; counts of the source eye where the eyes share them."""
+    """What was compared in a frame of one or two eyes, and what differs. Tiles and visible Gaussians are those of the source
+    eye, because both eyes share them."""
     source = eyes[0]
     return {
         "bit_exact": not wrong and not result.errors,
@@ -58,7 +59,7 @@ def compared(
 
 
 def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -> tuple[FrameResult, float]:
-    """What the machine gave for one frame, and the seconds of building it.
+    """The machine's output for one frame, and the seconds that building the simulator took.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
@@ -75,7 +76,7 @@ def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -
 def performance(
     frame: Frame, result: FrameResult, speed: MemorySpeed, *, second: Frame | None = None,
 ) -> dict[str, object]:
-    """Cycles, beats and utilisation of a frame; with the target eye's frame `second`, of both eyes together."""
+    """Cycles, beats and utilisation of a frame, or of both eyes together where `second` is the target eye's frame."""
     r, config = result.registers, frame.config
     watched = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in stages(config)}
     bounds = bound_cycles(frame, r["ops"], _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES),
@@ -104,14 +105,14 @@ def _beats(registers: Mapping[str, int], way: str, clients: tuple[str, ...]) -> 
 
 
 def picture(frame: Frame, pixels: FramePixels | DisplayPixels) -> np.ndarray:
-    """The picture of a frame from memory, (height, width, 3): float64, or uint8 where it is for displays."""
+    """The picture of a frame from memory, (height, width, 3): float64, or uint8 where the frame has display pixels."""
     if isinstance(pixels, DisplayPixels):
         return pixels.colour.astype(np.uint8)
     return replace(frame, pixels=tiled(frame, pixels)).image
 
 
 def tiled(frame: Frame, pixels: FramePixels) -> Pixels:
-    """A frame from memory by tile; what lies outside the frame is as in the golden one."""
+    """A frame from memory, split into tiles. The pixels of border tiles that lie outside the frame are the golden ones."""
     r, fields = frame.registers, []
     for name in Pixels._fields:
         whole = np.array(getattr(frame.pixels, name)).reshape(r.tiles_y, r.tiles_x, TILE, TILE, -1).swapaxes(1, 2)

@@ -1,6 +1,7 @@
-"""Unit tests of the chunk sorter and of the hierarchical sorter around it against `golden.msv2_ref.sort`.
+"""Tests of the units in `rtl.sort_tmu`: the tile merge unit, the chunk sorter, the hierarchical sorter and the handover.
 
-    stimuli         chunks and groups by hand, at random and of scenes
-    suite           the chunk sorter's: what is run, in which configurations
-    hierarchical    the hierarchical sorter's (`rtl.sort_tmu.hierarchical_sorter`), with a memory at its ports
+    chunk_*             the chunk sorter, against `golden.msv2_ref.sort`
+    hierarchical_suite  the hierarchical sorter, with a memory at its ports, against `golden.msv2_ref.sort`
+    tile_merge_*        the tile merge unit, against `golden.msv2_ref.tile_merge`
+    handover_suite      the buffer between the sorter and the array
 """

@@ -1,4 +1,4 @@
-"""Chunks for the sorter."""
+"""Stimuli of the sorters: chunks of intersections by hand, at random and from scenes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from spec.config import AcceleratorConfig
 from spec.records import INDEX_BITS, chunk_entry, frame_tiles
 
 ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
-"""How the entries of a chunk may arrive."""
+"""The orders in which the intersections of a chunk may arrive."""
 
 
 def items_of(config: AcceleratorConfig, chunks: Iterable[np.ndarray]) -> np.ndarray:
-    """ChunkEntry items of chunks, each (N, 3): tile, depth key, index; N may be 0."""
+    """ChunkEntry items of chunks, each an (N, 3) array of tile, depth key and index. N may be 0."""
     parts = []
     for chunk in chunks:
         part = np.zeros(max(len(chunk), 1), chunk_entry(config).dtype)
@@ -27,7 +27,8 @@ def items_of(config: AcceleratorConfig, chunks: Iterable[np.ndarray]) -> np.ndar
 
 
 def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int, order: str, tiles: int = 5) -> np.ndarray:
-    """(count, 3) entries of up to `tiles` neighbours, in one of ORDERS; no two share tile and index but where all are equal."""
+    """(count, 3) intersections of up to `tiles` neighbouring tiles, in one of ORDERS. No two have the same tile and index,
+    except in the order "equal"."""
     keys = 2 if order == "ties" else config.formats.depth_key.raw_max + 1
     tile = rng.integers(frame_tiles(config)) + rng.integers(0, tiles, count)
     index = rng.choice(1 << INDEX_BITS - 6, count, replace=False) * 64 + rng.integers(0, 64, count)
@@ -43,12 +44,13 @@ def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int
 
 
 def random_chunks(config: AcceleratorConfig, rng: np.random.Generator, lengths: Iterable[int]) -> list[np.ndarray]:
-    """Chunks of these lengths, orders drawn."""
+    """Chunks of these lengths in random orders."""
     return [random_chunk(config, rng, length, str(rng.choice(ORDERS))) for length in lengths]
 
 
 def group_chunks(frame: Frame, capacity: int) -> list[np.ndarray]:
-    """A traced frame's groups in order, entries as culling finds them; a group beyond the capacity is cut as it arrives."""
+    """A traced frame's groups in order, with intersections in the order in which the tile test finds them. A group beyond the
+    capacity is cut into chunks as it arrives."""
     entries = frame.entries
     tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     arrival = np.lexsort((tile, entries.splat, frame.groups[tile]))
@@ -61,5 +63,6 @@ def group_chunks(frame: Frame, capacity: int) -> list[np.ndarray]:
 
 
 def whole_groups(frame: Frame) -> list[np.ndarray]:
-    """A traced frame's groups in order, entries as culling finds them; a group without entries is empty."""
+    """A traced frame's groups in order, with intersections in the order in which the tile test finds them. A group without
+    intersections is an empty array."""
     return group_chunks(frame, max(len(frame.entries.splat), 1))

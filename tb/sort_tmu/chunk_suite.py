@@ -1,4 +1,4 @@
-"""The chunk sorter's test: every entry in its place, in one simulation a configuration, and how fast."""
+"""The chunk sorter's tests: every intersection must come out in its place, at the required speed."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.chunk_stimuli import ORDERS, group_chunks, items_of, random_chunk, random_chunks
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Chunks of 256 and of 4,096; DEFAULT's entries are a bit shorter than PAPER's."""
+"""Configurations with different units: chunks of 256 and of 4,096 intersections. DEFAULT's are one bit shorter than PAPER's."""
 
 PORTS = ("chunks", "sorted")
 
 LONG_CHUNK, LEAST_RATE = 256, 0.95
-"""Chunks of so many entries and more must be sorted at this many entries a cycle, the change of chunks included."""
+"""Chunks of at least LONG_CHUNK intersections must be sorted at LEAST_RATE intersections per cycle, including the change from
+one chunk to the next."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The sorter of a configuration, emitted, with files at its streams."""
+    """The sorter of a configuration, emitted as Verilog, with a file at each stream."""
     record = chunk_entry(config)
     return Playback(
         name=f"sort-{config.sort_chunk}", module="chunk_sorter",
@@ -46,7 +47,7 @@ def plan_of(config: AcceleratorConfig, name: str, chunks: Iterable[np.ndarray], 
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Lengths at powers of two in every order; patterns of pauses; cut off by resets; back to back."""
+    """Lengths around powers of two in every order, patterns of pauses, runs cut off by resets, and runs back to back."""
     rng, top = np.random.default_rng(seed), config.sort_chunk
     near = sorted({(1 << k) + d for k in range(top.bit_length()) for d in (-1, 0, 1)} - {top + 1})
     plan = []
@@ -69,7 +70,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Long chunks at full rate, in every order."""
+    """Long chunks at full rate in every order."""
     rng, top = np.random.default_rng(seed), config.sort_chunk
     low = min(LONG_CHUNK, top // 2 + 1)
     plan = []
@@ -81,7 +82,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The groups of scenes' frames; once more those of LONG_CHUNK and more alone, whose rate is held."""
+    """The groups of real scenes' frames. Groups of at least LONG_CHUNK are also played alone, at the required rate."""
     plan, top = [], config.sort_chunk
     for name, frame in traced_frames(config, size).items():
         chunks = group_chunks(frame, top)
@@ -94,12 +95,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         items = item.run.inputs["chunks"]
@@ -111,4 +112,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

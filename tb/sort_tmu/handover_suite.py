@@ -1,4 +1,5 @@
-"""The handover's test: what goes in comes out, through the line buffer and through the double buffer, and how long it takes."""
+"""The handover's tests. What goes in must come out in the expected number of cycles, through the line buffer and through the
+double buffer."""
 
 from __future__ import annotations
 
@@ -18,17 +19,17 @@ from tb.sort_tmu.chunk_stimuli import items_of, random_chunks
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny-double": TINY.with_(incremental=False), "default": DEFAULT,
     "default-double": DEFAULT.with_(incremental=False)}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-double")
-"""DEFAULT's line buffer is TINY's, its double buffer a longer one."""
+"""Configurations with different units. DEFAULT's line buffer equals TINY's, and its double buffer is only longer."""
 
 PORTS = ("sink", "source")
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The buffer of a configuration, emitted, with files at its streams."""
+    """The buffer of a configuration, emitted as Verilog, with a file at each stream."""
     record = chunk_entry(config)
     return Playback(
         name=f"handover-{'line' if config.incremental else config.sort_chunk}", module="handover",
@@ -42,16 +43,17 @@ def plan_of(config: AcceleratorConfig, name: str, items: np.ndarray, **options: 
 
 
 def cycles_of(config: AcceleratorConfig, items: np.ndarray) -> int:
-    """Cycles of a run without pauses, whose first item is offered after one: a line buffer's two more than items; of halves,
-    each is filled when it is free and the one before is full, and read when it is full and the one before is read."""
+    """Cycles of a run without pauses whose first item is offered after one cycle. A line buffer takes two cycles more than
+    there are items. A half of a double buffer is filled once it is free and the previous half is full; it is read once it is
+    full and the previous half has been read."""
     if config.incremental:
         return 1 + len(items) + 2
     top = config.sort_chunk
     lengths: list[int] = []
     for length in np.diff(np.concatenate(([0], np.flatnonzero(items["last"]) + 1))).tolist():
         lengths += [min(top, length - start) for start in range(0, length, top)]
-    taken = left = 0  # cycles behind the last entry
-    free = [0, 0]  # when a half may be written
+    taken = left = 0  # cycles after which the last entry was accepted, and after which it left
+    free = [0, 0]  # the cycles from which each half may be written
     for number, length in enumerate(lengths):
         taken = max(taken, free[number % 2]) + length
         left = max(left, taken + 1) + length
@@ -60,7 +62,7 @@ def cycles_of(config: AcceleratorConfig, items: np.ndarray) -> int:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Groups of every kind of length at full speed, with pauses, cut off by resets, back to back."""
+    """Groups of every kind of length at full speed, with pauses, cut off by resets, and back to back."""
     rng, top = np.random.default_rng(seed), config.sort_chunk
     lengths = {
         "equal": [top // 2] * 6, "long and short": [top, 1, top, 0, 0, 2, top - 1, 1, 1, top + 1, 3],
@@ -82,12 +84,12 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return unit_plan(config, seed)
 
 
 def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
-    """Cycles of the runs without pauses, a line each."""
+    """One line per run without pauses with its cycles."""
     lines = []
     for item, recording in exact.recorded(plan, outcome):
         if item.most_cycles is not None:
@@ -97,4 +99,4 @@ def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,4 +1,4 @@
-"""The hierarchical sorter's test: groups of any length through the unit and a memory, every entry in its place."""
+"""The hierarchical sorter's tests: groups of any length pass through the unit and a memory, and must come out sorted."""
 
 from __future__ import annotations
 
@@ -20,31 +20,32 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.chunk_stimuli import ORDERS, items_of, random_chunk, random_chunks, whole_groups
 
 SMALL = TINY.with_(name="small", row_width=64, sort_buffer_bytes=256, merge_ways=2)
-"""Chunks of 16 and two ways: many rounds of merging in few cycles."""
+"""Chunks of 16 intersections and two ways of merging, which need many rounds of merging in few cycles."""
 
 WIDE = TINY.with_(name="wide", sort_buffer_bytes=512, merge_ways=8)
-"""Chunks of 32 and as many ways as DEFAULT and PAPER have."""
+"""Chunks of 32 intersections, and as many ways of merging as DEFAULT and PAPER have."""
 
 VARIANTS: dict[str, AcceleratorConfig] = {"small": SMALL, "wide": WIDE, "tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("small", "wide", "tiny", "default")
-"""PAPER's entries are a bit longer than DEFAULT's."""
+"""Configurations with different units. PAPER's intersections are one bit longer than DEFAULT's."""
 
 PORTS = ("groups", "sorted")
 
 LATENCY, LEAST_RATE = 100, 0.95
-"""Of the memory where rates are held: spilled groups that one merge suffices for must be sorted at so many entries a cycle."""
+"""LATENCY is the memory's in runs that check rates. Spilled groups that need only one merge must be sorted at LEAST_RATE
+intersections per cycle."""
 
 _MEMORY_BITS = 17
 
 _WATCHDOG = 200_000
-"""Cycles in which neither port may move: merges that go back to memory, of a slow one."""
+"""Cycles in which neither port need move: with a slow memory, merges that are written back to memory take that long."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The sorter of a configuration, emitted, with files at its streams and a memory at the others."""
+    """The sorter of a configuration, emitted as Verilog, with files at its streams and a memory at its memory ports."""
     record = chunk_entry(config)
     return with_memory(Playback(
         name=f"hierarchical-{config.sort_chunk}-{config.merge_ways}", module="hierarchical_sorter",
@@ -55,12 +56,13 @@ def playback(config: AcceleratorConfig) -> Playback:
 
 
 def ring_runs(config: AcceleratorConfig, beats: int) -> int:
-    """Runs that fit half of a spill region."""
+    """Runs that fit into half of a spill region."""
     return beats // 2 // (config.sort_chunk // BEAT_ENTRIES)
 
 
 def written(config: AcceleratorConfig, count: int) -> int:
-    """Entries that a spilled part of `count` entries writes: its own, and those of the merges that do not go out."""
+    """Intersections that the unit writes to memory for a spilled part of `count`: the part itself, and the results of all
+    merges but the last."""
     ways, top = config.merge_ways, config.sort_chunk
     runs = [min(top, count - start) for start in range(0, count, top)]
     longer, total = [], count
@@ -75,7 +77,8 @@ def written(config: AcceleratorConfig, count: int) -> int:
 
 
 def expected_of(config: AcceleratorConfig, items: np.ndarray, beats: int) -> tuple[np.ndarray, int, int]:
-    """Items as they leave, entries written, whether a group did not fit: its parts, of as many runs as fit, leave in order."""
+    """The sorted items, the number of intersections written to memory, and whether a group did not fit. A group that does not
+    fit is cut into parts of as many runs as fit, which leave in order."""
     room, top = ring_runs(config, beats), config.sort_chunk
     pieces, spilled, overflow = items.copy(), 0, 0
     bounds = np.concatenate(([0], np.flatnonzero(items["last"]) + 1))
@@ -96,8 +99,11 @@ def plan_of(
     config: AcceleratorConfig, name: str, groups: Iterable[np.ndarray], *, base: int = 4096, beats: int = 1 << 16,
     fresh: bool = True, expect: Mapping[str, int] | None = None, **options: object,
 ) -> Planned:
-    """The run that plays groups. `fresh`: behind a reset; `expect`: other plain outputs; further options are of the memory
-    (`latency` of 20, ...), or of `planned`."""
+    """The run that plays groups.
+
+    `fresh` resets the unit before the run. `expect` holds further expected plain outputs. Further options set the memory
+    (`latency`, by default 20, and the others) or are those of `planned`.
+    """
     items = items_of(config, groups)
     ordered, spilled, overflow = expected_of(config, items, beats)
     settings = {
@@ -109,7 +115,7 @@ def plan_of(
 
 
 def lengths_around(config: AcceleratorConfig) -> list[int]:
-    """Lengths about the capacity, its multiples, the tree's ways and beyond them, and every rest of a beat."""
+    """Lengths around the capacity and its multiples, around the number of ways and beyond, and with every rest of a beat."""
     top, ways = config.sort_chunk, config.merge_ways
     counts = [1, 2, 3, ways - 1, ways, ways + 1, 2 * ways - 1, 2 * ways]
     counts += [c for c in (2 * ways + 1, ways * ways, ways * ways + 1, ways**3 + 1) if c * top <= 6_000]
@@ -119,7 +125,7 @@ def lengths_around(config: AcceleratorConfig) -> list[int]:
 
 
 def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Lengths, orders and mixes of groups, in a kind memory."""
+    """Lengths, orders and mixes of groups, with a memory that is fast and does not pause."""
     rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     around = lengths_around(config)
     plan = [plan_of(config, "lengths about the capacity and its multiples", [
@@ -140,7 +146,7 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Slow and jittery memory, pauses of every kind, small regions, resets in the middle of everything."""
+    """Slow and irregular memory, pauses of every kind, small spill regions, and resets during every activity."""
     rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     unit = top // BEAT_ENTRIES
     sizes = [top + 1, 5, (ways + 2) * top + 3, 2 * top, top, 0, 3 * top - 1, 1, top + 3]
@@ -153,12 +159,12 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k, (name, patterns) in enumerate(every_pattern(PORTS, seed).items()):
         plan.append(plan_of(
             config, name, groups, patterns=patterns, latency=60, read_pauses=64 * (k % 3), early=k % 2, fresh=False))
-    far = ways * ways + 4  # its merged runs of the second round cross the ring's end where they begin behind the first group
+    far = ways * ways + 4  # merged runs of the second round cross the ring's end when they start after the first group
     lengths = [6 * top, far * top, 2 * top + 1, far * top - 5, top + 1, (far - 3) * top]
     plan.append(plan_of(
         config, "merged runs across the ring's end", [random_chunk(config, rng, n, "random") for n in lengths],
         beats=2 * unit * (far + 1), early=1))
-    full = ways + 3  # runs of the largest group
+    full = ways + 3  # the number of runs of the largest group
     for runs in (0, 1, 2, 3, full - 1, full, full + 1, 2 * full):
         for rest in (0, 2 * unit - 1):
             plan.append(plan_of(
@@ -180,12 +186,12 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Groups that fit, and groups that one merge suffices for, at full rate."""
+    """Groups that fit the buffer, and groups that need only one merge, at full rate."""
     rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     plan, low = [], min(256, top // 2 + 1)
     fit = [low, top, top - 1, *rng.integers(low, top + 1, 6).tolist()]
     plan.append(plan_of(config, "rate, groups that fit", random_chunks(config, rng, fit), least_rate={"groups": 1.0}))
-    for order in ORDERS if top >= 256 else ():  # shorter merges than the latency of a write and a read
+    for order in ORDERS if top >= 256 else ():  # merges of smaller chunks are shorter than the latency of a write and a read
         counts = [2 * top, ways * top, *rng.integers(2 * top, ways * top + 1, 4).tolist(), *[2 * top + top // 2] * 6]
         groups = [random_chunk(config, rng, n, order) for n in counts]
         plan.append(plan_of(
@@ -195,7 +201,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def _most_cycles(counts: Iterable[int], top: int) -> int:
-    """Cycles of spilled groups: each is merged when it has been written and the one before is out."""
+    """Most cycles of spilled groups: a group is merged after it has been written and after the previous one has left."""
     written, out = float(top), 0.0
     for count in counts:
         written += count / LEAST_RATE
@@ -204,7 +210,7 @@ def _most_cycles(counts: Iterable[int], top: int) -> int:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The groups of scenes' frames."""
+    """The groups of real scenes' frames."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         plan.append(plan_of(config, f"traced {name}", whole_groups(frame), latency=LATENCY, beats=1 << 17, base=0))
@@ -212,14 +218,14 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     traced = traced_plan(config, traced_size(config, "256x144")) if config.sort_chunk >= 256 else []
-    memory = memory_plan(config, seed) if config.sort_chunk <= 256 else []  # millions of cycles that find no more
+    memory = memory_plan(config, seed) if config.sort_chunk <= 256 else []  # larger chunks: millions of cycles, no more tested
     return [*directed_plan(config, seed), *memory, *rate_plan(config, seed), *traced]
 
 
 def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         items = item.run.inputs["groups"]
@@ -232,4 +238,4 @@ def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome
 
 
 run_plan = exact.runner(playback, _WATCHDOG)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

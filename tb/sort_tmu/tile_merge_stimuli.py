@@ -1,4 +1,4 @@
-"""Frames for the tile merge unit: the tile of every entry, in the order of arrival."""
+"""Stimuli of the tile merge unit: frames given by the tile of every intersection, in the order of arrival."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from spec.records import tile_hit
 
 @dataclass(frozen=True)
 class Case:
-    """Frames of one shape that follow each other.
+    """Consecutive frames of one shape.
 
     Attributes:
-        name: for messages.
-        tiles_x, tiles_y: tiles of a frame.
-        frames: (entries,) tile of each entry of each frame.
-        beta: merge threshold; None for the automatic one.
+        name: the case's name, for messages.
+        tiles_x, tiles_y: the numbers of tile columns and rows.
+        frames: for each frame (intersections,) the tile of each intersection.
+        beta: the merge threshold; None for the automatic one.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Case:
 
     @property
     def tiles(self) -> int:
-        """Tiles of a frame."""
+        """Number of tiles of a frame."""
         return self.tiles_x * self.tiles_y
 
     @property
@@ -40,7 +40,7 @@ class Case:
         return {"tiles_x": self.tiles_x, "tile_count": self.tiles, "auto": self.beta is None, "beta": self.beta or 0}
 
     def items(self, config: AcceleratorConfig) -> np.ndarray:
-        """TileHit items of all frames."""
+        """The TileHit items of all frames."""
         rows = np.zeros(sum(len(hits) + 1 for hits in self.frames), tile_hit(config).dtype)
         ends = np.cumsum([len(hits) + 1 for hits in self.frames]) - 1
         rows["end"][ends] = 1
@@ -48,7 +48,7 @@ class Case:
         return rows
 
     def groups(self, config: AcceleratorConfig) -> np.ndarray:
-        """What the golden renderer makes of them."""
+        """The groups that the golden renderer forms."""
         counts = [count_tiles(hits, self.tiles)[0] for hits in self.frames]
         return np.concatenate([tile_groups(config, count, self.tiles_x, self.beta) for count in counts])
 
@@ -60,7 +60,7 @@ class Case:
 
 
 def random_hits(rng: np.random.Generator, tiles: int, entries: int) -> np.ndarray:
-    """Tiles of about `entries` entries: counts over several orders of magnitude, empty tiles, bursts of one tile."""
+    """Tiles of about `entries` intersections: counts over several orders of magnitude, empty tiles, and bursts of one tile."""
     weight = np.exp(rng.normal(0, 2, tiles)) * (rng.random(tiles) < 0.7)
     weight[rng.integers(tiles)] += 1
     drawn = rng.choice(tiles, size=max(entries // 2, 1), p=weight / weight.sum())
@@ -68,14 +68,15 @@ def random_hits(rng: np.random.Generator, tiles: int, entries: int) -> np.ndarra
 
 
 def random_case(rng: np.random.Generator, name: str, widest: int, entries: int, frames: int = 3) -> Case:
-    """Frames of one random shape and threshold."""
+    """Frames of one random shape and merge threshold."""
     tiles_x, tiles_y = (int(n) for n in rng.integers(1, widest + 1, 2))
     beta = [None, int(rng.integers(0, 2 + 4 * entries // (tiles_x * tiles_y)))][int(rng.integers(2))]
     return Case(name, tiles_x, tiles_y, tuple(random_hits(rng, tiles_x * tiles_y, entries) for _ in range(frames)), beta)
 
 
 def corner_cases(widest: int) -> list[Case]:
-    """Hand-made: no entries, one tile hit over and over, tiles in turn, thresholds at their ends, outside the frame."""
+    """Cases by hand: no intersections, one tile repeatedly, tiles in turn, thresholds at their limits, tiles outside the
+    frame."""
     rng, none = np.random.default_rng(0), np.empty(0, np.int64)
     turns = np.tile(np.arange(3), 400)
     mixed = random_hits(rng, 7 * 5, 800)
@@ -96,7 +97,7 @@ def corner_cases(widest: int) -> list[Case]:
 
 
 def case_of(frame: Frame, name: str, beta: int | None = None) -> Case:
-    """A traced frame: Gaussians in the order of their indices, each with its tiles."""
+    """A traced frame: the Gaussians in the order of their indices, each with its tiles."""
     registers, entries = frame.registers, frame.entries
     tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     arrival = np.lexsort((tile, entries.splat))

@@ -1,4 +1,4 @@
-"""The tile merge unit's test: every frame's groups against the golden renderer's, in one simulation a configuration."""
+"""The tile merge unit's tests: every frame's groups are compared with the golden renderer's."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.tile_merge_stimuli import Case, case_of, corner_cases, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Smallest and largest frames; DEFAULT's lie between."""
+"""Configurations with the smallest and the largest frames; DEFAULT's are between."""
 
 PORTS = ("hits", "groups")
 
 _SETTLING = 80
-"""Cycles of a frame beyond one a hit and one a tile, at most: the threshold's division and both stages' registers."""
+"""Most cycles of a frame in addition to one per intersection and one per tile: the division that computes the threshold, and
+the registers of both stages."""
 
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The unit of a configuration, emitted, with files at its streams."""
+    """The unit of a configuration, emitted as Verilog, with a file at each stream."""
     bits = frame_tiles(config).bit_length()
     return Playback(
         name=f"tmu-{config.row_width}", module="tile_merge_unit",
@@ -48,12 +49,12 @@ def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, **op
 
 
 def _cycles(case: Case) -> int:
-    """Most cycles of a case, each frame counted and swept behind the other, memory clear from the start."""
+    """Most cycles of a case whose frames are counted and grouped one after another, with memory clear from the start."""
     return sum(len(hits) + 1 + case.tiles + _SETTLING for hits in case.frames)
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """By hand and at random; every pattern on every port; cut off by resets; back to back without one, at full rate."""
+    """Cases by hand and at random, every pattern on every port, runs cut off by resets, and runs back to back at full rate."""
     rng, widest = np.random.default_rng(seed), -(-config.row_width // TILE)
     plan = [plan_of(config, case) for case in corner_cases(widest)]
     for k in range(6):
@@ -72,7 +73,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """Scenes' frames at full rate."""
+    """Real scenes' frames at full rate."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         for beta in (None, 200):
@@ -82,16 +83,16 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the traced frames, a line each."""
+    """One line per traced frame with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome, "traced"):
         groups, hits = item.expected["groups"], len(item.run.inputs["hits"]) - 1
-        cycles = recording.cycles - item.run.reset * frame_tiles(config)  # clearing after a reset
+        cycles = recording.cycles - item.run.reset * frame_tiles(config)  # without clearing the memory after a reset
         lines.append(
             f"{item.name} {recording.observed['beta_used']}: {hits} hits and {len(groups)} tiles, in "
             f"{groups['group'][-1] + 1} groups, {(hits + len(groups)) / cycles:.4f} a cycle in {cycles} cycles")
@@ -99,4 +100,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,8 +1,7 @@
-"""Tile lists (`rtl.tile_lists`) written to memory and read back, against `golden.msv2_ref.tile_lists`.
+"""Tests of the tile lists (`rtl.tile_lists`), which are written to memory and read back, against `golden.msv2_ref.tile_lists`.
 
-    memory      a memory whose answers are late
-    device      the units around it
-    stimuli     frames by hand, at random and of scenes
-    suite       what is run, in which configurations
-    combining   what waiting for more entries of a beat would save
+    memory      a memory with latency, as Verilog
+    device      the units, connected to the memory
+    stimuli     frames by hand, at random and from scenes
+    suite       the test plans and their configurations
 """

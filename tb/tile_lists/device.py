@@ -1,6 +1,7 @@
-"""The units of tile lists around a memory, with the merge unit between them.
+"""The units of tile lists, connected to a memory, with the tile merge unit between them.
 
-Frames of a run follow each other as in the machine: the next one's entries come when all of the one before has left.
+The frames of a run follow each other as in the machine: a frame's intersections are accepted after everything of the previous
+frame has left.
 """
 
 from __future__ import annotations
@@ -44,22 +45,24 @@ OBSERVED = {
     **dict.fromkeys(("full", "list_error", "header_error", "table_error", "geometry_error", "writer_busy", "merge_busy"), 1),
     "gaps": 24,
 }
-"""Plain outputs and their bits. `gaps`: cycles without an entry between the first and the last of a frame's lists."""
+"""The widths in bits of plain outputs. `gaps` counts the cycles without an intersection between the first and the last of a
+frame's lists."""
 
 _BASES = ("directory_base", "entries_base", "tiles_base", "geometry_base")
 
 
 def load_item(config: AcceleratorConfig) -> Record:
-    """A beat that the host writes; with `frames`, the last one: that many frames follow, table and geometry are read once."""
+    """A beat that the host writes. The last one has `frames` set: then table and geometry are read once, and that many frames
+    follow."""
     frames = Field("frames", uint(8), "frames that follow")
     return Record("LoadItem", load_item.__doc__, (*write_request(config).fields, frames))
 
 
 class ListDevice(Bench):
-    """The units, wired as in the machine.
+    """The units, connected as in the machine.
 
     Parameters:
-        config: the machine.
+        config: the machine's configuration.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -110,7 +113,7 @@ class ListDevice(Bench):
         return m
 
     def _frames(self, m: Module, writer: EntryWriter) -> Signal:
-        """Whether entries may come: a frame is left, and all of the one before has gone."""
+        """Whether intersections are accepted: a frame remains to be done, and everything of the previous one has left."""
         frames, opens, within, begun = Signal(8), Signal(), Signal(), Signal()
         listed, headers, uses = Signal(COUNT_BITS + 1), Signal.like(self.tile_count), Signal.like(self.tile_count)
         hit = writer.hits.payload

@@ -1,4 +1,5 @@
-"""A memory whose answers are late: Verilog beside the emitted units, as emission would write out every beat's first value."""
+"""A memory with latency. It is Verilog text beside the emitted units, because emission would write out the initial value of
+every beat."""
 
 from __future__ import annotations
 
@@ -10,10 +11,10 @@ from amaranth.lib import stream
 from spec.memory import BEAT_BITS
 
 ADDRESS_BITS = 19
-"""Beats that it has; addresses beyond them come round."""
+"""The memory has 2**ADDRESS_BITS beats; larger addresses wrap around."""
 
 _OUTSTANDING = 128
-"""Beats of a port that may be on their way."""
+"""Most reads of a port in flight, in beats."""
 
 _COUNT = (_OUTSTANDING - 1).bit_length()
 
@@ -96,7 +97,8 @@ def add_memory(
     m: Module, settings: dict[str, Value], host: stream.Interface, writes: stream.Interface, idle: Value,
     ports: Sequence[tuple[stream.Interface, stream.Interface]],
 ) -> None:
-    """The memory as submodule `memory`, with host and writes whose transfers it sees, and (reads, data) ports of units."""
+    """Adds the memory as submodule `memory`. It observes the transfers of the host and of the writes, and answers the (reads,
+    data) ports of the units."""
     def written(label: str, port: stream.Interface) -> dict[str, Value]:
         item = port.payload
         return {f"i_{label}_en": port.valid & port.ready, f"i_{label}_beat": item.beat,

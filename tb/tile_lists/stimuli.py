@@ -1,4 +1,4 @@
-"""Frames for the tile lists: what the host has in memory, and the entries in the order of arrival."""
+"""Stimuli of the tile lists: the tables that the host has written to memory, and intersections in the order of arrival."""
 
 from __future__ import annotations
 
@@ -37,24 +37,25 @@ from tb.tile_lists.device import load_item
 from tb.tile_lists.memory import ADDRESS_BITS
 
 BOUNDARIES = (0, 1, 3, 4, 5, 31, 32, 33, 95, 96, 97, 223, 224, 225)
-"""Counts next to where a page is full, and a beat."""
+"""Counts around those at which a page or a beat is full."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Frames of one shape that follow each other.
+    """Consecutive frames of one shape.
 
     Attributes:
-        name: for messages.
-        tiles_x, tiles_y: tiles of a frame.
-        frames: (entries,) TileEntry records of each frame, in the order of arrival.
+        name: the case's name, for messages.
+        tiles_x, tiles_y: the numbers of tile columns and rows.
+        frames: for each frame (intersections,) TileEntry records in the order of arrival.
         table: (tiles,) TileSetting records.
         geometry: (gaussians,) GaussianGeometry records.
-        beta: merge threshold.
-        entries_beats: room for entries; None for more than enough.
-        latency, hesitates: memory's cycles, and in how many of 256 it takes no request.
-        bad: the region whose first beat is an error ("entries", "tiles", "geometry", "directory").
-        origin: first beat of everything.
+        beta: the merge threshold.
+        entries_beats: the size of the lists' memory region in beats; None for as much as is needed.
+        latency: the memory's latency in cycles.
+        hesitates: in how many of 256 cycles the memory accepts no request.
+        bad: the region whose first beat is answered with an error ("entries", "tiles", "geometry", "directory").
+        origin: the first beat of all regions.
     """
 
     name: str
@@ -81,7 +82,7 @@ class Case:
 
     @property
     def tiles(self) -> int:
-        """Tiles of a frame."""
+        """Number of tiles of a frame."""
         return self.tiles_x * self.tiles_y
 
     @property
@@ -92,7 +93,7 @@ class Case:
 
     @property
     def bases(self) -> dict[str, int]:
-        """First beat of each region."""
+        """The first beat of each region."""
         starts = np.cumsum([self.origin, *list(self._sizes.values())[:-1]]).tolist()
         return dict(zip(self._sizes, starts, strict=True))
 
@@ -105,7 +106,7 @@ class Case:
             "latency": self.latency, "hesitates": self.hesitates, "bad": self.bases[self.bad] if self.bad else 0}
 
     def inputs(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
-        """What the host writes, and the entries."""
+        """The beats that the host writes, and the intersections."""
         bases = self.bases
         beats = [(bases["geometry"], _words(gaussian_geometry(config), self.geometry, 1)),
                  (bases["tiles"], _words(tile_setting(config), self.table, BEAT_BYTES // TILE_SETTING_BYTES))]
@@ -120,7 +121,7 @@ class Case:
         return {"load": load, "entries": items}
 
     def expected(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
-        """What comes out of the device."""
+        """Rows of the output streams."""
         groups, lists, headers, uses = [], [], [], []
         for frame, where in zip(self.frames, self.lists, strict=True):
             rows = tile_groups(config, count_tiles(where.hits, self.tiles)[0], self.tiles_x, self.beta)
@@ -145,7 +146,8 @@ class Case:
             "levels": levels, "points": points}
 
     def _writes(self, config: AcceleratorConfig, entries: np.ndarray, where: TileLists) -> np.ndarray:
-        """WriteRequests: an entry each, before it that of its page where it begins one; words repeat those that are written."""
+        """The writer's requests: one for each intersection, and before it one for the directory entry where it begins a page.
+        The data of a request is repeated in all words of the beat."""
         number, count = where.number[where.written], int(where.written.sum())
         words = entry_words(config, entries)[where.written]
         rows = np.zeros(count + len(where.page_beat), write_request(config).dtype)
@@ -160,7 +162,7 @@ class Case:
         return rows
 
     def observed(self) -> dict[str, int]:
-        """Plain outputs at the end."""
+        """The plain outputs at the end."""
         return {
             "full": self.lists[-1].full, "list_error": self.bad in ("entries", "directory"),
             "header_error": self.bad == "tiles", "table_error": self.bad == "tiles", "geometry_error": self.bad == "geometry",
@@ -168,13 +170,13 @@ class Case:
 
 
 def _words(record: Record, rows: np.ndarray, per_beat: int) -> np.ndarray:
-    """(beats, WORDS) uint32: so many records a beat, each at the start of its share."""
+    """(beats, WORDS) uint32: `per_beat` records per beat, each at the start of its share of the beat."""
     share = pack(record, rows, BEAT_BYTES // per_beat)
     return np.pad(share, ((0, -len(rows) % per_beat), (0, 0))).reshape(-1, BEAT_BYTES).view("<u4")
 
 
 def random_rows(record: Record, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Any values in every field."""
+    """Records with random values in every field."""
     rows = np.zeros(count, record.dtype)
     for f in record.fields:
         rows[f.name] = rng.integers(*f.raw_range, size=rows[f.name].shape, endpoint=True)
@@ -182,7 +184,7 @@ def random_rows(record: Record, rng: np.random.Generator, count: int) -> np.ndar
 
 
 def random_entries(config: AcceleratorConfig, rng: np.random.Generator, tile: np.ndarray) -> np.ndarray:
-    """Entries of these tiles."""
+    """Random intersections of these tiles."""
     rows = random_rows(tile_entry(config), rng, len(tile))
     rows["tile"] = tile
     return rows
@@ -192,7 +194,7 @@ def case(
     config: AcceleratorConfig, rng: np.random.Generator, name: str, tiles_x: int, tiles_y: int, frames: Sequence[np.ndarray],
     *, gaussians: int = 50, **options: object,
 ) -> Case:
-    """Frames given by the tiles of their entries, the rest drawn."""
+    """Frames given by the tiles of their intersections; everything else is drawn."""
     entries = tuple(random_entries(config, rng, np.asarray(tile, np.int64)) for tile in frames)
     origin = int(rng.integers(1, 1 << 26))
     return Case(
@@ -201,7 +203,7 @@ def case(
 
 
 def mixed_tiles(rng: np.random.Generator, counts: Sequence[int]) -> np.ndarray:
-    """Entries of tiles with these counts, in any order, with runs of one tile."""
+    """Tiles of intersections, so that each tile has its count, in random order with runs of one tile."""
     tile = np.repeat(np.arange(len(counts)), counts)
     rng.shuffle(tile)
     for _ in range(len(tile) // 16):
@@ -211,13 +213,13 @@ def mixed_tiles(rng: np.random.Generator, counts: Sequence[int]) -> np.ndarray:
 
 
 def random_counts(rng: np.random.Generator, tiles: int) -> np.ndarray:
-    """Counts of several orders of magnitude, those at pages' ends, and empty tiles."""
+    """Counts over several orders of magnitude, counts around the ends of pages, and empty tiles."""
     counts = np.exp(rng.normal(2.5, 1.5, tiles)).astype(np.int64)
     return np.where(rng.random(tiles) < 0.3, rng.choice(BOUNDARIES, tiles), counts * (rng.random(tiles) < 0.7))
 
 
 def traced_case(config: AcceleratorConfig, frame: Frame, name: str, beta: int) -> Case:
-    """A traced frame, entries in the order of their Gaussians."""
+    """A traced frame with its intersections in the order of their Gaussians."""
     entries, registers = frame.entries, frame.registers
     rows = np.zeros(len(entries.splat), tile_entry(config).dtype)
     rows["tile"] = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))

@@ -1,4 +1,4 @@
-"""The tile lists' test: entries to memory, and groups, headers and points back from it, in one simulation a configuration."""
+"""The tests of the tile lists: intersections are written to memory; groups, headers and points are read back and compared."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from tb.tile_lists.device import playback
 from tb.tile_lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Smallest and largest frames; DEFAULT's lie between."""
+"""Configurations with the smallest and the largest frames; DEFAULT's are between."""
 
 PORTS = ("load", "entries", "written", "groups", "headers", "uses", "levels", "points")
 
 _SETTLING = 700
-"""Cycles of a frame beyond those that its entries, pages and tiles take: latencies of memory, one behind the other."""
+"""Most cycles of a frame in addition to those of its intersections, pages and tiles: several latencies of the memory in
+sequence."""
 
 
 def plan_of(config: AcceleratorConfig, item: Case, name: str | None = None, **options: object) -> Planned:
@@ -34,7 +35,8 @@ def plan_of(config: AcceleratorConfig, item: Case, name: str | None = None, **op
 
 
 def most_cycles(item: Case) -> int:
-    """Most cycles of a case, memory clear from the start: an entry, a page, a tile a cycle, there and back."""
+    """Most cycles of a case with memory clear from the start: one per intersection, page and tile, for writing and again for
+    reading."""
     loads = len(item.geometry) + item.tiles // 4 + 2
     return loads + sum(
         len(where.tile) + len(where.page_beat) + max(int(where.written.sum()), item.tiles) + item.tiles + _SETTLING
@@ -42,7 +44,8 @@ def most_cycles(item: Case) -> int:
 
 
 def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
-    """Hand-made: pages' ends, one tile, no entries, no room, groups that are a row, tiles outside, errors of memory."""
+    """Cases by hand: ends of pages, one tile, no intersections, no free space, whole rows as groups, tiles outside the frame,
+    memory errors."""
     widest, none = -(-config.row_width // TILE), np.empty(0, np.int64)
     ends = mixed_tiles(rng, BOUNDARIES)
     one = np.zeros(3000, np.int64)
@@ -70,7 +73,8 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """By hand and at random; every pattern on every port; slow memories; cut off by resets; back to back at full rate."""
+    """Cases by hand and at random, every pattern on every port, slow memories, runs cut off by resets, and runs back to back at
+    full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(config, item) for item in corner_cases(config, rng)]
     streams = case(config, rng, "streams", 6, 4, [mixed_tiles(rng, random_counts(rng, 24)) for _ in range(2)])
@@ -94,7 +98,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Whole frames at full rate: long tiles, tiles of about two pages, tiles that the look-ahead just covers."""
+    """Whole frames at full rate: long tiles, tiles of about two pages, and tiles that the look-ahead just covers."""
     rng, plan = np.random.default_rng(seed), []
     for name, counts in (
             ("long tiles", rng.integers(500, 3000, 8)), ("tiles of two pages", rng.integers(33, 97, 80)),
@@ -108,7 +112,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """Scenes' frames at full rate."""
+    """Real scenes' frames at full rate."""
     plan = []
     for name, frame in traced_frames(config, size).items():
         item = traced_case(config, frame, f"traced {name}", 200)
@@ -117,12 +121,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "640x360"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the frames at full rate, a line each."""
+    """One line per frame at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         entries, written = len(item.expected["groups"]), len(item.expected["written"])
@@ -136,4 +140,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,9 +1,11 @@
-"""Whole frames through the whole machine (`rtl.top`): memory and host around it.
+"""Tests of the whole machine (`rtl.top`), with a memory and a host around it, on whole frames.
 
-    packing     records to the words of memory
-    image       what lies where in memory, the settings of a frame, the frame at the end
-    memory      a fast AXI4 memory in Verilog
-    device      machine and memory between files
-    player      plays frames through it; frames is the part in the simulator's process
-    axi_small   small frames with independent AXI models (cocotbext-axi)
+    memory          the parameters of a fast AXI4 memory in Verilog (memory.sv); memory_check tests it alone
+    device          the machine and the memory as one design
+    player          plays frames through it; `frames` is its part in the simulator's process
+    axi_small       plays small frames with independent AXI models (cocotbext-axi); `axi_frames` is its part in the simulator
+    stimuli*        small scenes and their golden frames, of one eye and of two
+    planned         a frame with its expected results; `plan_stereo` plans frames of two eyes
+    check*          comparison of pixels and counters with the golden renderer
+    suite           the test plans
 """

@@ -1,4 +1,4 @@
-"""The cocotb side of `tb.top.axi_small`. This runs in the simulator's process."""
+"""The cocotb side of `tb.top.axi_small`. This module runs in the simulator's process."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _pauses(seed: int, of_256: int) -> Iterator[bool]:
 
 @cocotb.test()
 async def frames(dut: object) -> None:
-    """All frames of the orders; the report has an item for each."""
+    """Plays all frames of the orders; the report has one item per frame."""
     folder = Path(os.environ["PLAYER_FOLDER"])
     orders = json.loads((folder / "orders.json").read_text())
     dut.rst.value = 1
@@ -96,7 +96,7 @@ async def _read(host: AxiLiteMaster, address: int) -> int:
 
 
 async def _finish(dut: object, watchdog: int) -> str:
-    """Waits for the interrupt while something moves on the bus; how it ended, in a word."""
+    """Waits for the interrupt; returns "interrupt", or "stuck" when nothing has moved on the bus for `watchdog` cycles."""
     while not dut.interrupt.value:
         quiet = Timer(watchdog * CLOCK_NS, "ns")
         moved = await First(

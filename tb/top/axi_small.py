@@ -1,6 +1,8 @@
-"""Small frames with models of AXI that are not ours: cocotbext-axi's RAM and AXI-Lite master instead of memory.sv and `frames`.
+"""Plays small frames with AXI models from outside this project: the RAM and the AXI-Lite master of cocotbext-axi replace
+memory.sv and `tb.top.frames`.
 
-Thousands of cycles a second, because both models wake Python in every cycle: for frames of a few tiles.
+Both models wake Python in every cycle, so that a simulation runs at only thousands of cycles per second. This suits frames of a
+few tiles.
 """
 
 from __future__ import annotations
@@ -16,11 +18,11 @@ from tb.top.player import FrameResult, FrameRun, collect, prepare
 def play_small(
     machine: Machine, runs: Sequence[FrameRun], folder: Path, *, waves: Waves | None = None, watchdog: int = 20_000,
 ) -> list[FrameResult]:
-    """As `player.play_frames`, but for the memory's speed: of it, `pauses` alone counts. Beats are not counted.
+    """Plays frames as `player.play_frames` does, but of the memory's speed only `pauses` is used, and beats are not counted.
 
     Raises:
         SimulationError: the build or the simulation itself fails.
-        ValueError: a run wants addresses that fail.
+        ValueError: a run contains addresses that must fail.
     """
     if any(run.speed.failing != (0, 0) for run in runs):
         raise ValueError("runs must not have failing addresses: the RAM has none")

@@ -1,4 +1,4 @@
-"""The machine's frames against the golden renderer's: pixels, bit by bit, and counters."""
+"""Compares the machine's frames with the golden renderer's: every bit of the pixels, and the counters."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def frame_run(
     frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
     display: bool = False, **options: object,
 ) -> FrameRun:
-    """The run of a golden frame, with room in memory for what it needs and no more.
+    """The run of a golden frame, with exactly as much memory as it needs.
 
     Args:
         frame: the golden frame.
-        beta, obb: as `pipeline.render` was given.
-        speed: of the memory.
-        name: for messages.
-        display: pixels in the format of displays.
-        options: those of FrameRun.
+        beta, obb: the values that `pipeline.render` was given.
+        speed: the memory's speed.
+        name: the run's name, for messages.
+        display: whether the machine writes display pixels.
+        options: further arguments of FrameRun.
     """
     entries_beats, spill = room(frame)
     image = memory_image(frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display,
@@ -35,18 +35,18 @@ def frame_run(
 
 
 def room(frame: Frame) -> tuple[int, int]:
-    """Beats that a golden frame needs for its entries and for its spilled runs."""
+    """The beats that a golden frame needs for its tile lists and for its spilled runs."""
     counts = np.diff(frame.entries.start)
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
 def mismatches(frame: Frame, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
-    """Every value in which a frame from memory differs from the golden one, in tile order."""
+    """Every value in which a frame from memory differs from the golden one, in the order of tiles."""
     return differences(display_pixels(frame) if isinstance(pixels, DisplayPixels) else frame_pixels(frame), pixels)
 
 
 def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
-    """Every value in which a frame from memory differs from (height, width) golden records, in tile order."""
+    """Every value in which a frame from memory differs from (height, width) golden records, in the order of tiles."""
     found, tiles_x = [], -(-wanted.shape[1] // TILE)
     for name, got in pixels._asdict().items():
         golden = wanted[name]
@@ -59,7 +59,7 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
 
 
 def expected_events(frame: Frame) -> dict[str, int]:
-    """What the machine's counters must hold after the frame, of those that the golden frame tells."""
+    """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
     reason = frame.projected.reason
     return {
         "points": len(reason), "culled_near": int((reason == projection.NEAR).sum()),
@@ -69,12 +69,12 @@ def expected_events(frame: Frame) -> dict[str, int]:
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
-    """Counters that differ from what the golden frame and the memory say, in words."""
+    """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
     return wrong_counters(expected_events(frame), result) if frame.config.counters else []
 
 
 def wrong_counters(events: dict[str, int], result: FrameResult) -> list[str]:
-    """Counters that differ from events and from what the memory says, in words."""
+    """Descriptions of the counters that differ from `events` and from the memory's counts."""
     memory = {"read_beats": result.reads, "write_beats": result.writes}
     return [f"counter {name} must be {wanted}, not {result.registers[name]!r}"
             for name, wanted in {**events, **memory}.items() if result.registers[name] != wanted]

@@ -1,4 +1,4 @@
-"""The machine's frames of two eyes against the golden renderer's."""
+"""Compares the machine's frames of two eyes with the golden renderer's."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def stereo_run(
     frame: StereoFrame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
     **options: object,
 ) -> FrameRun:
-    """The run of a golden frame of two eyes, with room in memory for what both need and no more; see `check.frame_run`."""
+    """The run of a golden frame of two eyes, with exactly as much memory as both need; see `check.frame_run`."""
     source = frame.source
     entries_beats, spill_beats = (max(both) for both in zip(room(source), room(frame.target), strict=True))
     image = memory_image(
@@ -27,21 +27,23 @@ def stereo_run(
 
 
 def stereo_mismatches(frame: StereoFrame, result: FrameResult) -> list[dict[str, object]]:
-    """Every value in which an eye's frame from memory differs from the golden one: the source's, then the target's."""
+    """Every value in which an eye's frame from memory differs from the golden one: first the source eye's, then the
+    target's."""
     eyes = ((frame.pair.source_eye, frame.source_pixels, result.pixels),
             (frame.pair.target_eye, frame.target_pixels, result.target))
     return [{"eye": eye, **wrong} for eye, wanted, got in eyes for wrong in differences(wanted, got)]
 
 
 def stereo_events(frame: StereoFrame) -> dict[str, int]:
-    """What the machine's counters must hold after the frame: both passes' events, and those of the warp unit."""
+    """The values that the machine's counters must have after the frame: the events of both passes and those of the warp
+    unit."""
     source, target = expected_events(frame.source), expected_events(frame.target)
     both = {name: source[name] + target[name] for name in source}
     return {**both, "pixels": source["pixels"] + rendered_pixels(frame.target), **frame.events}
 
 
 def rendered_pixels(frame: Frame) -> int:
-    """Pixels of the tiles that are rendered."""
+    """Number of pixels in the rendered tiles."""
     r = frame.registers
     width, height = (np.minimum(size - TILE * np.arange(-(-size // TILE)), TILE) for size in (r.width, r.height))
     pixels = np.outer(height, width).reshape(-1)
@@ -49,5 +51,5 @@ def rendered_pixels(frame: Frame) -> int:
 
 
 def stereo_counter_errors(frame: StereoFrame, result: FrameResult) -> list[str]:
-    """Counters that differ from what the golden frame and the memory say, in words."""
+    """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
     return wrong_counters(stereo_events(frame), result) if frame.source.config.counters else []

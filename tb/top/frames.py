@@ -1,6 +1,7 @@
-"""The cocotb side of `tb.top.player`: one frame after another in one simulation, asleep while the machine works.
+"""The cocotb side of `tb.top.player`: plays one frame after another in one simulation, and sleeps while the machine works.
 
-This runs in the simulator's process. orders.json says what to do, report.json what came of it.
+This module runs in the simulator's process. It reads orders.json, which lists the frames, and writes their results to
+report.json.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _COUNTERS = ("reads", "writes", "busy", "watched")
 
 
 class Lite:
-    """An AXI-Lite master: one access at a time, no process of its own between them."""
+    """An AXI-Lite master that makes one access at a time. It runs no process between accesses."""
 
     def __init__(self, dut: object):
         self._dut = dut
@@ -36,7 +37,8 @@ class Lite:
         return getattr(self._dut, f"s_axil_{name}")
 
     async def _offer(self, channels: tuple[str, ...], answer: str) -> None:
-        """Valid on every channel until each was taken, then ready until the answer is there; returns as it is read."""
+        """Holds valid on every channel until it is accepted, and ready until the answer comes. Returns when the answer was
+        read."""
         waiting = set(channels)
         await FallingEdge(self._dut.clk)
         for channel in channels:
@@ -58,14 +60,14 @@ class Lite:
         self._port(f"{answer}ready").value = 0
 
     async def write(self, address: int, data: int) -> None:
-        """Writes a register; AssertionError where it is refused."""
+        """Writes a register. Raises AssertionError where the write is refused."""
         for name, value in (("awaddr", address), ("wdata", data & 0xFFFFFFFF), ("wstrb", 15)):
             self._port(name).value = value
         await self._offer(("aw", "w"), "b")
         assert self._answer["resp"] == 0, f"write to {address:#x} answered with {self._answer['resp']}"
 
     async def read(self, address: int) -> int:
-        """What a register holds; AssertionError where it is refused."""
+        """The value of a register. Raises AssertionError where the read is refused."""
         self._port("araddr").value = address
         await self._offer(("ar",), "r")
         assert self._answer["resp"] == 0, f"read from {address:#x} answered with {self._answer['resp']}"
@@ -74,7 +76,7 @@ class Lite:
 
 @cocotb.test()
 async def frames(dut: object) -> None:
-    """All frames of the orders; the report has an item for each."""
+    """Plays all frames of the orders; the report has one item per frame."""
     folder = Path(os.environ["PLAYER_FOLDER"])
     orders = json.loads((folder / "orders.json").read_text())
     dut.rst.value, dut.load.value, dut.dump.value, dut.poison.value = 1, 0, 0, 0
@@ -130,14 +132,14 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
 
 
 async def _second_pass(dut: object, lite: Lite, counter: int) -> None:
-    """Waits for the target eye's pass, by its counter of cycles."""
+    """Waits until the target eye's pass runs: until its cycle counter is no longer zero."""
     while not await lite.read(counter):
         assert not dut.interrupt.value, "the frame ended before its second pass"
         await ClockCycles(dut.clk, _POLL_CYCLES)
 
 
 async def _transfer(dut: object, strobe: object, number: int, first: int, beats: int) -> None:
-    """Memory to a file, or the other way round."""
+    """Copies a file to memory or memory to a file, depending on the strobe."""
     dut.file_number.value, dut.file_first.value, dut.file_beats.value = number, first, beats
     strobe.value = 1
     await ClockCycles(dut.clk, 2)
@@ -150,7 +152,7 @@ def _numbers(dut: object) -> dict[str, int]:
 
 
 async def _finish(dut: object, watchdog: int, watched: int, pixel_bytes: int, bar: tqdm) -> str:
-    """Waits for the interrupt; how it ended, in a word."""
+    """Waits for the interrupt; returns "interrupt", or "stuck" when nothing has moved on the bus for `watchdog` cycles."""
     shown = 0
     while not dut.interrupt.value:
         await First(RisingEdge(dut.interrupt), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))

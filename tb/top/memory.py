@@ -1,4 +1,4 @@
-"""The Verilog memory's parameters, in the units of its users."""
+"""The parameters of the Verilog memory in memory.sv, in units that suit its users."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ ERRORS = {
     4: "an address lies outside memory",
     8: "a write lies in what the host filled",
 }
-"""Bits of the memory's `errors`."""
+"""Meanings of the bits of the memory's output `errors`."""
 
 LEAST_BEATS = 1 << 18
-"""Memories have at least so many beats (8 MiB)."""
+"""The smallest size of a memory in beats (8 MiB)."""
 
-_FINEST = 1000  # denominators of bandwidths
+_FINEST = 1000  # largest denominator of a bandwidth
 
 
 @dataclass(frozen=True)
 class MemorySpeed:
-    """How fast memory is, and how it fails.
+    """The speed of the memory, and the addresses at which it fails.
 
     Attributes:
-        latency: cycles from a request to its answer, where nothing is in the way; at least 1.
-        bytes_per_cycle: reads and writes together; None: a beat read and a beat written in every cycle.
-        pauses: of 256 cycles, how many every channel of the bus pauses, at random.
-        failing: first byte and the one behind the last that answer with an error; none by default.
+        latency: cycles from a request to its answer when nothing else delays it; at least 1.
+        bytes_per_cycle: the bandwidth of reads and writes together; None for one beat read and one written in every cycle.
+        pauses: in how many of 256 cycles each channel of the bus pauses; these cycles are random.
+        failing: the first byte address that answers with an error, and the one after the last; by default there is none.
     """
 
     latency: int = 100
@@ -52,7 +52,7 @@ class MemorySpeed:
 
     @property
     def signals(self) -> dict[str, int]:
-        """Values of the memory's ports."""
+        """Values of the memory's input ports."""
         rate = Fraction(0) if self.bytes_per_cycle is None else Fraction(str(self.bytes_per_cycle)).limit_denominator(_FINEST)
         return {
             "latency": self.latency, "gain": rate.numerator, "cost": BEAT_BYTES * rate.denominator if rate else 0,
@@ -60,15 +60,15 @@ class MemorySpeed:
 
 
 def memory_beats(beats: int) -> int:
-    """Size of the smallest memory that holds so many beats: a power of two, and LEAST_BEATS or more."""
+    """The size of the smallest memory that holds `beats` beats: a power of two, and LEAST_BEATS or more."""
     return max(LEAST_BEATS, 1 << (beats - 1).bit_length())
 
 
 def plusargs(folder: Path, beats: int) -> list[str]:
-    """What a simulation of `memory.sv` is started with: the folder of its files, and its size in beats."""
+    """The arguments that start a simulation of `memory.sv`: the folder of its files, and its size in beats."""
     return [f"+folder={folder}", f"+beats={beats}"]
 
 
 def broken_rules(errors: int) -> tuple[str, ...]:
-    """The memory's `errors` in words."""
+    """The violated rules that the memory's output `errors` stands for, in words."""
     return tuple(text for bit, text in ERRORS.items() if errors & bit)

@@ -1,11 +1,12 @@
-// A memory behind AXI4: answers in order, one beat of 32 bytes a transaction, as fast as its settings let it.
+// A memory with an AXI4 port. Every transaction is a single 32-byte beat, and answers come in order.
 //
-// A request waits in a queue until its turn; a turn needs `cost` credits, and `gain` come in every cycle (cost 0: reads and
-// writes have a turn each in every cycle). A read samples memory at its turn and is answered `latency` cycles after its
-// request or later; a write changes memory when it is answered, so that a master that does not wait for the answer before it
-// reads shows. Reads and writes take turns in the order of their arrival. Ready and answers pause at random in `pauses` of
-// 256 cycles. Contents come from FOLDER/NUMBER.bin at the rise of `load` and go to FOLDER/NUMBER.dump at that of `dump`.
-// Plusargs: +folder=FOLDER, and +beats=N, the size of memory in beats, so that one build serves scenes of every size.
+// A request waits in a queue until it is served. Serving one costs `cost` credits, and every cycle brings `gain` credits
+// (with cost 0, one read and one write are served in every cycle). Reads and writes are served in the order of their arrival.
+// A read samples memory when it is served, and is answered at the earliest `latency` cycles after its request. A write changes
+// memory when it is answered, so that the memory exposes a master that reads before it has this answer. Ready and answers
+// pause in random cycles, `pauses` of 256. Contents are loaded from FOLDER/NUMBER.bin when `load` rises, and written to
+// FOLDER/NUMBER.dump when `dump` rises.
+// Plusargs are +folder=FOLDER and +beats=N, the size of memory in beats; so one build serves scenes of every size.
 module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
   input clk, input rst,
   input [31:0] latency, input [31:0] gain, input [31:0] cost, input [7:0] pauses,
@@ -31,7 +32,7 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
   end
   assign rlast = 1;
 
-  // Rings: a request enters at `in`, has its turn at `turn`, is answered at `out`.
+  // Ring buffers: a request enters at `in`, is served at `turn`, and is answered at `out`.
   reg [ID_BITS-1:0] read_id [0:QUEUE-1], write_id [0:QUEUE-1];
   reg [31:0] read_address [0:QUEUE-1], write_address [0:QUEUE-1];
   reg [31:0] read_due [0:QUEUE-1], write_due [0:QUEUE-1];
@@ -56,7 +57,7 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
     misshapen = address[4:0] != 0 | len != 0 | size != 5;
   endfunction
 
-  // What a master has offered stays until it is taken.
+  // Whatever the master offers must stay unchanged until it is accepted.
   reg ar_waits = 0, aw_waits = 0, w_waits = 0;
   reg [ID_BITS+31:0] ar_held, aw_held;
   reg [287:0] w_held;
@@ -105,7 +106,7 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
         data_in = data_in + 1;
       end
 
-      // Turns: the older request first, the other one if there is credit left.
+      // Serve requests: the older one first, then the other one if there is credit left.
       credit = credit + gain > cost + cost ? cost + cost : credit + gain;
       wants_read = read_turn != read_in;
       wants_write = write_turn != write_in & write_turn != data_in;
@@ -127,7 +128,7 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
         credit = credit - cost;
       end
 
-      // Answers.
+      // Answer requests.
       if (~rvalid | rready) begin
         rvalid <= 0;
         if (read_out != read_turn & $signed(now - read_due[read_out[TOP-1:0]]) >= 0 & (pauses <= dice[7:0])) begin

@@ -1,6 +1,6 @@
-"""cocotb tests of `memory.sv` alone, against cocotbext-axi's AXI master and a plain array.
+"""cocotb tests of `memory.sv` alone, with cocotbext-axi's AXI master, against a plain byte array.
 
-This runs in the simulator's process; the design is `memory_design`.
+This module runs in the simulator's process. The simulated design is that of `memory_design`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SLAVE = {
 
 
 def memory_design() -> Design:
-    """The memory with its bus as ports that cocotbext-axi finds."""
+    """The memory, with its bus as ports that cocotbext-axi recognises."""
     bus = [("input", _MASTER), ("output", _SLAVE)]
     plain = [("input", SETTINGS), ("output", OBSERVED)]
     ports = [f"{way} [{bits - 1}:0] axi_{name}" for way, group in bus for name, bits in group.items()]
@@ -73,7 +73,7 @@ async def _fill(master: AxiMaster, rng: random.Random) -> bytearray:
 
 @cocotb.test()
 async def random_traffic(dut: object) -> None:
-    """Reads and writes of beats and parts of beats, with pauses on every channel of both sides."""
+    """Reads and writes whole beats and parts of beats, with pauses on every channel of both sides."""
     rng = random.Random(1)
     master = _master(dut)
     await _reset(dut, MemorySpeed(latency=5, pauses=90))
@@ -83,7 +83,7 @@ async def random_traffic(dut: object) -> None:
         channel.set_pause_generator(_sometimes(rng, 0.3))
     model = await _fill(master, rng)
     for _ in range(25):
-        beats = rng.sample(range(BEATS), 40)  # what is written meanwhile is not read
+        beats = rng.sample(range(BEATS), 40)  # distinct, so that no beat is read while it is written
         jobs = []
         for beat in beats[:20]:
             data, place = rng.randbytes(rng.randint(1, BEAT_BYTES)), BEAT_BYTES * beat
@@ -106,7 +106,8 @@ async def _expect(master: AxiMaster, place: int, wanted: bytes, rng: random.Rand
 
 @cocotb.test()
 async def latency_and_failing_addresses(dut: object) -> None:
-    """A lone read takes `latency` cycles between handshakes; addresses that fail answer so, and stay as they were."""
+    """A single read takes `latency` cycles between its handshakes. Failing addresses answer with an error and keep their
+    content."""
     master = _master(dut)
     for latency in (1, 2, 30):
         await _reset(dut, MemorySpeed(latency=latency, bytes_per_cycle=None, failing=(64, 128)))
@@ -132,7 +133,8 @@ async def latency_and_failing_addresses(dut: object) -> None:
 
 @cocotb.test()
 async def broken_rules(dut: object) -> None:
-    """Bursts, odd addresses, places outside memory and writes below `first_writable` are noted."""
+    """The memory reports transactions that are not one aligned beat, addresses outside memory, and writes below
+    `first_writable`."""
     master = _master(dut)
     for place, size, bit in ((4, 4, 2), (32 * BEATS, 32, 4), (96, 32, 8)):
         await _reset(dut, MemorySpeed(latency=1), 128 if bit == 8 else 0)

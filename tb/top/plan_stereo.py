@@ -1,4 +1,4 @@
-"""Plans of frames of two eyes: every kind of them, and every way in which one of their passes ends early."""
+"""Plans of frames of two eyes: frames of every kind, and every way in which one of the two passes ends early."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tb.top.stimuli_stereo import aside, stereo_case, stereo_cases, wall
 
 
 def good_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Every case on two memories, the second time without a reset and over what the frame before left in memory.
+    """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame.
 
-    Behind every third frame comes one of one eye, of either format, without a reset.
+    Every third frame is followed, without a reset, by one of one eye, in the one or the other pixel format.
     """
     rng, names = np.random.default_rng(seed), list(SPEEDS)
     single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
@@ -33,7 +33,7 @@ def good_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]
 
 
 def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Frames whose passes end early, each followed by one that must be right, of two eyes and of one in turn."""
+    """Frames with a pass that ends early. Each is followed by a frame that must be correct, in turn of two eyes and of one."""
     rng = np.random.default_rng(seed)
     scene = stereo_case(config, "two eyes", wall(rng, 2, config.levels), (64, 48), threshold_deg=180)
     mixed = stereo_case(config, "warped in part", wall(rng, 2, config.levels), (48, 33), gaze=(10, 10), baseline=0.2)
@@ -46,9 +46,9 @@ def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFram
     def add(frame: PlannedFrame, reset: bool = False) -> None:
         plan.extend([frame, planned((mixed, single)[len(plan) // 2 % 2], f"after: {frame.name}", reset=reset)])
 
-    cleared = clear_cycles(config)  # the warp unit's ring, after a reset
+    cleared = clear_cycles(config)  # the warp unit clears its ring buffer after a reset
     for late, frame in ((False, scene.frame.source), (True, scene.frame.target)):
-        least, begun = array_ops(frame), 0 if late else cleared  # no pass is done before
+        least, begun = array_ops(frame), 0 if late else cleared  # no pass takes fewer cycles
         for cycles in (1, 250, begun + least // 2, begun + 7 * least // 8):
             when = f"after {cycles} cycles{' of the target eye' * late}"
             add(planned(scene, f"reset {when}", cut=cycles, late=late), reset=True)

@@ -1,4 +1,4 @@
-"""Frames to play and what must come of them."""
+"""Frames to play, each with its expected results."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from tb.top.stimuli import Case
 SPEEDS = {
     "usual": MemorySpeed(), "instant": MemorySpeed(1, None), "far": MemorySpeed(400, None), "slow": MemorySpeed(30, 6.4),
     "pauses": MemorySpeed(20, None, 100)}
-"""Memories that frames are played on in turn."""
+"""The memories on which frames are played in turn."""
 
 _SHOWN = 5
 
 
 @dataclass(frozen=True)
 class PlannedFrame:
-    """A frame and what must come of it.
+    """A frame and its expected results.
 
     Attributes:
-        run: what is played.
-        frame: the golden frame; of two eyes, the source's.
-        error: how the frame must end.
-        registers: what registers must hold at the end, by name.
+        run: the run to play.
+        frame: the golden frame; for two eyes, the source eye's.
+        error: the error code with which the frame must end.
+        registers: the values that registers must hold at the end, by name.
         stereo: the golden frame of both eyes, where there are two.
     """
 
@@ -42,13 +42,13 @@ class PlannedFrame:
 
     @property
     def name(self) -> str:
-        """The run's, for reports."""
+        """The run's name, for reports."""
         return self.run.name
 
 
 def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
-    """A case on one of SPEEDS; `options` are those of `frame_run` or `stereo_run`."""
+    """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run` or `stereo_run`."""
     stereo = case.frame if isinstance(case.frame, StereoFrame) else None
     play = frame_run if stereo is None else stereo_run
     run = play(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
@@ -56,7 +56,7 @@ def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode =
 
 
 def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
-    """A case whose memory fails in a region."""
+    """A case in which the memory region of this name answers with errors."""
     item = planned(case, f"{region} fails", error=error, registers=registers)
     base, beats = item.run.image.regions[region]
     where = (BEAT_BYTES * base, BEAT_BYTES * (base + beats))
@@ -64,7 +64,7 @@ def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]
 
 
 def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
-    """What is wrong with a result, in words; empty when every bit and every rule is kept."""
+    """Descriptions of everything that is wrong with a result; empty when every bit and every counter is right."""
     found = list(result.errors)
     if item.run.cut is not None:
         return found

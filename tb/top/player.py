@@ -1,4 +1,5 @@
-"""Playing frames through the machine: memory images to files, one simulation for all of them, frames and counters back."""
+"""Plays frames through the machine: writes memory images to files, runs one simulation for all frames, and reads back frames
+and counters."""
 
 from __future__ import annotations
 
@@ -22,16 +23,18 @@ class FrameRun:
     """One frame to play.
 
     Attributes:
-        name: for messages.
-        image: memory and settings.
-        speed: of the memory.
-        reset: reset before the frame.
-        poison: fill memory with garbage before the frame; without, it is as the last frame left it.
-        changes: settings written instead of the image's, by register name.
-        abort: cycles after the start at which `control.abort` is written; None: never.
-        cut: cycles after the start at which the frame is left, for a following one with `reset`; None: played to the end.
-        settle: cycles from the reset to the start; what is cleared once after a reset is then clear.
-        late: `abort` and `cut` count from the target eye's pass on instead, give or take some; with counters alone.
+        name: the run's name, for messages.
+        image: the memory image with the frame's settings.
+        speed: the memory's speed.
+        reset: whether to reset the machine before the frame.
+        poison: whether to fill memory with random data before the frame; otherwise it stays as the previous frame left it.
+        changes: values of settings that replace those of the image, by register name.
+        abort: the number of cycles after the start at which `control.abort` is written; None for never.
+        cut: the number of cycles after the start at which the frame is abandoned, which a reset must follow; None to play it to
+            the end.
+        settle: the number of cycles between reset and start, for memories that the machine clears once after a reset.
+        late: whether `abort` and `cut` count approximately from the start of the target eye's pass instead; this needs a
+            machine with counters.
     """
 
     name: str
@@ -48,19 +51,19 @@ class FrameRun:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What a frame gave.
+    """The results of a frame.
 
     Attributes:
-        pixels: the frame, whatever its state, in the format that the run asks for; of two eyes, the source's.
-        error: why it ended early, or NONE.
-        done: it ended well.
-        registers: control registers and counters at the end, by name; 64-bit counters as one number.
-        cycles: from the start's answer to the interrupt.
-        reads, writes: beats that memory saw.
-        busy: cycles in which memory had a beat to move.
-        seconds, cpu_seconds: of the simulation, wall and the processor's.
-        errors: broken rules, in words.
-        target: the target eye's frame, of frames of two.
+        pixels: the frame in memory, whether complete or not, in the run's pixel format; for two eyes, the source eye's.
+        error: the reason why the frame ended early, or NONE.
+        done: whether the frame ended without an error.
+        registers: control registers and counters at the end, by name; each 64-bit counter is one number.
+        cycles: cycles from the answer to the start command until the interrupt.
+        reads, writes: the numbers of beats that the memory counted.
+        busy: the number of cycles in which the memory had a beat to transfer.
+        seconds, cpu_seconds: wall time and processor time of the simulation.
+        errors: descriptions of the violated rules.
+        target: the target eye's frame, for frames of two eyes.
     """
 
     pixels: FramePixels | DisplayPixels
@@ -78,7 +81,7 @@ class FrameResult:
 
 
 def setting_writes(config: AcceleratorConfig, image: MemoryImage, changes: dict[str, int]) -> dict[str, int]:
-    """32-bit values of every setting's register, by name, in order; ValueError where a change names none."""
+    """The 32-bit value of every setting's register, by name and in order. Raises ValueError where a change names no setting."""
     values = {}
     for s in settings(config):
         raw = image.settings[s.field.name]
@@ -94,7 +97,7 @@ def setting_writes(config: AcceleratorConfig, image: MemoryImage, changes: dict[
 
 
 class Map:
-    """The registers of a configuration, by name."""
+    """The registers of a configuration by name; indexing gives a register's address."""
 
     def __init__(self, config: AcceleratorConfig):
         self.registers = {register.name: register for register in register_map(config)}
@@ -103,19 +106,19 @@ class Map:
         return self.registers[name].offset
 
     def value(self, name: str, **bits: int) -> tuple[int, int]:
-        """Address and value of a register with these bits set."""
+        """Address and value of a register in which these bit fields have these values."""
         register = self.registers[name]
         places = {b.name: b for b in register.bits}
         return register.offset, sum(value << places[bit].low for bit, value in bits.items())
 
     def part(self, name: str, bits: str, value: int) -> int:
-        """The named bits of a register's value."""
+        """The value of a named bit field within a register's value."""
         found = next(b for b in self.registers[name].bits if b.name == bits)
         return (value & found.mask) >> found.low
 
     @property
     def observed(self) -> dict[str, int]:
-        """Addresses of what is read after a frame: control registers and counters."""
+        """Addresses of the registers that are read after a frame: control registers and counters."""
         first = self["control"]
         plain = [r for r in self.registers.values() if r.offset >= first and r.format is None]
         return {r.name: r.offset for r in plain}
@@ -125,19 +128,19 @@ def play_frames(
     machine: Machine, runs: Sequence[FrameRun], folder: Path, *, waves: Waves | None = None, progress: bool = False,
     watchdog: int = 200_000,
 ) -> list[FrameResult]:
-    """Plays `runs` in order in one simulation; files stay in `folder`.
+    """Plays `runs` in order in one simulation; all files stay in `folder`.
 
     Args:
         machine: the device under test.
-        runs: what to play; all of one configuration.
-        folder: where images, frames, log and waves go.
-        waves: record these.
-        progress: show a bar.
-        watchdog: cycles without anything moving on the bus after which a frame is given up.
+        runs: the frames to play; all must have the same configuration.
+        folder: the folder for images, frames, log and waves.
+        waves: the waves to record, or None.
+        progress: whether to show a progress bar.
+        watchdog: a frame is given up after this many cycles in which nothing moves on the bus.
 
     Raises:
-        SimulationError: the build or the simulation itself fails, a register access is refused among that; broken rules are in
-            the results.
+        SimulationError: the build or the simulation itself fails, which includes refused register accesses. Violated rules do
+            not raise; they are in the results.
     """
     registers, folder = prepare(runs, folder, progress, watchdog)
     beats = memory_beats(max(run.image.beats for run in runs))
@@ -148,7 +151,8 @@ def play_frames(
 
 
 def prepare(runs: Sequence[FrameRun], folder: Path, progress: bool, watchdog: int) -> tuple[Map, Path]:
-    """Images and orders.json into the folder; the registers, and the folder's full name: the simulator runs in it."""
+    """Writes images and orders.json into the folder. Returns the registers and the folder's absolute path, because the
+    simulator runs in it."""
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     config = runs[0].image.config
@@ -164,7 +168,7 @@ def prepare(runs: Sequence[FrameRun], folder: Path, progress: bool, watchdog: in
 
 
 def collect(registers: Map, runs: Sequence[FrameRun], folder: Path) -> list[FrameResult]:
-    """Results from report.json and the frames' dumps; the large files go."""
+    """Reads the results from report.json and the frames' dumps, and deletes the large files."""
     items = json.loads((folder / "report.json").read_text())
     results = [
         _result(registers, run, item, folder / f"{number}.dump")

@@ -1,4 +1,4 @@
-"""Small scenes that take the machine through all it can meet, and the golden frames that they give."""
+"""Small scenes that exercise all features of the machine, and their golden frames."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from spec.config import AcceleratorConfig
 
 @dataclass(frozen=True)
 class Case:
-    """A golden frame, of one eye or of two, and how it was asked for.
+    """A golden frame, of one eye or of two, and the parameters with which it was rendered.
 
     Attributes:
-        name: for messages.
+        name: the case's name, for messages.
         frame: the golden frame.
-        beta: merge threshold, None for automatic.
-        obb: bounding boxes instead of the exact tile test.
+        beta: the merge threshold; None for the automatic one.
+        obb: whether bounding boxes replace the exact tile test.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Case:
 
 
 def camera_of(width: int, height: int) -> Camera:
-    """A slightly turned camera with its principal point off the centre."""
+    """A slightly turned camera whose principal point is off the centre."""
     turn = np.deg2rad(7)
     rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     focal = 0.8 * max(width, height, 16)
@@ -40,7 +40,7 @@ def camera_of(width: int, height: int) -> Camera:
 
 
 def cloud(rng: np.random.Generator, count: int, *, levels: int = 1, sh: int = 0, wild: bool = False) -> GaussianModel:
-    """Gaussians around the view, some behind it, equal depths among them; `wild` ones from needles to giants."""
+    """Gaussians in front of the camera and some behind it, some with equal depths. `wild` ones range from needles to giants."""
     means = rng.uniform((-4, -3, -1), (4, 3, 9), (count, 3))
     means[: count // 4, 2] = np.round(means[: count // 4, 2])
     return _model(rng, means, rng.uniform(np.log(1e-6), np.log(1e2), (count, 3)) if wild else rng.normal(-2, 0.8, (count, 3)),
@@ -48,7 +48,7 @@ def cloud(rng: np.random.Generator, count: int, *, levels: int = 1, sh: int = 0,
 
 
 def crowd(rng: np.random.Generator, count: int) -> GaussianModel:
-    """Small Gaussians that all lie behind each other."""
+    """Small faint Gaussians that all lie behind each other."""
     z = np.exp(rng.uniform(np.log(1), np.log(50), count))
     means = np.stack([rng.normal(0, 0.02, count) * z, rng.normal(0, 0.02, count) * z, z], 1)
     return _model(rng, means, np.log(0.02 * z)[:, None] + rng.normal(0, 0.2, (count, 3)), 1, 0, faint=True)
@@ -68,7 +68,7 @@ def case(
     config: AcceleratorConfig, name: str, model: GaussianModel, size: tuple[int, int], *, beta: int | None = None,
     gaze: tuple[float, float] | None = None, background: tuple[float, float, float] = (0.2, 0.5, 1.0), obb: bool = False,
 ) -> Case:
-    """The golden frame of a model; `gaze` in pixels turns its levels on."""
+    """The golden frame of a model. A `gaze` in pixels turns foveation on."""
     foveation = None if gaze is None else foveation_map(Display(*size), gaze, model.levels)
     frame = pipeline.render(
         model, camera_of(*size), config=config, foveation=foveation, background=background, beta=beta, obb=obb)
@@ -76,7 +76,7 @@ def case(
 
 
 def small_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
-    """Every kind of frame, small."""
+    """Small frames of every kind."""
     rng, levels = np.random.default_rng(seed), config.levels
     chunk, widest = config.sort_chunk, config.row_width
     cases = [case(config, f"SH degree {sh}", cloud(rng, 150, sh=sh), (48, 33)) for sh in SH_REST_COUNT]

@@ -1,4 +1,4 @@
-"""Small frames of two eyes: who is rendered, warped, filled, and what is left of both."""
+"""Small frames of two eyes: their target pixels are rendered, warped, filled or left as holes in every combination."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def stereo_case(
     gaze_target: tuple[float, float] | None = None, beta: int | None = None, obb: bool = False,
     background: tuple[float, float, float] = (0.2, 0.5, 1.0),
 ) -> Case:
-    """The golden frame of a model; `gaze` in pixels turns its levels on, in both eyes; `baseline` is in world units."""
+    """The golden frame of a model. A `gaze` in pixels turns foveation on in both eyes; `baseline` is in world units."""
     foveation = None if gaze is None else foveation_map(Display(*size), gaze, model.levels)
     pair = stereo_pair(camera_of(*size), ipd_metres=baseline, source_eye=source_eye)
     frame = render_stereo(
@@ -31,7 +31,7 @@ def stereo_case(
 
 
 def wall(rng: np.random.Generator, count: int, levels: int) -> GaussianModel:
-    """A wall without gaps, a bit askew, and `count` blobs in front of it: most of what one eye sees the other sees, too."""
+    """A slightly oblique wall without gaps and `count` blobs in front of it, so that both eyes see mostly the same surfaces."""
     model = cloud(rng, 24 * 16 + count, levels=levels, sh=1)
     x, y = (grid.reshape(-1) for grid in np.meshgrid(np.linspace(-9, 9, 24), np.linspace(-7, 7, 16)))
     front = rng.uniform((-3, -2, 2), (3, 2, 4), (count, 3))
@@ -42,7 +42,7 @@ def wall(rng: np.random.Generator, count: int, levels: int) -> GaussianModel:
 
 
 def veil(rng: np.random.Generator) -> GaussianModel:
-    """Something faint before everything: pixels neither background nor solid."""
+    """A faint layer in front of everything, which makes pixels that are neither background nor solid."""
     model = cloud(rng, 3)
     return replace(
         model, means=np.array([[0.1, -0.2, 3.0]] * 3), log_scales=np.full((3, 3), 2.0),
@@ -50,13 +50,13 @@ def veil(rng: np.random.Generator) -> GaussianModel:
 
 
 def aside(model: GaussianModel, baseline: float) -> GaussianModel:
-    """The model moved so that the right eye sees it as the left one would have, and the left one does not."""
+    """The model, moved so that the right eye sees it where the left eye would have seen it; the left eye does not see it."""
     rotation = camera_of(16, 16).rotation
     return replace(model, means=model.means + baseline * rotation[0])
 
 
 def stereo_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
-    """Every kind of frame of two eyes, small."""
+    """Small frames of two eyes, of every kind."""
     rng, levels = np.random.default_rng(seed), config.levels
     chunk, widest = config.sort_chunk, config.row_width
     scene, plain, solid = cloud(rng, 250, levels=levels, sh=1), cloud(rng, 120, sh=1), wall(rng, 4, levels)

@@ -1,4 +1,5 @@
-"""The machine's test: frames back to back in one simulation, every pixel and counter, errors, aborts and resets between."""
+"""The machine's tests: frames back to back in one simulation, with errors, aborts and resets between; every pixel and every
+counter is compared."""
 
 from __future__ import annotations
 
@@ -29,17 +30,18 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
     "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4),
     "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree)}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short")
-"""Both ways of handing over, the presets' numbers; larger machines are simulated by whole frames (`tb.frame`)."""
+"""Configurations with different machines: both ways of handing over, and the presets' number formats. Larger machines are
+simulated with whole frames (`tb.frame`)."""
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Every case on two memories, the second time without a reset and over what the frame before left in memory.
+    """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame.
 
-    Every other frame is in the format of displays, and the case's other frame in the other format. Machines with stereo play
-    frames of two eyes instead, and a few of one among them.
+    Every other frame has display pixels, and the second run of a case has the other format. Machines with stereo play frames of
+    two eyes instead, and some of one eye among them.
     """
     if config.stereo:
         return good_stereo_plan(config, seed)
@@ -52,7 +54,8 @@ def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
 
 
 def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Frames that end early, each followed by one that must be right, without a reset where the machine promises that."""
+    """Frames that end early. Each is followed by a frame that must be correct, and there is no reset between them where the
+    machine needs none."""
     if config.stereo:
         return broken_stereo_plan(config, seed)
     rng = np.random.default_rng(seed)
@@ -64,7 +67,7 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     def add(*frames: PlannedFrame, reset: bool = False) -> None:
         plan.extend([*frames, planned(scene, f"after: {frames[-1].name}", reset=reset)])
 
-    least = array_ops(scene.frame)  # no frame is done before
+    least = array_ops(scene.frame)  # no frame takes fewer cycles
     for cycles in (1, 40, 250, least // 3, 2 * least // 3, least - 1):
         add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
         add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
@@ -86,13 +89,13 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[PlannedFrame]:
-    """Frames of scenes."""
+    """Frames of real scenes."""
     return [PlannedFrame(frame_run(frame, None, name=f"traced {name}"), frame)
             for name, frame in traced_frames(config, size).items()]
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Everything."""
+    """All runs."""
     return [*good_plan(config, seed), *broken_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "96x64"))]
 
 
@@ -105,7 +108,7 @@ def run_plan(
     config: AcceleratorConfig, plan: Sequence[PlannedFrame], folder: Path, *, waves: Waves | None = None,
     progress: bool = False,
 ) -> Outcome:
-    """Plays a plan and compares everything; raises SimulationError when there is nothing to compare."""
+    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails."""
     begin, outcome = time.perf_counter(), Outcome()
     results = play_frames(_machine(config), [item.run for item in plan], folder, waves=waves, progress=progress)
     for item, result in zip(plan, results, strict=True):
@@ -121,7 +124,7 @@ def run_plan(
 
 
 def figures(config: AcceleratorConfig, plan: Sequence[PlannedFrame], outcome: Outcome) -> list[str]:
-    """Cycles of the scenes' frames, a line each."""
+    """One line per frame of a real scene with its cycles."""
     lines = []
     for item in plan:
         if item.name.startswith("traced"):

@@ -1,4 +1,4 @@
-"""Golden against RTL, bit by bit."""
+"""Compares the array's pixels with the golden renderer's, bit by bit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class Mismatch:
-    """A pixel value in which RTL and golden differ; `tile` counts headers, x and y are inside the tile."""
+    """A pixel value in which RTL and golden renderer differ. `tile` counts headers; x and y are inside the tile."""
 
     field: str
     tile: int
@@ -40,12 +40,12 @@ def run_of(config: AcceleratorConfig, case: Case, name: str | None = None, **opt
 
 
 def golden_pixels(config: AcceleratorConfig, case: Case) -> Pixels:
-    """What the golden renderer makes of a case."""
+    """The golden renderer's pixels of a case."""
     return render_tiles(config, case.headers, case.entries, case.background)
 
 
 def mismatches(rtl: Pixels, golden: Pixels) -> list[Mismatch]:
-    """Every differing value, in tile order."""
+    """Every value in which the pixels differ, in the order of tiles."""
     found = []
     for name, got, expected in zip(Pixels._fields, rtl, golden, strict=True):
         got, expected = (np.asarray(a).reshape(len(a), TILE, TILE, -1) for a in (got, expected))
@@ -56,7 +56,7 @@ def mismatches(rtl: Pixels, golden: Pixels) -> list[Mismatch]:
 
 
 def problems(config: AcceleratorConfig, case: Case, recording: Recording, golden: Pixels) -> list[str]:
-    """What is wrong with a recording of a case, in words; empty when every bit and every rule is kept."""
+    """Descriptions of everything that is wrong with a recording of a case; empty when every bit and every rule is right."""
     found = list(recording.errors)
     try:
         pixels = tiles_from_rows(config, case.headers, recording.outputs["pixels"])

@@ -1,4 +1,4 @@
-"""The rendering array between files, and its pixel rows as tiles."""
+"""The rendering array with files at its streams, and the conversion of its pixel rows to tiles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tb.common.playback import Playback, Stream
 
 @cache
 def vrc_playback(config: AcceleratorConfig) -> Playback:
-    """The array of a configuration, emitted, with files at its streams."""
+    """The array of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
         name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config),
         inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
@@ -26,21 +26,21 @@ def vrc_playback(config: AcceleratorConfig) -> Playback:
 
 
 def background_bits(config: AcceleratorConfig, background: np.ndarray) -> int:
-    """The array's `background` port: r in the lowest bits."""
+    """The value of the array's `background` port, with red in the lowest bits."""
     width = config.formats.colour.width
     return sum(int(value) << (width * channel) for channel, value in enumerate(background))
 
 
 def rows_per_tile(config: AcceleratorConfig) -> int:
-    """PixelRow items of one tile."""
+    """Number of PixelRow items of one tile."""
     return TILE * TILE // config.cores_x
 
 
 def tiles_from_rows(config: AcceleratorConfig, headers: np.ndarray, rows: np.ndarray) -> Pixels:
-    """Pixels by tile, from the array's rows in the order they came; inside a tile the order is free.
+    """Pixels by tile, from the array's rows in the order in which they came. Within a tile any order is accepted.
 
     Raises:
-        ValueError: the rows are not those of the headers' tiles, in the headers' order, each once.
+        ValueError: the rows are not those of the headers' tiles, in the order of the headers, each exactly once.
     """
     each, lanes = rows_per_tile(config), config.cores_x
     if len(rows) != each * len(headers):

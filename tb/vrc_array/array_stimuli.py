@@ -1,4 +1,4 @@
-"""Frames for the rendering array: corners by hand, random ones, and tiles traced from scenes."""
+"""Frames for the rendering array: corner cases by hand, and random frames."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from spec.records import array_entry, tile_header
 
 @dataclass(frozen=True)
 class Case:
-    """One frame's input, as `golden.msv2_ref.array.render_tiles` and the RTL take it.
+    """The input of one frame, as `golden.msv2_ref.array.render_tiles` and the RTL take it.
 
-    Attributes:
-        name: for messages.
-        headers: (tiles,) of the TileHeader dtype.
-        entries: (sum of counts,) of the ArrayEntry dtype.
+        name: the case's name, for messages.
+        headers: (tiles,) TileHeader records.
+        entries: (sum of counts,) ArrayEntry records.
+        background: (3,) raw values in the format `colour`.
         background: (3,) raw `colour`.
     """
 
@@ -32,7 +32,7 @@ class Case:
 
 @dataclass(frozen=True)
 class TileSpec:
-    """One tile of a hand-made frame: its entries and the header's fields but for the count."""
+    """One tile of a hand-made frame: its entries, and all fields of its header except the count."""
 
     entries: np.ndarray
     x: int = 3
@@ -43,7 +43,7 @@ class TileSpec:
 
 
 def frame(config: AcceleratorConfig, name: str, tiles: Sequence[TileSpec], background: Sequence[int] = (77, 300, 511)) -> Case:
-    """A case of `tiles`, in order; blending is left out on machines of one level."""
+    """A case of `tiles`, in order. Blending is turned off on machines of one level."""
     headers = np.zeros(len(tiles), tile_header(config).dtype)
     for row, tile in zip(headers, tiles, strict=True):
         row["tile_x"], row["tile_y"], row["plane"], row["count"] = tile.x, tile.y, tile.plane, len(tile.entries)
@@ -55,7 +55,8 @@ def frame(config: AcceleratorConfig, name: str, tiles: Sequence[TileSpec], backg
 
 
 def conic_bits(config: AcceleratorConfig, sigma: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(N, 3) bit patterns of the scaled Cholesky factors of Gaussians with axes `sigma` (N, 2) px turned by `angle` (N,)."""
+    """(N, 3) bit patterns of the scaled Cholesky factors of Gaussians with axes `sigma` (N, 2) in pixels, turned by `angle`
+    (N,)."""
     c, s = np.cos(angle), np.sin(angle)
     variance = np.asarray(sigma, float) ** 2
     xx = c * c * variance[:, 0] + s * s * variance[:, 1] + LOW_PASS
@@ -72,7 +73,8 @@ def random_entries(
 ) -> np.ndarray:
     """`count` plausible entries around tile (x, y): sizes from needles to giants, opacities from invisible to saturated.
 
-    Means lie within `reach` pixels of the tile's centre and the splat's own size; one in sixteen lies anywhere.
+    Most means lie around the tile's centre, at distances of the order of `reach` pixels plus the splat's size; one in sixteen
+    lies anywhere.
     """
     n = config.formats
     entries = np.zeros(count, array_entry(config).dtype)
@@ -92,7 +94,7 @@ def random_entries(
 
 
 def flat_entries(config: AcceleratorConfig, opacity: np.ndarray | Sequence[int], depth: int = 5000) -> np.ndarray:
-    """Entries without falloff, so that every pixel's exponent is the raw `log2_opacity` (N,) given, in both levels."""
+    """Entries without falloff: in both levels, the exponent of every pixel is the given raw `log2_opacity` (N,)."""
     entries = np.zeros(len(opacity), array_entry(config).dtype)
     entries["use"] = 1
     entries["log2_opacity"] = np.asarray(opacity)[:, None]
@@ -103,14 +105,14 @@ def flat_entries(config: AcceleratorConfig, opacity: np.ndarray | Sequence[int],
 
 
 def random_plane(config: AcceleratorConfig, rng: np.random.Generator) -> tuple[int, int, int]:
-    """A blend plane whose band is a few pixels to a few tiles wide, somewhere about the tile."""
+    """A blend plane whose band is between a few pixels and a few tiles wide and lies near the tile."""
     slope = rng.normal(0, 0.15, 2)
     corner = 0.5 - (slope * rng.uniform(0, TILE, 2)).sum()
     return tuple(config.formats.plane.quantise([corner, *slope]).tolist())
 
 
 def random_case(config: AcceleratorConfig, name: str, seed: int, tiles: int = 24, mean_count: float = 24) -> Case:
-    """A random frame: empty, short and long tiles, plain and blended, of level 1 and of others."""
+    """A random frame with empty, short and long tiles, with and without blending, at level 1 and beyond."""
     rng = np.random.default_rng(seed)
     made = []
     for _ in range(tiles):
@@ -140,7 +142,7 @@ def _singles(config: AcceleratorConfig) -> Case:
 
 
 def _dropped(config: AcceleratorConfig) -> Case:
-    """Pairs around the limit of the drop test, far beyond it, and at the ends of the coordinates."""
+    """Splats around the limit of the drop test, far beyond it, and at the ends of the coordinate range."""
     n, rng = config.formats, np.random.default_rng(2)
     ring = random_entries(config, rng, 160, 3, 2)
     ring["conic"] = conic_bits(config, np.full((160, 2), 0.01), np.zeros(160))
@@ -154,7 +156,7 @@ def _dropped(config: AcceleratorConfig) -> Case:
 
 
 def _saturated(config: AcceleratorConfig) -> Case:
-    """Amplification of 128 over the whole footprint, in level 1 (alpha stays below 1) and beyond."""
+    """Amplification of 128 over the whole footprint, in level 1, where alpha stays below 1, and in outer levels."""
     top = config.formats.log2_opacity.quantise(np.log2(AMP_MAX))
     amplified = random_entries(config, np.random.default_rng(3), 60, 3, 2, reach=8)
     amplified["log2_opacity"] = top
@@ -164,7 +166,8 @@ def _saturated(config: AcceleratorConfig) -> Case:
 
 
 def _at_the_cut(config: AcceleratorConfig) -> Case:
-    """Exponents one ulp around the smallest visible one, and footprints that end inside the tile, there or at the support."""
+    """Exponents one ulp around the smallest visible one, and footprints that end inside the tile, at that exponent or at the
+    support."""
     low, rng = tables.log2_alpha_min(config.formats), np.random.default_rng(4)
     footprints = random_entries(config, rng, 64, 3, 2, reach=8)
     footprints["conic"] = conic_bits(config, np.repeat(np.linspace(0.3, 3, 64)[:, None], 2, 1), np.zeros(64))
@@ -177,31 +180,33 @@ def _at_the_cut(config: AcceleratorConfig) -> Case:
 
 
 def _exponentials(config: AcceleratorConfig) -> Case:
-    """Every exponent from below the cut to above 0: the whole table and every shift. Small arrays take every 7th."""
+    """Every exponent from below the cut to above 0, which covers the whole table and every shift. Small arrays take every
+    seventh."""
     exponents = np.arange(tables.log2_alpha_min(config.formats) - 2, 3, 1 if config.blocks == 1 else 7)
-    tiles = len(exponents) // 8  # one of every octave in a tile, the largest last: none sees too small a transmittance
+    tiles = len(exponents) // 8  # a tile has one of each octave, the largest last: its transmittance never gets too small
     return frame(config, "every exponent", [
         TileSpec(flat_entries(config, exponents[k::tiles]), outer=k % 2) for k in range(tiles)])
 
 
 def _opaque(config: AcceleratorConfig) -> Case:
-    """Early stop: by one opaque splat, by several, and transmittance one ulp around the limit; then more splats."""
+    """Early stop caused by one opaque splat, by several, and by a transmittance one ulp around the limit; more splats
+    follow."""
     n = config.formats
     tail = random_entries(config, np.random.default_rng(5), 40, 3, 2)
     tail["log2_opacity"] = n.log2_opacity.quantise(-0.5)
-    capped = flat_entries(config, [n.log2_opacity.raw_max] * 3)  # 0.01^2 is above the limit, 0.01^3 below
+    capped = flat_entries(config, [n.log2_opacity.raw_max] * 3)  # 0.01^2 is above the limit and 0.01^3 below it
     thin = flat_entries(config, [-8] * 60)
     tiles = [TileSpec(np.concatenate([flat_entries(config, [0] * k), tail]), outer=1) for k in (1, 2)]
     tiles += [TileSpec(np.concatenate([capped[:k], tail])) for k in (1, 2, 3)]
     tiles += [TileSpec(np.concatenate([capped[:2], thin[:k], tail])) for k in (1, 20, 60)]
-    fading = np.random.default_rng(10).integers(-3000, -300, (12, 60))  # small steps through the last transmittances
+    fading = np.random.default_rng(10).integers(-3000, -300, (12, 60))  # small steps through the smallest transmittances
     tiles += [TileSpec(flat_entries(config, steps)) for steps in fading]
     tiles += [TileSpec(np.concatenate([flat_entries(config, [0]), tail]), blend=1, plane=(1000, 100, 50))]
     return frame(config, "early stop", tiles)
 
 
 def _blended(config: AcceleratorConfig) -> Case:
-    """Every combination of `use`, and planes below, inside, above and across the band, to the ends of their format."""
+    """Every combination of `use`, with planes below, inside, above and across the band, and at the limits of their format."""
     n, rng = config.formats, np.random.default_rng(6)
     one, ends = 1 << n.plane.frac_bits, (n.plane.raw_min, n.plane.raw_max)
     planes = [(0, 0, 0), (-1, 0, 0), (one - 1, 0, 0), (one, 0, 0), (one + 1, 0, 0), (one // 2, 0, 0), (0, one // 15, 0)]
@@ -217,7 +222,7 @@ def _blended(config: AcceleratorConfig) -> Case:
 
 
 def _unused(config: AcceleratorConfig) -> Case:
-    """Tiles all of whose entries are used by no level, or by the other one only."""
+    """Tiles in which no entry is used by any level, or every entry only by the other level."""
     entries = random_entries(config, np.random.default_rng(7), 20, 3, 2)
     tiles = []
     for use in ((0, 0), (0, 1), (1, 0)):
@@ -236,7 +241,7 @@ def _long(config: AcceleratorConfig) -> Case:
 
 
 def _extremes(config: AcceleratorConfig) -> Case:
-    """The steepest and the flattest polynomials at the largest distances, largest colours and depths."""
+    """The steepest and the flattest polynomials at the largest distances, and the largest colours and depths."""
     n, rng = config.formats, np.random.default_rng(9)
     count = 192
     entries = random_entries(config, rng, count, 3, 2)
@@ -255,4 +260,4 @@ def _extremes(config: AcceleratorConfig) -> Case:
 
 CORNERS: tuple[Callable[[AcceleratorConfig], Case], ...] = (
     _empty, _single, _singles, _dropped, _saturated, _at_the_cut, _exponentials, _opaque, _blended, _unused, _long, _extremes)
-"""Makers of the hand-made cases."""
+"""Functions that make the hand-made cases."""

@@ -1,4 +1,4 @@
-"""The array's unit test: every case against the golden renderer, in one simulation a configuration."""
+"""The rendering array's tests: every case is compared with the golden renderer."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "default": DEFAULT,
     "paper": PAPER,
 }
-"""Arrays that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = tuple(name for name in VARIANTS if name != "paper")
-"""All but PAPER's, which is DEFAULT's: they differ outside the array."""
+"""All configurations but PAPER, which differs from DEFAULT only outside the array."""
 
 PORTS = ("tiles", "entries", "pixels")
 
 
 @dataclass(frozen=True)
 class Planned(exact.Planned):
-    """A run, and the case whose pixels it must give."""
+    """A run, and the case whose pixels it must produce."""
 
     case: Case | None = None
 
@@ -49,12 +49,12 @@ def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, **op
 
 
 def corner_plan(config: AcceleratorConfig) -> list[Planned]:
-    """The hand-made cases, streams at full speed."""
+    """The hand-made cases, without pauses."""
     return [plan_of(config, make(config)) for make in CORNERS]
 
 
 def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Planned]:
-    """Random frames, streams at full speed and pausing at random."""
+    """Random frames, in turn without pauses and with random pauses."""
     plan = []
     for k in range(count):
         case = random_case(config, f"random {k}", seed * 1000 + k)
@@ -64,13 +64,14 @@ def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Pl
 
 
 def stream_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """One small frame under every pattern on every port, alone and together."""
+    """One small frame with every pause pattern, on each port alone and on all ports together."""
     case = random_case(config, "streams", seed, tiles=8, mean_count=8)
     return [plan_of(config, case, name, patterns=patterns) for name, patterns in every_pattern(PORTS, seed).items()]
 
 
 def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Frames cut off by a reset and followed by a whole one; frames back to back without a reset, backgrounds changing."""
+    """Frames that are cut off by a reset and followed by a whole one, and frames back to back without a reset but with changing
+    backgrounds."""
     case = random_case(config, "frames", seed + 1, tiles=6, mean_count=10)
     rng = np.random.default_rng(seed)
     plan = []
@@ -84,7 +85,7 @@ def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     traced = [plan_of(config, case) for case in traced_cases(config, seed)]
     return [
         *corner_plan(config), *random_plan(config, seed), *traced, *stream_plan(config, seed), *frame_plan(config, seed)]
@@ -93,7 +94,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def run_plan(
     config: AcceleratorConfig, plan: list[Planned], folder: Path, *, waves: Waves | None = None, progress: bool = False,
 ) -> Outcome:
-    """Plays a plan and compares every pixel; raises SimulationError when there is nothing to compare."""
+    """Plays a plan and compares every pixel. Raises SimulationError when the simulation itself fails."""
     def judge(item: Planned, recording: Recording) -> list[str]:
         busy = ["the array is still busy after its last pixel"] if item.run.quiet and recording.observed["busy"] else []
         return [*problems(config, item.case, recording, golden_pixels(config, item.case)), *busy]
@@ -102,5 +103,5 @@ def run_plan(
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds worth a line each: none, the plan holds no frame that shows the array's own."""
+    """No lines: no run of the plan measures the array's own speed."""
     return []

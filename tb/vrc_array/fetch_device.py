@@ -1,6 +1,6 @@
-"""Splat fetch between files, and a memory that keeps its answers back until they are due.
+"""Splat fetch in a test bench whose memory delays its answers.
 
-`frame` is a setting; where it changes, `clear` is high for a cycle.
+When the setting `frame` changes, `clear` is high for one cycle.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from tb.common.bench import Bench
 from tb.common.playback import Playback
 
 MOST_DELAY = 127
-"""Cycles from a request to its beat."""
+"""Largest `delay`, in cycles from a request to its beat."""
 
 
 class FetchBench(Bench):
-    """The unit, its `data` delayed and its `clear` made of a setting that changes."""
+    """Splat fetch with delayed `data`, and with a `clear` strobe that a changed setting causes."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
@@ -45,5 +45,5 @@ class FetchBench(Bench):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return FetchBench(config).playback(f"fetch-{config.splat_cache_lines}", "fetch_bench")

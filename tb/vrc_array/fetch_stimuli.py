@@ -1,4 +1,4 @@
-"""Tiles whose entries want views, and the views."""
+"""Stimuli of splat fetch: tiles, the sorted intersections that need splat records, and these records."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ INDICES = 1 << INDEX_BITS
 
 @dataclass(frozen=True)
 class Case:
-    """A frame's tiles.
+    """The tiles of a frame.
 
     Attributes:
-        name: for messages.
-        tiles: (tiles,) TileUse.
-        sorted: ChunkEntry items, items that are no entry included.
-        index, level: (entries,) int64, the views wanted.
-        views: (entries,) SplatView, what memory holds of them.
-        entries: (entries,) ArrayEntry, what must come.
+        name: the case's name, for messages.
+        tiles: (tiles,) TileUse records.
+        sorted: ChunkEntry items, including those that stand for an empty group.
+        index, level: (intersections,) int64, the splat and the level of each record that is needed.
+        views: (intersections,) SplatView, the splat records as memory holds them.
+        entries: (intersections,) ArrayEntry, the expected output.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Tile:
 
 
 def random_views(config: AcceleratorConfig, rng: np.random.Generator, index: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """(N,) SplatView records of any bits, the same wherever index and level are."""
+    """(N,) SplatView records with random bits; equal index and level give equal records."""
     _, which = np.unique(index * MAX_LEVELS + level, return_inverse=True)
     views = np.zeros(which.max(initial=-1) + 1, splat_view(config).dtype)
     for f in splat_view(config).fields:
@@ -60,7 +60,8 @@ def random_views(config: AcceleratorConfig, rng: np.random.Generator, index: np.
 
 
 def case_of(config: AcceleratorConfig, name: str, tiles: Sequence[Tile], seed: int, *, groups_without: int = 0) -> Case:
-    """A case of tiles with views of any bits; `groups_without` entries come as a single item each, here and there."""
+    """A case of tiles with random splat records. `groups_without` items that stand for empty groups are inserted at random
+    places."""
     rng = np.random.default_rng(seed)
     uses = np.zeros(len(tiles), tile_use(config).dtype)
     uses["level"], uses["blend"] = [t.level for t in tiles], [t.blend for t in tiles]
@@ -85,7 +86,7 @@ def case_of(config: AcceleratorConfig, name: str, tiles: Sequence[Tile], seed: i
 
 
 def traced_case(name: str, frame: Frame) -> Case:
-    """A frame's tiles and entries."""
+    """The tiles and intersections of a rendered frame."""
     config, e = frame.config, frame.entries
     counts = np.diff(e.start)
     uses = np.zeros(len(counts), tile_use(config).dtype)
@@ -99,14 +100,16 @@ def traced_case(name: str, frame: Frame) -> Case:
 
 
 def _again(config: AcceleratorConfig) -> Case:
-    """One view in consecutive entries, so that hits meet the pending miss, and pairs at every distance."""
+    """One splat record in consecutive intersections, so that hits meet a pending miss, and the same record again at every small
+    distance."""
     runs = [Tile([7 + k] * length) for k, length in enumerate((1, 2, 3, 5, 40))]
     apart = [Tile([100 * d + k % d for k in range(2 * d)]) for d in range(1, 20)]
     return case_of(config, "the same splat again", [*runs, *apart], 1)
 
 
 def _conflicts(config: AcceleratorConfig) -> Case:
-    """Views that take each other's line: 2 to 8 of a set in turn, with and without hits between; at random."""
+    """Splat records that displace each other: 2 to 8 of the same set in turn, with and without hits between them, and at
+    random."""
     lines = config.splat_cache_lines
     turns = [Tile([n + k * lines for k in range(n)] * 6) for n in range(2, 9)]
     twice = [Tile(np.repeat([n + k * lines for k in range(n)], 2).tolist() * 3) for n in range(2, 9)]
@@ -116,20 +119,20 @@ def _conflicts(config: AcceleratorConfig) -> Case:
 
 
 def _levels(config: AcceleratorConfig) -> Case:
-    """The same splats at every level, blended and not: a line each, at different times."""
+    """The same splats at every level, with and without blending: each level has its own cache line."""
     tiles = [Tile([3, 4, 3, 4 + k], level, blend) for k in range(3) for level in (0, 1, 2, 3, 2, 1) for blend in (0, 1)]
     return case_of(config, "every level", tiles, 3)
 
 
 def _empty(config: AcceleratorConfig) -> Case:
-    """Tiles without entries, alone, in rows, at both ends, and groups without."""
+    """Tiles without intersections, alone, in rows and at both ends, and empty groups."""
     some = [Tile([k, k + 1], 1) for k in range(6)]
     tiles = [Tile([])] * 20 + [some[0], Tile([], 3, 1), some[1], *some[2:4]] + [Tile([], 2)] * 30 + some[4:] + [Tile([])] * 3
     return case_of(config, "empty tiles", tiles, 4, groups_without=12)
 
 
 def _every_line(config: AcceleratorConfig) -> Case:
-    """Every line filled, then hit, in another order; then the same lines by other splats; the first again."""
+    """Every line is filled, then hit in another order; then other splats fill the same lines; finally the first ones return."""
     rng, lines = np.random.default_rng(5), config.splat_cache_lines
     first, other = np.arange(lines), lines + rng.permutation(lines)
     ups = (first, rng.permutation(lines), other, np.sort(other)[::-1], first)
@@ -137,11 +140,11 @@ def _every_line(config: AcceleratorConfig) -> Case:
 
 
 DIRECTED: tuple[Callable[[AcceleratorConfig], Case], ...] = (_again, _conflicts, _levels, _empty, _every_line)
-"""Makers of the hand-made cases."""
+"""Functions that make the hand-made cases."""
 
 
 def random_case(config: AcceleratorConfig, name: str, seed: int, tiles: int = 40, mean_count: int = 20) -> Case:
-    """Tiles that share splats with those shortly before them, few of them beyond the cache's lines."""
+    """Tiles that share splats with the tiles shortly before them. The splats need up to 24 times the cache's lines."""
     rng = np.random.default_rng(seed)
     spread = config.splat_cache_lines * int(rng.choice([1, 2, 8]))
     made = []

@@ -1,4 +1,4 @@
-"""Splat fetch's test: every entry with its view, every request in its place, in one simulation a configuration."""
+"""Splat fetch's tests: every intersection must get its splat record, and every memory request must be right."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from tb.vrc_array.fetch_stimuli import DIRECTED, INDICES, Case, Tile, case_of, r
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny-4-lines": TINY.with_(splat_cache_lines=4), "default": DEFAULT, "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-4-lines", "paper")
-"""64, 4 and 2,048 lines; DEFAULT's entries are a bit shorter than PAPER's."""
+"""Configurations with different units: 64, 4 and 2,048 cache lines. DEFAULT's sorted entries are one bit shorter than
+PAPER's."""
 
 PORTS = ("sorted", "tiles", "data", "entries", "reads")
 
 DELAY = 100
-"""Cycles of the memory's latency at which the rate is held."""
+"""Latency of the memory, in cycles, in the runs that check the rate."""
 
 
 class Plan:
-    """Runs, and what the cache holds between them.
+    """Runs, and a model of what the cache holds from one run to the next.
 
     Attributes:
-        runs: what was added.
+        runs: the runs added so far.
     """
 
     def __init__(self, config: AcceleratorConfig, seed: int):
@@ -48,13 +49,13 @@ class Plan:
         """Adds the run that plays a case.
 
         Args:
-            case: what is played.
-            name: the run's; None is the case's.
-            clear: strobe `clear` before, so that nothing of the run before is found.
-            reset: reset before.
+            case: the case to play.
+            name: the run's name; None for the case's name.
+            clear: whether to strobe `clear` before the run, so that nothing from the previous run is found in the cache.
+            reset: whether to reset the unit before the run.
             delay: the memory's latency in cycles, less one.
             wrong: numbers of the beats that the memory answers with an error.
-            options: those of `planned`.
+            options: further arguments of `planned`.
         """
         if clear:
             self._frame = (self._frame + 1) % 256
@@ -82,7 +83,7 @@ class Plan:
 
 
 def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(N,) ReadData with the views in their lowest bits and anything above."""
+    """(N,) ReadData with the splat records in their lowest bits and random bits above."""
     patterns = pack(splat_view(config), views)
     spare = np.zeros((len(views), BEAT_BYTES - patterns.shape[1]), np.uint8)
     words = np.concatenate([patterns, spare], 1).view("<u4").astype(np.int64).reshape(len(views), WORDS)
@@ -94,7 +95,8 @@ def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Genera
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Cases by hand, at random, under every pattern of pauses and latency; cut off; back to back, memory changing or not."""
+    """Cases by hand and at random, with every pattern of pauses and latency; runs cut off; runs back to back with cleared and
+    with kept cache."""
     plan = Plan(config, seed)
     for delay in (0, 1, 30, MOST_DELAY):
         for make in DIRECTED:
@@ -122,7 +124,8 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """An entry a cycle with memory DELAY cycles away: misses only, hits only, both; tiles of 16 entries."""
+    """Runs that must take one intersection per cycle with a memory latency of DELAY cycles: only misses, only hits, and
+    both."""
     plan, rng, lines = Plan(config, seed), np.random.default_rng(seed), config.splat_cache_lines
     fresh = INDICES // 4 + np.arange(3000)
     pool = lines * 4 + np.arange(lines)
@@ -137,7 +140,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The frames of scenes."""
+    """The frames of real scenes."""
     plan = Plan(config, 0)
     for name, frame in traced_frames(config, size).items():
         plan.add(traced_case(f"traced {name}", frame), delay=DELAY)
@@ -145,12 +148,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "128x128"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds and misses of the runs at full rate, a line each."""
+    """One line per run at full rate with its misses and its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         entries, misses = len(item.expected["entries"]), len(item.expected["reads"])
@@ -161,4 +164,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,4 +1,5 @@
-"""The pixel writer between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle."""
+"""The pixel writer in a test bench that supplies what files of items cannot: the strobe that begins a frame, and a memory that
+becomes idle."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from tb.common.playback import Playback
 
 
 class WriterBench(Bench):
-    """The unit, given frames and a memory by `frame_by_frame`."""
+    """The pixel writer, with frames and a memory supplied by `frame_by_frame`."""
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
@@ -37,5 +38,5 @@ class WriterBench(Bench):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return WriterBench(config).playback(f"writer-{config.cores_x}", "writer_bench")

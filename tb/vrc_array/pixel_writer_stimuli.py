@@ -1,4 +1,4 @@
-"""Frames as the array gives them, row by row, and as memory gets them, beat by beat."""
+"""Frames in the array's form, row by row, and in the memory's form, beat by beat."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec.records import pixel_row
 
 
 def random_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
-    """(height, width) FramePixel records of any values that the array can give."""
+    """(height, width) FramePixel records of random values that the array can give."""
     n, out = config.formats, np.zeros((height, width), frame_pixel(config).dtype)
     out["colour"] = rng.integers(0, n.accumulator.raw_max + 1, (height, width, 3))
     out["transmittance"] = rng.integers(0, n.transmittance.raw_max + 1, (height, width))
@@ -23,7 +23,7 @@ def random_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: in
 
 
 def every_value(config: AcceleratorConfig, rng: np.random.Generator) -> np.ndarray:
-    """FramePixel records in which every colour takes every value, and so does the transmittance."""
+    """FramePixel records in which every colour channel and the transmittance take every value."""
     n = config.formats
     values = max(n.accumulator.raw_max, n.transmittance.raw_max) + 1
     out = random_pixels(config, rng, 256, -(-values // 256))
@@ -35,7 +35,8 @@ def every_value(config: AcceleratorConfig, rng: np.random.Generator) -> np.ndarr
 
 
 def rows_of(config: AcceleratorConfig, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """PixelRow items of a frame's (height, width) FramePixel records, in the array's order; anything outside the frame."""
+    """PixelRow items of a frame's (height, width) FramePixel records, in the array's order. Pixels outside the frame are
+    random."""
     height, width = frame.shape
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     whole = random_pixels(config, rng, tiles_x * TILE, tiles_y * TILE)
@@ -52,7 +53,7 @@ def rows_of(config: AcceleratorConfig, frame: np.ndarray, rng: np.random.Generat
 
 
 def words_of(config: AcceleratorConfig, pixels: np.ndarray, display: bool) -> np.ndarray:
-    """(N, words of a pixel) int64 of (N,) FramePixel records, in the format of displays or whole."""
+    """(N, words of a pixel) int64 words of (N,) FramePixel records, as display pixels or as whole pixels."""
     record, rows = (display_pixel(config), displayed(config, pixels)) if display else (frame_pixel(config), pixels)
     return pack(record, rows).view("<u4").astype(np.int64)
 
@@ -77,10 +78,10 @@ def writes_of(config: AcceleratorConfig, frame: np.ndarray, rows: np.ndarray, ba
 
 
 def memory_of(writes: np.ndarray, base: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(size,) words that writes leave behind `base`, and (size,) how often each was written.
+    """The (size,) words that `writes` leave from beat `base` on, and (size,) how often each was written.
 
     Raises:
-        ValueError: a word is written elsewhere.
+        ValueError: a word is written at another place.
     """
     words, times = np.zeros(size, np.int64), np.zeros(size, np.int64)
     place = (writes["beat"].astype(np.int64) - base)[:, None] % (1 << BEAT_BITS) * WORDS + np.arange(WORDS)

@@ -1,4 +1,4 @@
-"""The pixel writer's test: every beat of a frame, in one simulation a configuration, and how fast."""
+"""The pixel writer's tests: every beat of a frame must be right, at the required speed."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_o
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny-2-wide": TINY.with_(cores_x=2), "tiny-8-wide": TINY.with_(cores_x=8, depth=False), "default": DEFAULT,
     "paper": PAPER}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-2-wide", "tiny-8-wide", "paper")
-"""Every width of a row; DEFAULT's is PAPER's."""
+"""Configurations with different units: every width of a pixel row. DEFAULT's is PAPER's."""
 
 PORTS = ("rows", "writes")
 
 SIZES = ((1, 1), (2, 1), (1, 3), (15, 17), (16, 16), (17, 16), (31, 33), (32, 5), (33, 20), (50, 35), (97, 18))
-"""Frames of odd and even widths, narrower than a row of cores, than a tile, one pixel more and less than tiles."""
+"""Sizes of frames: odd and even widths, narrower than a row of cores and than a tile, and one pixel more or less than tiles."""
 
 FORMATS = ("", ", display")
-"""What the names of runs in each format end with: whole pixels, pixels for displays."""
+"""The ends of run names for each format: whole pixels, and display pixels."""
 
 
 class Plan:
-    """Runs, and the number of the frame.
+    """Runs of the pixel writer; each has a new frame number, as the bench starts a frame when that number changes.
 
     Attributes:
-        runs: what was added.
+        runs: the runs added so far.
     """
 
     def __init__(self, config: AcceleratorConfig, seed: int):
@@ -47,8 +47,8 @@ class Plan:
     ) -> Planned:
         """Adds the run that plays a frame's (height, width) FramePixel records; `options` are those of `planned`.
 
-        `display`: they shall be written as displays take them. `missing` tiles more are announced than come: the frame does
-        not finish.
+        With `display` the frame is written as display pixels. With `missing` the unit is told to expect that many more tiles
+        than come, so that the frame does not finish.
         """
         self._frame = (self._frame + 1) % 256
         height, width = frame.shape
@@ -65,7 +65,7 @@ class Plan:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Sizes, patterns of pauses, cut off by resets, back to back."""
+    """Frames of many sizes, patterns of pauses, runs cut off by resets, and runs back to back."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed)
     for display in (False, True):
         for width, height in SIZES:
@@ -83,12 +83,12 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """A beat a cycle, wherever rows begin."""
+    """Runs that must write one beat per cycle, wherever the rows of the frame begin in a beat."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed)
     for display, width, height in ((d, *size) for d in (False, True) for size in ((128, 64), (127, 64), (128, 49))):
         item = plan.add(f"rate, {width} x {height}", random_pixels(config, rng, width, height), display=display)
         rows = item.run.inputs["rows"]
-        outside = int((rows["tile_y"].astype(np.int64) * TILE + rows["row"] >= height).sum())  # a cycle each
+        outside = int((rows["tile_y"].astype(np.int64) * TILE + rows["row"] >= height).sum())  # one cycle for each
         plan.runs[-1] = planned(
             item.name, item.run.inputs, item.expected, settings=item.run.settings, observed=item.observed,
             most_cycles=len(item.expected["writes"]) + outside + 4)
@@ -96,7 +96,7 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The frames of scenes."""
+    """The frames of real scenes."""
     plan = Plan(config, 0)
     for name, frame in traced_frames(config, size).items():
         pixels = frame_pixels(frame)
@@ -108,12 +108,12 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, "131x75")]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         beats = len(item.expected["writes"])
@@ -122,4 +122,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

@@ -1,18 +1,18 @@
-"""Tiles traced from scenes: what the array meets in earnest."""
+"""Tiles of real scenes, as realistic stimuli for the array."""
 
 from __future__ import annotations
 
 import argparse
-import os
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame, render
+from golden.scenes.captured import scene_argument
 from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from spec.paths import ROOT
+from tb.common.scenes import TRAINED
 from tb.vrc_array.array_stimuli import Case
 
 _TILES, _ENTRIES = 12, 6000
@@ -24,7 +24,7 @@ def case_of(frame: Frame, name: str) -> Case:
 
 
 def pick_tiles(case: Case, seed: int, tiles: int = _TILES, entries: int = _ENTRIES) -> Case:
-    """Some tiles of a case, in order: at most so many tiles and entries, chosen by `seed`."""
+    """Some tiles of a case, in order: at most `tiles` tiles with at most `entries` intersections, chosen by `seed`."""
     start = np.concatenate(([0], np.cumsum(case.headers["count"])))
     chosen: list[int] = []
     total = 0
@@ -39,14 +39,13 @@ def pick_tiles(case: Case, seed: int, tiles: int = _TILES, entries: int = _ENTRI
 
 
 def traced_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
-    """Tiles of the embedded scene, and of the trained scenes where they are, with a gaze and without."""
+    """Tiles of the embedded scene and of those trained scenes that are present, with foveation and without."""
     return [pick_tiles(case, seed) for case in _whole_frames(config)]
 
 
 @cache
 def _whole_frames(config: AcceleratorConfig) -> list[Case]:
-    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
-    scenes = ["embedded", *(str(trained / name) for name in ("truck.splat", "rock_sh3") if (trained / name).exists())]
+    scenes = filter(None, map(scene_argument, ("embedded", *TRAINED)))
     cases = []
     for scene in scenes:
         for gaze, levels in (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]:

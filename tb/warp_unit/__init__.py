@@ -1,7 +1,7 @@
-"""Unit test of the warp unit (`rtl.warp_unit`) against the golden renderer's target eye.
+"""Tests of the warp unit (`rtl.warp_unit`) against the golden renderer's target eye.
 
-    device      the unit between files, with a memory that is idle some cycles after its last write
-    stimuli     frames that meet every case, as the array's rows; the target eye's as beats and tiles
-    cones       a photograph and its true disparities; how close the warped one comes to the other eye's
-    suite       what is run, in which configurations
+    device      the unit in a test bench, with a memory that becomes idle some cycles after its last write
+    stimuli     frames that cover every case of the warp: the array's rows, and the expected beats and tiles of the target eye
+    cones       a photograph with true disparities; measures how close the warped photograph comes to the other eye's
+    suite       the test plans and their configurations
 """

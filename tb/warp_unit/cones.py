@@ -1,44 +1,42 @@
-"""Middlebury cones (Scharstein and Szeliski 2003): a photograph as the source eye's frame, with its true disparities; the
-photograph that was taken from the other eye says how right the warped one is."""
+"""The pair "cones" from Middlebury (Scharstein and Szeliski 2003). The left photograph is the source eye's frame, with its true
+disparities; the right photograph, taken from the other eye, shows how accurate the warped one is."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from golden.metrics.image import psnr_vs
+from golden.scenes.captured import captured_path
 from spec.config import AcceleratorConfig
 from spec.memory import display_pixel, frame_pixel
 from spec.packing import unpack
-from spec.paths import ROOT
 from spec.stereo import DISPARITY_FRAC, background_transmittance, disparity_drop
 from tb.vrc_array.pixel_writer_stimuli import memory_of
 from tb.warp_unit.stimuli import Source
 
 _QUARTERS = 4
-"""The maps are in quarters of a pixel; 0 where the disparity is not known."""
+"""The disparity maps are in quarters of a pixel; 0 stands for an unknown disparity."""
 
 _SCALE = 80_000
-"""Setting `disparity_scale`: depths of all known disparities keep theirs to 1/128 pixel."""
+"""The setting `disparity_scale`. With it, depths represent all known disparities to within 1/128 pixel."""
 
 
 def cones_folder() -> Path | None:
-    """Where the pair lies; None where it is not there."""
-    folder = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "stereo" / "cones"
-    return folder if folder.is_dir() else None
+    """The folder of the image pair; None where it is missing."""
+    return captured_path("cones")
 
 
 def photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(375, 450, 3) uint8 of the left and of the right eye."""
+    """The photographs of the left and of the right eye, each (375, 450, 3) uint8."""
     left, right = (np.asarray(Image.open(folder / name))[..., :3] for name in ("im2.png", "im6.png"))
     return left, right
 
 
 def cones(config: AcceleratorConfig, folder: Path) -> Source:
-    """The left photograph, opaque; where no disparity is known of so little coverage that it is not warped."""
+    """The left photograph as opaque pixels. Pixels of unknown disparity have so little coverage that they are not warped."""
     n, (left, _) = config.formats, photographs(folder)
     known = np.asarray(Image.open(folder / "disp2.pgm")).astype(np.int64)
     pixels = np.zeros(known.shape, frame_pixel(config).dtype)
@@ -50,15 +48,16 @@ def cones(config: AcceleratorConfig, folder: Path) -> Source:
 
 
 def psnr_of_cones(config: AcceleratorConfig, folder: Path, writes: np.ndarray, base: int) -> dict[str, float]:
-    """How close what the unit wrote comes to the right photograph, and how close the left one is as it is.
+    """How close the frame that the unit wrote comes to the right photograph, and how close the left photograph itself comes.
 
     Args:
-        config, folder: of `cones`.
-        writes: WriteRequest items of the whole frame.
+        config, folder: the arguments of `cones`.
+        writes: the WriteRequest items of the whole frame.
         base: the setting `target_frame_base`.
 
     Returns:
-        "warped_db" and "unwarped_db" over the pixels that were warped or filled, and "share", of these.
+        "warped_db" and "unwarped_db", the PSNR over the pixels that were warped or filled, and "share", the share of these
+        pixels.
     """
     left, right = photographs(folder)
     words, _ = memory_of(writes, base, left.shape[0] * left.shape[1])

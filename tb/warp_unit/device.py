@@ -1,5 +1,5 @@
-"""The warp unit between files, and what a file cannot do: the strobe of a frame's begin, a memory that becomes idle, tiles read
-one by one when the frame is finished."""
+"""The warp unit in a test bench that supplies what files of items cannot: the strobe that begins a frame, and a memory that
+becomes idle. The bench also reads the tiles one by one when the frame is finished."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tb.common.playback import Playback
 
 
 class WarpBench(Bench):
-    """The unit, given frames and a memory by `frame_by_frame`.
+    """The warp unit, with frames and a memory supplied by `frame_by_frame`.
 
-    `tiles` are the first `tile_count` bits of the mask, once the frame is finished.
+    `tiles` gives the first `tile_count` bits of the mask after the frame is finished.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -41,7 +41,7 @@ class WarpBench(Bench):
         return m
 
     def _tiles(self, m: Module, unit: WarpUnit) -> None:
-        """A tile's bit every three cycles."""
+        """Reads the bits of the mask, one tile every three cycles."""
         tile, asked, known = Signal(range(frame_tiles(self.config) + 1)), Signal(), Signal()
         m.d.comb += [
             unit.tile.eq(tile), self.tiles.valid.eq(known), self.tiles.payload.tile.eq(tile)]
@@ -58,5 +58,5 @@ class WarpBench(Bench):
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
-    """The bench of a configuration, emitted, with files at its streams."""
+    """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return WarpBench(config).playback(f"warp-{config.warp_lanes}-{config.cores_x}", "warp_bench")

@@ -1,4 +1,4 @@
-"""Frames of the source eye that meet every case of the warp, and the target eye's as the unit writes it."""
+"""Frames of the source eye that cover every case of the warp, and the target eye's frames as the unit writes them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from tb.vrc_array.pixel_writer_stimuli import random_pixels
 MOST_SCALE = (1 << DISPARITY_SCALE_BITS) - 1
 
 SCALE = 8000
-"""Of most frames here: solid pixels go from half a pixel to out of the frame, in steps finer than a pixel up to 180."""
+"""The scale of most frames here. With it, the disparities of solid pixels range from half a pixel to beyond the frame, in steps
+finer than a pixel up to 180 pixels."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,13 @@ class Source:
     right: bool = False
 
     def warped(self, config: AcceleratorConfig) -> WarpedFrame:
-        """What the golden renderer makes of it."""
+        """The golden renderer's warped frame."""
         return warp(config, self.pixels, self.scale, self.right)
 
 
 def anything(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int, right: bool = False) -> Source:
-    """Any values, then those next to the limits of the classes, depths small and large, zero among them."""
+    """Random pixels, of which most have a transmittance next to the limits of its classes. Depths are small and large, and some
+    are zero."""
     n, out = config.formats, random_pixels(config, rng, width, height)
     background, solid = background_transmittance(n), solid_transmittance(n)
     edges = [0, solid, solid, solid + 1, (solid + background) // 2, background - 1, background, n.transmittance.raw_max]
@@ -58,7 +60,7 @@ def anything(config: AcceleratorConfig, rng: np.random.Generator, width: int, he
 def placed(
     config: AcceleratorConfig, rng: np.random.Generator, disparity: np.ndarray, right: bool = False,
 ) -> Source:
-    """Opaque pixels of about these disparities in pixels; of any colour."""
+    """Opaque pixels of random colours with approximately these disparities in pixels."""
     n = config.formats
     out = random_pixels(config, rng, *disparity.shape[::-1])
     out["transmittance"] = 0
@@ -70,8 +72,8 @@ def placed(
 def many_to_one(
     config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int, right: bool, every: int = 1,
 ) -> Source:
-    """Runs of pixels of a row that meet in one place, nearer and nearer or farther and farther; with `every` 2 those of two
-    places take turns."""
+    """Rows in which runs of pixels are warped to the same place, ever nearer or ever farther. With `every` 2 the pixels of a
+    run go to two neighbouring places in turn."""
     x, length = np.arange(width) + np.zeros((height, 1), int), rng.integers(2, 12, (height, 1))
     start = x // length * length
     ahead = x - start if not right else start + length - 1 - x
@@ -79,8 +81,11 @@ def many_to_one(
 
 
 def with_holes(config: AcceleratorConfig, rng: np.random.Generator, valid: np.ndarray, background: float = 0.3) -> Source:
-    """Pixels that stay where they are, a share of them background, and holes elsewhere: pixels that are not warped or, where
-    such are, that leave the frame."""
+    """Pixels that stay where they are, a share of which is background, with holes where `valid` is False.
+
+    Pixels at the holes are half transparent and have depth 0: they are not warped, or, on machines that warp such pixels, they
+    leave the frame.
+    """
     n = config.formats
     source = placed(config, rng, np.zeros(valid.shape))
     t = source.pixels["transmittance"]
@@ -91,8 +96,8 @@ def with_holes(config: AcceleratorConfig, rng: np.random.Generator, valid: np.nd
 
 
 def every_neighbourhood(config: AcceleratorConfig, rng: np.random.Generator) -> Source:
-    """Holes with each of the 256 sets of neighbours, in cells of 3 x 3 pixels, on every second row of cells a row further down;
-    colours are few, so that neighbours are often equal."""
+    """Holes with each of the 256 sets of valid neighbours, in cells of 3 x 3 pixels. In every second strip the cells are one
+    row further down. Half of the frame has few colours, so that neighbours are often equal."""
     height, columns = 64, -(-256 // 5)
     valid = np.ones((height, 3 * columns), bool)
     for strip in range(height // TILE):
@@ -110,8 +115,8 @@ def every_neighbourhood(config: AcceleratorConfig, rng: np.random.Generator) -> 
 
 
 def every_border(config: AcceleratorConfig, rng: np.random.Generator) -> Source:
-    """Holes in the first and last row of a strip with each of the 32 sets of neighbours, in cells of 3 x 2 pixels; the last
-    strip has one row."""
+    """Holes in the first and last row of a strip with each of the 32 sets of valid neighbours, in cells of 3 x 2 pixels. The
+    last strip has one row."""
     height, columns = 2 * TILE + 1, 3 * 32
     valid = np.ones((height, columns), bool)
     for row, inner in ((0, 1), (TILE - 1, TILE - 2), (TILE, TILE + 1), (2 * TILE - 1, 2 * TILE - 2), (2 * TILE, None)):
@@ -125,7 +130,7 @@ def every_border(config: AcceleratorConfig, rng: np.random.Generator) -> Source:
 
 
 def traced(config: AcceleratorConfig, pixels: np.ndarray, right: bool = False) -> Source:
-    """A frame of a scene, so that what is at its median depth moves by 1/24 of the width."""
+    """A frame of a real scene, with a scale at which the median depth is warped by 1/24 of the width."""
     n = config.formats
     solid = pixels["transmittance"] <= solid_transmittance(n)
     depth = np.median(pixels["depth"][solid]) if solid.any() else n.depth_accumulator.raw_max
@@ -135,7 +140,7 @@ def traced(config: AcceleratorConfig, pixels: np.ndarray, right: bool = False) -
 
 def writes_of(config: AcceleratorConfig, pixels: np.ndarray, base: int) -> np.ndarray:
     """(N,) WriteRequest items of (H, W) DisplayPixel records, in the order in which the unit completes beats: strip by strip,
-    those of a column from the top."""
+    and within a strip column by column from the top."""
     height, width = pixels.shape
     words = pack(display_pixel(config), pixels.reshape(-1)).view("<u4")[:, 0].astype(np.int64)
     y, x = np.divmod(np.arange(height * width), width)
@@ -152,7 +157,7 @@ def writes_of(config: AcceleratorConfig, pixels: np.ndarray, base: int) -> np.nd
 
 
 def tiles_of(config: AcceleratorConfig, invalid: np.ndarray) -> np.ndarray:
-    """(tiles,) WarpedTile items."""
+    """The (tiles,) WarpedTile items of a mask."""
     out = np.zeros(len(invalid), warped_tile(config).dtype)
     out["tile"], out["invalid"] = np.arange(len(invalid)), invalid
     return out

@@ -1,4 +1,4 @@
-"""The warp unit's test: every beat and tile of the target eye's frame, in one simulation a configuration, and how fast."""
+"""The warp unit's tests: every beat and every tile of the target eye's frame must be right, at the required speed."""
 
 from __future__ import annotations
 
@@ -35,29 +35,31 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2, warp_fill="interior", warp_columns=64),
     "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False, warp_veiled=True, warp_columns=512),
     "default": DEFAULT.with_(stereo=True), "paper": PAPER.with_(stereo=True)}
-"""Machines that can be tested."""
+"""Configurations that can be tested."""
 
 DISTINCT = tuple(VARIANTS)
-"""Every number of lanes, both rules of filling, veiled pixels warped and not; the smallest ring, and one of whole rows."""
+"""Configurations with different units: every number of lanes, both rules of filling, veiled pixels warped or not, the smallest
+ring buffer, and one that holds whole rows."""
 
 PORTS = ("rows", "writes", "tiles")
 
 SIZES = ((1, 1), (2, 3), (7, 17), (8, 16), (9, 17), (15, 33), (16, 16), (17, 16), (24, 32), (31, 49), (33, 5), (40, 40),
          (97, 18))
-"""Frames narrower than a beat, than a tile, of whole and of broken beats and tiles, of one tile row and several."""
+"""Sizes of frames: narrower than a beat and than a tile, whole and incomplete beats and tiles, one row of tiles and several."""
 
 LEAST_COLUMNS = 4 * TILE
-"""Of a machine's ring."""
+"""The smallest number of columns of a machine's ring buffer."""
 
 BETWEEN_STRIPS = 36
-"""Cycles that are lost where a strip follows another: the last pixel's way into it, or the last group's through the median."""
+"""Cycles that are lost between two strips: the latency of the last pixel on its way into the ring buffer, or that of the last
+group through the median."""
 
 
 class Plan:
-    """Runs, and the number of the frame.
+    """Runs of the warp unit; each has a new frame number, as the bench starts a frame when that number changes.
 
     Attributes:
-        runs: what was added.
+        runs: the runs added so far.
     """
 
     def __init__(self, config: AcceleratorConfig, seed: int):
@@ -65,9 +67,9 @@ class Plan:
         self._config, self._rng, self._frame = config, np.random.default_rng(seed), 0
 
     def add(self, name: str, source: Source, **options: object) -> Planned:
-        """Adds the run that warps a frame, after a reset only where `options`, those of `planned`, say so: it costs the
-        clearing of the ring."""
-        self._frame = self._frame % 255 + 1  # never 0, the number before the first
+        """Adds the run that warps a frame. Only the first run resets the unit, because clearing the ring buffer takes time,
+        unless `options`, which are those of `planned`, say otherwise."""
+        self._frame = self._frame % 255 + 1  # never 0, which is the bench's number before the first frame
         height, width = source.pixels.shape
         base, warped = int(self._rng.integers(1 << BEAT_BITS)), source.warped(self._config)
         events = warped.events if self._config.counters else dict.fromkeys(warped.events, 0)
@@ -82,7 +84,7 @@ class Plan:
 
 
 def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Cases by name."""
+    """Cases by hand."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed)
     for right in (False, True):
         eye = "right" if right else "left"
@@ -91,20 +93,20 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(f"one disparity, {eye}", placed(config, rng, np.full((32, 48), 5.5), right))
         plan.add(f"off the row, {eye}", placed(config, rng, np.linspace(0, 120, 90) + np.zeros((17, 1)), right))
         plan.add(f"no depth, {eye}", placed(config, rng, np.full((16, 40), np.inf), right))
-    for width in (1, 16, 48):  # the scan begins where a row's last pixel has just come
+    for width in (1, 16, 48):  # the scan begins at the place to which a row's last pixel was just warped
         plan.add(f"last to first, {width} wide", placed(config, rng, np.full((33, width), width - 1.0)))
     plan.add("background", with_holes(config, rng, np.ones((40, 37), bool), 1.0))
     plan.add("all holes", with_holes(config, rng, np.zeros((40, 37), bool)))
     plan.add("every neighbourhood", every_neighbourhood(config, rng))
     plan.add("every border", every_border(config, rng))
-    for width, height in ((1, 65), (2, 130), (3, 193), (40, 1), (33, 17)):  # corners, and frames without inside
+    for width, height in ((1, 65), (2, 130), (3, 193), (40, 1), (33, 17)):  # corners, and frames without inner pixels
         for share in (0.5, 0.8):
             plan.add(f"narrow, {width} x {height}, {share}", with_holes(config, rng, rng.random((height, width)) < share))
     for share in (0.2, 0.5, 0.7, 0.9, 0.99):
         plan.add(f"{share} of pixels warped", with_holes(config, rng, rng.random((35, 61)) < share))
     for width, times in ((config.warp_columns + 37, 4), (config.row_width, 1), (reach(config) + 1, 3)):
         width = min(width, config.row_width)
-        for right in (False, True):  # to the frame's other side; a column more or less than may be
+        for right in (False, True):  # to the other side of the frame, at one column more and one less than the reach
             size, most = (times * TILE - 5, width), reach(config)
             far = rng.choice([0.5, most - 1, most, most + 1, 2 * most], size).repeat(7, 1)[:, :width]
             far = np.maximum(far + rng.choice([-1, -0.5, 0, 0.5, 1], size), 0)
@@ -115,32 +117,32 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Sizes, patterns of pauses, back to back, cut off by resets."""
+    """Frames of many sizes, patterns of pauses, runs back to back, and runs cut off by resets."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed + 1)
     for n, (width, height) in enumerate(SIZES):
         plan.add(f"{width} x {height}", anything(config, rng, width, height, n % 2 == 1))
     for n, (name, patterns) in enumerate(every_pattern(PORTS, seed).items()):
         plan.add(name, anything(config, rng, 37, 50, n % 2 == 1), patterns=patterns)
-    for k in range(6):  # the last strip has rows in few groups, whose beats wait while other columns are packed
+    for k in range(6):  # the last strip has few rows, so its beats wait while other columns are packed
         plan.add(f"paused writes of a low strip {k}", anything(config, rng, 61 + k, 17 + k // 2, k % 2 == 1),
                  patterns={"writes": (Pattern.BURSTY, seed + k)})
     for k in range(6):
         plan.add(f"back to back {k}", anything(config, rng, 33 + k, 17, k % 2 == 1))
-    for cycles in (30, 3000 + clear_cycles(config)):  # before the ring is clear, and far in the frame
+    for cycles in (30, 3000 + clear_cycles(config)):  # before the ring buffer is clear, and well into the frame
         plan.add(f"cut off after {cycles} cycles", anything(config, rng, 64, 96), abort=cycles)
         plan.add(f"whole frame after a reset at {cycles}", anything(config, rng, 35, 17), reset=True)
     return plan.runs
 
 
 def strip_cycles(config: AcceleratorConfig, width: int) -> int:
-    """Cycles that a strip without holes takes at most: as many pixels a cycle as there are lanes, as the array's rows have and
-    as a beat has; and between strips."""
+    """Most cycles of a strip without holes, including those between strips. The pixels per cycle are the smallest of the number
+    of lanes, the pixels of a row from the array, and the pixels of a beat."""
     return width * TILE // min(config.warp_lanes, config.cores_x, WORDS) + BETWEEN_STRIPS
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """`warp_lanes` pixels a cycle without holes, whatever the width: columns are scattered while others are written, but in the
-    smallest ring, which has no room for more than the tiles that a pixel reaches."""
+    """Frames without holes, which take `warp_lanes` pixels per cycle at any width, because some columns are warped while others
+    are written. The smallest ring buffer is excepted: it has no free space beyond the tiles that a pixel can reach."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed + 2)
     plan.add("clear", anything(config, rng, 16, 16))
     for width, height in ((128, 64), (127, 64), (250, 32)):
@@ -158,7 +160,7 @@ CONES = "traced Middlebury cones"
 
 
 def cones_plan(config: AcceleratorConfig) -> list[Planned]:
-    """A photograph with its true disparities, where it is there and as wide as the machine's rows may be."""
+    """A photograph with its true disparities, where it is present and the machine's rows are wide enough."""
     plan, folder = Plan(config, 0), cones_folder()
     if folder is not None and config.row_width >= 450 and not config.warp_veiled:
         plan.add("clear, then cones", anything(config, np.random.default_rng(0), 16, 16))
@@ -167,17 +169,17 @@ def cones_plan(config: AcceleratorConfig) -> list[Planned]:
 
 
 def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
-    """The frames of scenes."""
+    """The frames of real scenes."""
     plan = Plan(config, 0)
     plan.add("clear, then scenes", anything(config, np.random.default_rng(0), 16, 16))
     for n, (name, frame) in enumerate(traced_frames(config, size).items()):
-        for right in (False, True) if n < 2 else (n % 2 == 1,):  # the embedded scene both ways
+        for right in (False, True) if n < 2 else (n % 2 == 1,):  # the embedded scene is warped both ways
             plan.add(f"traced {name}, {'right' if right else 'left'}", traced(config, frame_pixels(frame), right))
     return plan.runs
 
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Everything."""
+    """All runs."""
     random = Plan(config, seed)
     rng = np.random.default_rng(seed + 3)
     for k in range(4):
@@ -187,7 +189,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
-    """Speeds of the runs at full rate, a line each."""
+    """One line per run at full rate with its speed."""
     lines = []
     for item, recording in exact.at_full_rate(plan, outcome):
         width, height = (item.run.settings[name] for name in ("width", "height"))
@@ -204,4 +206,4 @@ def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) ->
 
 
 run_plan = exact.runner(playback)
-"""Plays a plan and compares everything."""
+"""Plays a plan and compares all results."""

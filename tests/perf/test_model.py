@@ -228,7 +228,7 @@ def test_two_eyes_need_a_machine_for_them(small):
 @pytest.mark.long
 def test_two_eyes_and_a_smaller_machine_are_the_rtls_within_two_percent():
     if not (ROOT / "reports" / "model_rtl.json").is_file():
-        pytest.skip("no reports/model_rtl.json: `python -m msv2.studies model --rtl` makes it")
+        pytest.skip("no reports/model_rtl.json: `msv2 study run model --rtl` makes it")
     rows = rtl_rows("model_rtl")
     assert {row["config"] for row in rows} == {"default"}
     assert any("target_cycles" in row for row in rows)

@@ -22,7 +22,7 @@ from golden.scenes.embedded.world import CENTRE, embedded_world
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
 from spec.constants import SH_C0
 from spec.harmonics import basis_beyond_dc
-from spec.paths import ROOT
+from spec.paths import cache_folder
 from spec.sources import fingerprint, sources_of
 
 SAMPLE_VIEWS = 48
@@ -68,7 +68,7 @@ RIDGE = (0.02, 0.0005, 0.001, 0.002)
 """Ridge parameter of the SH fit for degrees 0 to 3, as shares of GLOSS_VIEWS. Higher degrees need more evidence; degree 0
 falls back on the mean of the samples."""
 
-CACHE = ROOT / "build" / "cache"
+CACHE = cache_folder("scenes")
 """Folder in which `cached_embedded_model` keeps its files."""
 
 

@@ -1,9 +1,8 @@
-"""Measure the integer golden renderer against the float64 oracle, scene by scene: reports/accuracy.json and .md."""
+"""Measures the integer golden renderer against the float64 oracle scene by scene, for reports/accuracy.json and .md."""
 
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,22 +12,23 @@ from tqdm import tqdm
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
-from golden.scenes.files import atomic_output
+from golden.scenes.captured import scene_argument
 from golden.scenes.gaze import Display, foveation_map, no_foveation
 from golden.scenes.levels import smfr_levels
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from golden.scenes.request import Request, add_request_arguments, make_folder, resolve
+from msv2.studies.page import table, write_page
+from msv2.studies.record import write_report
+from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import PAPER
 
-CAPTURES = ("truck.splat", "rock_sh3", "garden_large")
-"""Scenes measured besides the embedded one where MSV2_DATA/trained holds them."""
-
 BUDGET_DB = 60.0
-"""The golden renderer must reach this against the oracle, before 8-bit rounding."""
+"""The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding."""
 
 
 def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
-    """One row: golden against oracle on the request's view, with or without a gaze in the centre."""
+    """One row of the report: golden renderer against oracle for the request's camera, with or without a gaze in the centre."""
     camera, model = request.camera, request.model
     display = Display(camera.width, camera.height)
     if gazing:
@@ -39,7 +39,7 @@ def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
     oracle = render_oracle(model, camera, foveation=foveation, weights="plane")
     golden = pipeline.render(model, camera, config=PAPER, foveation=foveation)
     exact = render_oracle(model, camera, foveation=foveation, weights="exact") if gazing else oracle
-    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # beyond, splats may saturate
+    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # farther splats may saturate
     depth_error = np.abs(golden.depth[both] / oracle.depth[both] - 1)
     return {
         "scene": name, "camera": camera.name, "size": [camera.width, camera.height], "gaze": gazing, "splats": len(model),
@@ -52,61 +52,66 @@ def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
     """The table of reports/accuracy.md."""
-    lines = ["| scene, view | gaze | SH | entries | golden vs oracle | worst pixel | vs exact levels | depth error, p99 |",
-             "|---|---|---|---|---|---|---|---|"]
+    cells = []
     for r in rows:
-        cells = [f"{r['scene']}, {r['camera']}", "centre" if r["gaze"] else "none", r["sh_degree"], f"{r['entries']:,}",
+        cells.append([f"{r['scene']}, {r['camera']}", "centre" if r["gaze"] else "none", r["sh_degree"], f"{r['entries']:,}",
                  f"{r['psnr_vs_oracle_db']:.1f} dB", f"{r['max_abs_error']:.3f}",
                  f"{r['psnr_vs_exact_levels_db']:.1f} dB" if r["gaze"] else "-",
-                 "-" if r["depth_error_p99"] is None else f"{100 * r['depth_error_p99']:.3f} %"]
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+                 "-" if r["depth_error_p99"] is None else f"{100 * r['depth_error_p99']:.3f} %"])
     worst = min(r["psnr_vs_oracle_db"] for r in rows)
     note = (f"Worst: {worst:.1f} dB (budget {BUDGET_DB:.0f} dB). Colours clamped to [0, 1], before 8-bit rounding; with a gaze "
             "the oracle is given the same level planes. Depth: pixels nearer than half the depth scale; splats beyond 4 times "
             "the 99th percentile of z saturate, which shows where a distant sky leaks into a pixel (embedded).")
-    return "\n".join([*lines, "", note, ""])
+    head = ("scene, view", "gaze", "SH", "entries", "golden vs oracle", "worst pixel", "vs exact levels", "depth error, p99")
+    return f"{table(head, cells)}\n\n{note}\n"
 
 
 def over_scenes(
     name: str, description: str, argv: Sequence[str] | None, rows_of: Callable[[Request, str], list[dict[str, object]]],
     more: Sequence[Path] = (),
-) -> tuple[list[dict[str, object]], Path]:
-    """The command line of a measurement: its rows, of every scene and view asked for, and the folder of its report.
+) -> tuple[list[dict[str, object]], argparse.Namespace]:
+    """The command line of a measurement: its rows, of every scene and view asked for, and its arguments, with `scenes`.
 
     Args:
-        name: of the tool in golden/, without `.py`.
+        name: of the study.
         rows_of: given a request without a gaze and the scene's name.
         more: models measured besides, where they exist.
     """
-    parser = argparse.ArgumentParser(prog=f"golden/{name}.py", description=description,
-                                     epilog=f"example: MSV2_DATA=data python golden/{name}.py --size 640x360")
+    parser = command_parser(f"msv2 study run {name}", description, "example: MSV2_DATA=data %(prog)s --size 640x360")
     add_request_arguments(parser, size="640x360")
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")
     args = parser.parse_args(argv)
-    scenes = [args.scene]
+    args.scenes = [args.scene]
     if args.scene == EMBEDDED:
-        folder = Path(os.environ.get("MSV2_DATA", "../shared/data")) / "trained"
-        scenes += [str(path) for path in (*(folder / capture for capture in CAPTURES), *more) if path.exists()]
+        args.scenes = [*filter(None, map(scene_argument, MODELS)), *(str(path) for path in more if path.exists())]
     rows = []
-    for scene in tqdm(scenes, desc=name, unit="scene"):
+    for scene in tqdm(args.scenes, desc=name, unit="scene"):
         for view in args.views.split(","):
             request = resolve(argparse.Namespace(**{**vars(args), "scene": scene, "camera": view, "gaze": "none"}))
             rows += rows_of(request, Path(scene).stem)
-    return rows, make_folder(args.out)
+    return rows, args
 
 
-def write_report(out: Path, name: str, record: dict[str, object], page: str) -> None:
-    """NAME.json and NAME.md in a folder; the page is printed too."""
-    write_json(out / f"{name}.json", record)
-    with atomic_output(out / f"{name}.md") as file:
-        file.write(page.encode())
+def keep(args: argparse.Namespace, name: str, module: str, report: dict[str, object], page: str) -> None:
+    """NAME.json and NAME.md in the folder that is asked for; the page is printed too.
+
+    Args:
+        args: of `over_scenes`.
+        name: of the report.
+        module: the dotted name of the study's module.
+        report: of the JSON.
+        page: of the Markdown.
+    """
+    out = make_folder(args.out)
+    write_report(out / f"{name}.json", report, [module], {"arguments": args, "machine": PAPER}, args.scenes)
+    write_page(out / f"{name}.md", page)
     print(page)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 when a view misses the budget."""
-    rows, out = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
+    """Runs the command line; returns 1 when a view misses the budget."""
+    rows, args = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
         measure(request, scene, gazing) for gazing in (False, True)])
-    write_report(out, "accuracy", {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))
+    keep(args, "accuracy", __name__, {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))
     return int(min(r["psnr_vs_oracle_db"] for r in rows) < BUDGET_DB)

@@ -1,37 +1,42 @@
-"""Area of culling at one throughput, by how many units share it: reports/culling_area.json and the table in docs/synthesis.md.
+"""Area of culling at a fixed throughput, by the number of units that share the work: reports/culling_area.json and the table in
+docs/synthesis.md.
 
-    python -m msv2.studies.area.culling            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
+    msv2 study run culling_area            generic gates; with MSV2_PDK in ASAP7 as well (minutes)
 
-A point a cycle through near test and projection, and a visible splat every four cycles through the colour unit: by one unit
-whose operators do one operation each, or by several units whose operators are shared by a schedule. All are synthesised whole,
-operators once a kind and added up. Every memory is left out and counted in bits, however small: many small queues would be made
-of flip-flops where one large one is a macro, which is not what is compared.
+All variants take a point per cycle through near test and projection, and a visible splat every four cycles through the colour
+unit. They do so with one unit whose operators make one operation each, or with several units whose operators are shared by a
+schedule. Every unit is synthesised as a whole; each kind of operator is synthesised once, and the areas are added up.
+
+Every memory, however small, is left out and counted in bits. Otherwise many small queues would be made of flip-flops where one
+large queue is a macro, and this difference is not what is compared.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.lib import wiring
 
+from msv2.studies import page, record
+from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.compare import unit_cost
 from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.schedule import Cost, cost, schedule
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.errors import run_command_line
 from spec.harmonics import terms
-from spec.paths import ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from synth.liberty import PDK_VARIABLE
-from synth.report import Settings, synthesise, write_json, write_text
+from synth.report import Settings, synthesise
 
-PAGE, REPORT = ROOT / "docs" / "synthesis.md", ROOT / "reports" / "culling_area.json"
-MARK = "<!-- table:culling_area -->"
+PAGE, REPORT = DOCS / "synthesis.md", REPORTS / "culling_area.json"
 
 CLOCK_PS = 1000.0
 SH_DEGREE = 3
@@ -39,14 +44,14 @@ SH_DEGREE = 3
 
 @dataclass(frozen=True)
 class Part:
-    """What is compared.
+    """A unit that is compared.
 
     Attributes:
-        make: a unit of a machine.
-        interval: cycles that one unit takes.
-        counts: schedule's counts of one unit.
-        sums: products a cycle that one unit makes outside its datapath.
-        throughput: of all units together, in words.
+        make: makes the unit for a configuration.
+        interval: the cycles that one unit takes per item.
+        counts: the counts of one unit's schedule.
+        sums: the products per cycle that one unit makes outside its datapath.
+        throughput: the throughput of all units together, in words.
     """
 
     make: Callable[[AcceleratorConfig], wiring.Component]
@@ -67,16 +72,16 @@ PARTS = {
         ColourUnit, splat_interval, _colour_counts, lambda c: 3 * -(-terms(SH_DEGREE) // splat_interval(c)),
         "a splat every 4 cycles"),
 }
-"""Units by name."""
+"""The compared units, by name."""
 
 
 def machines(config: AcceleratorConfig) -> list[AcceleratorConfig]:
-    """One unit's settings for the whole machine's throughput, and for a half, a quarter and an eighth of it."""
+    """Configurations of one unit with the whole machine's throughput, and with a half, a quarter and an eighth of it."""
     return [config.with_(culling_units=config.culling_units // share) for share in (1, 2, 4, 8)]
 
 
 def measure(folder: Path, config: AcceleratorConfig = PAPER) -> list[dict[str, object]]:
-    """The rows of the report; um^2 and slack are null without liberty files. `folder` keeps netlists and results."""
+    """The rows of the report. Areas in um^2 and slacks are null without liberty files. `folder` keeps netlists and results."""
     rows = []
     for name, part in PARTS.items():
         fastest = part.interval(config)
@@ -101,35 +106,31 @@ def measure(folder: Path, config: AcceleratorConfig = PAPER) -> list[dict[str, o
 
 
 def table(rows: list[dict[str, object]]) -> str:
-    """The report in Markdown."""
+    """The report's table in Markdown."""
     head = ["units", "cycles each", "operators", "register bits", "2:1 mux bits", "flip-flops", "memory bits", "NAND2",
             "of that outside operators", "um² ASAP7", "slack, ps"]
     keys = ["units", "interval", "operators", "register_bits", "mux_bits", "flip_flops", "memory_bits", "nand2_equivalents",
             "nand2_without_operators", "area_um2", "slack_ps"]
-    lines = []
+    parts = []
     for part in dict.fromkeys(row["part"] for row in rows):
         of_part = [row for row in rows if row["part"] == part]
-        lines += ["", f"`{part}`, {of_part[0]['throughput']}:", "", f"| {' | '.join(head)} |", f"|{' ---: |' * len(head)}"]
-        for row in of_part:
-            cells = ["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys]
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines[1:], ""]) if lines else "(not measured yet)"
+        cells = [["-" if row[key] is None else f"{row[key]:,.0f}" for key in keys] for row in of_part]
+        parts.append(f"`{part}`, {of_part[0]['throughput']}:\n\n{page.table(head, cells, left=0)}")
+    return "\n\n".join(parts) or page.ABSENT
 
 
-def fill(page: Path, report: Path, *, check: bool = False) -> int:
-    """Writes the table into a page, between `<!-- table:culling_area -->` and `<!-- end -->`; with `check` changes nothing and
-    returns 1 where it would."""
-    old, rows = page.read_text(), json.loads(report.read_text())["rows"]
-    head, _, rest = old.partition(MARK)
-    new = f"{head}{MARK}\n{table(rows)}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
-    if new != old and not check:
-        write_text(page, new)
-    return int(check and new != old)
+def fill(path: Path, report: Path, *, check: bool = False) -> int:
+    """Writes the table into a page, between `<!-- table:culling_area -->` and `<!-- end -->`. With `check` it changes nothing
+    and returns 1 where the page would change."""
+    rows = json.loads(report.read_text())["rows"]
+    return page.fill(path, {"culling_area": lambda: table(rows)}, check=check, complete=True)
 
 
-def main() -> int:
-    """The command line's work."""
-    write_json(REPORT, {"config": PAPER.name, "rows": measure(ROOT / "build" / "results" / "synth")})
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measures, writes the report and fills the page."""
+    command_parser("msv2 study run culling_area", __doc__).parse_args(argv)
+    rows = measure(ROOT / "build" / "results" / "synth")
+    write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
     return fill(PAGE, REPORT)
 
 

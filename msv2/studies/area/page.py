@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from msv2.studies.page import table
+
 _WHY = {
     "array": "falloff by forward differences in the log2 domain: additions in a core, no product but T (1 - alpha); "
              "weights telescope; narrow words in two banks ([array.md](../docs/array.md))",
@@ -13,14 +15,12 @@ _WHY = {
 }
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table in Markdown; its first `left` columns are aligned left, the others right."""
-    rule = " | ".join(["---"] * left + ["---:"] * (len(head) - left))
-    return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+def _numbers(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
+    return f"{table(head, rows, left)}\n"
 
 
 def page(report: dict) -> str:
-    """The whole page."""
+    """The whole page as Markdown."""
     build = report["builds"]["1ghz"]
     intro = (
         f"Commit {report['commit']}; {build['config']}, two eyes, row width {build['row_width']:,}; {build['node']}, cells "
@@ -56,7 +56,7 @@ def _paper(report: dict) -> str:
     theirs, mine = paper["core_um2_16nm"], build["core_um2_16nm"]
     lines.append(("a core of the array, um²", _count(theirs), _count(mine), f"{theirs / mine:.1f}",
                   "with its share of rows, setup and expansion; level blending apart"))
-    return table(("mm² at 16 nm", "paper", "ours", "paper / ours", "why"), lines)
+    return _numbers(("mm² at 16 nm", "paper", "ours", "paper / ours", "why"), lines)
 
 
 def _builds(report: dict) -> str:
@@ -69,7 +69,7 @@ def _builds(report: dict) -> str:
         rows.append((
             f"`{name}`", build["about"], build["technology"], _count(build["clock_ps"]), *map(_mm2, areas),
             _count(build["core_um2_16nm"]), _count(build["worst_slack_ps"]), *map(_ghz, clocks)))
-    return table(head, rows, left=3)
+    return _numbers(head, rows, left=3)
 
 
 def _clocks(report: dict) -> str:
@@ -94,7 +94,7 @@ def _frames(report: dict) -> str:
         frame = f"{row['scene']} {width}x{height}, {row['levels']} levels"
         rows.append((frame, _count(row["frame_cycles"]), *map(_count, rates)))
     head = ("frame", "cycles", "a second at 1 GHz", "at the scaled clock", "geometry overlapped, 1 GHz", "scaled clock")
-    return table(head, rows) + (
+    return _numbers(head, rows) + (
         f"\nCycles of RTL (reports/machine.json) at {report['frames'][0]['bytes_per_cycle']} bytes of memory a cycle: at the "
         "scaled clock the memory is taken to be as much slower.\n")
 
@@ -104,7 +104,7 @@ def _groups(build: dict) -> str:
     rows = [(name, *(_count(sums[key]) for key in keys)) for name, sums in build["groups"].items()]
     rows.append(("all", *(_count(sum(sums[key] for sums in build["groups"].values())) for key in keys)))
     head = ("group", "logic, um² ASAP7", "memories, um²", "logic, um² at 16 nm", "memories at 16 nm", "memory bits")
-    return table(head, rows)
+    return _numbers(head, rows)
 
 
 def _units(report: dict) -> str:
@@ -117,7 +117,7 @@ def _units(report: dict) -> str:
                    row["memory_bits"], row["memory_um2"])
         rows.append((f"`{row['unit']}`", row["group"], *map(_count, numbers), f"x {row['factor']:.3f}",
                      _count(row["logic_um2_16nm"]), row["note"]))
-    return table(head, rows, left=2) + (
+    return _numbers(head, rows, left=2) + (
         f"\nThe factor is of {report['scaling_source']}. Units without a slack are wires around others.\n")
 
 
@@ -130,11 +130,11 @@ def _memories(report: dict) -> str:
                      f"{row['reads']}R {row['writes']}W", _count(row["count"] * row["bits"]), made,
                      *map(_count, (row["area_um2"], row["area_um2_16nm"]))))
     sources = list(dict.fromkeys(row["source"] for row in report["memories"] if row["area_um2"]))
-    return table(head, rows, left=2) + "\nAreas: " + "; or: ".join(sources) + (
+    return _numbers(head, rows, left=2) + "\nAreas: " + "; or: ".join(sources) + (
         ". What is said to be part of a unit's logic has its area there.\n")
 
 
 def _late(report: dict) -> str:
     late = sorted((row for row in report["rows"] if (row["slack_ps"] or 0) < 0), key=lambda row: row["slack_ps"])
     rows = [(f"`{row['unit']}`", _count(row["slack_ps"]), row["path"] or "-") for row in late]
-    return table(("unit", "slack, ps", "its worst path"), rows) if rows else "None.\n"
+    return _numbers(("unit", "slack, ps", "its worst path"), rows) if rows else "None.\n"

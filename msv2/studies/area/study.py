@@ -1,7 +1,7 @@
 """Area of the paper's machine beside the paper's own numbers: writes reports/area.json, .md and .png.
 
-    python -m msv2.studies area                all builds: an hour; modules with a result in build/synth are not synthesised
-    again python -m msv2.studies area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
+    msv2 study run area                all builds; an hour if build/synth holds no results of modules
+    msv2 study run area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
 
 A build is the machine for two eyes with rows of 1920 pixels; the memories of the warp unit are also reported separately. The
 build `mono` and those of the presets are machines without the warp unit.
@@ -9,25 +9,24 @@ build `mono` and those of the presets are machines without the warp unit.
 
 from __future__ import annotations
 
-import argparse
 import json
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from golden.scenes.files import read_json
 from msv2.studies.area.figure import draw
 from msv2.studies.area.page import page
+from msv2.studies.page import write_page
+from msv2.studies.record import commit, liberties, write_report
+from spec.command_line import command_parser
 from spec.config import PAPER, PRESETS, AcceleratorConfig
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 from synth.area import AreaReport, machine_area
-from synth.report import write_json, write_text
 from synth.scaling import DELAY_TO_16NM, SOURCE, same_clock
 from synth.settings import MOST_RUNS
 from synth.timing import WIRE_DERATE
-
-REPORTS = ROOT / "reports"
 
 CLOCK_PS = 1000.0
 TWO_EYES = PAPER.with_(stereo=True)
@@ -35,7 +34,7 @@ TWO_EYES = PAPER.with_(stereo=True)
 
 @dataclass(frozen=True)
 class Build:
-    """A machine in a technology at a clock, and what its numbers are used for."""
+    """A machine in a technology at a clock, and a description of the use of its numbers."""
 
     config: AcceleratorConfig
     technology: str
@@ -98,13 +97,6 @@ def split(report: AreaReport) -> dict[str, float]:
     return {"array": array, "other logic": logic - array, "SRAM": report.total_mm2_16nm() - logic}
 
 
-def commit() -> str:
-    """The current commit, with a mark if rtl, spec or synth differ from it."""
-    done = [subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-            for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "rtl", "spec", "synth"))]
-    return (done[0] or "unknown") + (", changed" if done[1] else "")
-
-
 def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict) -> dict[str, object]:
     """Synthesises the builds `names` and returns the whole report; all other builds are copied from the report `old`."""
     builds = dict(old.get("builds", {}))
@@ -160,12 +152,12 @@ def _say(line: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, measures, and writes the report; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies area", description=__doc__.splitlines()[0])
+    parser = command_parser("msv2 study run area", __doc__.splitlines()[0])
     parser.add_argument("--builds", nargs="+", default=list(BUILDS), metavar="BUILD",
-                        help=f"builds to make, of {', '.join(BUILDS)} (default: all)")
+                        help=f"builds to make, among {', '.join(BUILDS)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS,
-                        help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
+                        help=f"most runs of a module, each with more fast adders; 1: all are fast (default: {MOST_RUNS})")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
                         help="folder of synthesis results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
@@ -175,9 +167,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         raise InputError(f"builds {', '.join(sorted(unknown))} are not known: {', '.join(BUILDS)} are")
     path = args.out / "area.json"
-    report = measure(args.builds, args.folder, args.jobs, args.runs, json.loads(path.read_text()) if path.exists() else {})
-    write_json(path, report)
-    write_text(args.out / "area.md", page(report))
+    old = read_json(path) if path.exists() else {}
+    report = measure(args.builds, args.folder, args.jobs, args.runs, old)
+    machines = {name: BUILDS[name].config for name in args.builds}
+    write_report(path, report, [__name__], {"arguments": args, "machines": machines}, [*liberties(), REPORTS / "machine.json"],
+                 old if set(report["builds"]) - set(args.builds) else None)
+    write_page(args.out / "area.md", page(report))
     draw(report, args.out / "area.png")
     print(f"wrote {path}, area.md and area.png")
     return 0

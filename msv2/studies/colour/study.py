@@ -1,28 +1,29 @@
-"""Colours: their errors, the work of their functions, the gates of their unit; reports/colour.json and docs/colour.md's tables.
+"""Measures the errors of colours and the work and the gates of the colour unit: reports/colour.json and docs/colour.md's
+tables.
 
-    python -m msv2.studies colour            measure all (minutes where nothing is cached) and write the tables
-    python -m msv2.studies colour --check    exit 1 where the page differs from what the report gives
+    msv2 study run colour            measure all (minutes where nothing is cached) and write the tables
+    msv2 study run colour --check    exit 1 where the page differs from what the report gives
 
-Errors are those of the golden colours, at several fractions of `sh_basis`, against float64 spherical harmonics of the same
-offsets and coefficients. Gates are generic, counted as msv2/studies/area/culling.py counts them (every memory in bits,
-however small), with its cache: the units that both measure are synthesised once.
+The errors are those of the golden renderer's colours, for several numbers of fraction bits of `sh_basis`, against float64
+spherical harmonics of the same offsets and coefficients. Gates are generic and are counted as msv2/studies/area/culling.py
+counts them, with every memory in bits. Both studies use the same cache, so that a unit which both measure is synthesised once.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from amaranth.lib import wiring
 
 from golden.msv2_ref.colour import survivor_views
+from msv2.studies import page
 from msv2.studies.area.culling import CLOCK_PS
-from msv2.studies.results.tables import markdown
+from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, carried_layout, splat_interval
 from rtl.culling.colour_sum import ColourSum
 from rtl.culling.datapath import Datapath
@@ -30,19 +31,19 @@ from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import Cost, cost, schedule
 from rtl.culling.views import ViewWriter
 from spec import harmonics
+from spec.command_line import command_parser
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
-from spec.errors import InputError
 from spec.formats import SQ
 from spec.harmonics import basis_beyond_dc, terms
 from spec.memory import colour_beats
-from spec.paths import ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from spec.records import gaussian_colour, surviving_splat
-from synth.report import Settings, synthesise, write_json, write_text
+from synth.report import Settings, synthesise
 
-PAGE, REPORT = ROOT / "docs" / "colour.md", ROOT / "reports" / "colour.json"
+PAGE, REPORT = DOCS / "colour.md", REPORTS / "colour.json"
 
 FRACTIONS = (12, 13, 14, 15, 16)
-"""Fraction bits of `sh_basis` that are compared."""
+"""The numbers of fraction bits of `sh_basis` that are compared."""
 
 SPLATS, COEFFICIENT_RMS, SEED = 60_000, 0.2, 0
 SH_DEGREE = 3
@@ -50,7 +51,7 @@ MACHINES = (PAPER, DEFAULT, TINY)
 
 
 def lanes(config: AcceleratorConfig) -> int:
-    """Basis functions that the unit multiplies with their coefficients in a cycle."""
+    """Number of basis functions that the unit multiplies with their coefficients in a cycle."""
     return -(-terms(SH_DEGREE) // splat_interval(config))
 
 
@@ -60,7 +61,7 @@ PARTS: dict[str, Callable[[AcceleratorConfig], wiring.Component]] = {
     "colour_sum": lambda c: ColourSum(c, sh_degree=SH_DEGREE, lanes=lanes(c), carried=carried_layout(c)),
     "view_writer": lambda c: ViewWriter(c, carried=carried_layout(c)),
 }
-"""The unit and what it is made of; a queue of survivors and the reads are the unit's own."""
+"""The colour unit and its parts. The queue of survivors and the reads belong to the unit itself."""
 
 TITLES = {
     "colour_unit": "`ColourUnit`, all of it", "datapath": "`Datapath`: the functions", "colour_sum": "`ColourSum`: their sums",
@@ -68,7 +69,7 @@ TITLES = {
 
 
 def random_splats(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """SPLATS SurvivingSplat and GaussianColour records: offsets of any direction and distance, base colours of 1."""
+    """SPLATS SurvivingSplat and GaussianColour records with offsets of all directions and distances, and base colours of 1."""
     rng, n = np.random.default_rng(seed), PAPER.formats
     survivors = np.zeros(SPLATS, surviving_splat(PAPER).dtype)
     distances = 2.0 ** rng.uniform(-4, 6, (SPLATS, 1))
@@ -80,7 +81,7 @@ def random_splats(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact_colours(survivors: np.ndarray, records: np.ndarray) -> np.ndarray:
-    """(SPLATS, 3) float64 colours in ulps of `colour`, not rounded, clamped to its range."""
+    """(SPLATS, 3) float64 colours in ulps of `colour`, clamped to its range but not rounded."""
     n = PAPER.formats
     offset = n.view.to_float(survivors["offset"])
     basis = basis_beyond_dc(offset / np.linalg.norm(offset, axis=1, keepdims=True), terms(SH_DEGREE))
@@ -90,7 +91,8 @@ def exact_colours(survivors: np.ndarray, records: np.ndarray) -> np.ndarray:
 
 
 def error_rows() -> list[dict[str, object]]:
-    """Errors in ulps of `colour`, by fraction of `sh_basis`; null is that of exact functions, rounded to `colour` alone."""
+    """Errors in ulps of `colour`, by the fraction bits of `sh_basis`. For null the functions are exact and only `colour` is
+    rounded."""
     survivors, records = random_splats(SEED)
     exact, rows = exact_colours(survivors, records), []
     for fraction in (*FRACTIONS, None):
@@ -106,7 +108,8 @@ def error_rows() -> list[dict[str, object]]:
 
 
 def function_rows() -> list[dict[str, int]]:
-    """By degree: functions beyond the first, products that give them, beats of a colour record."""
+    """For each degree, the basis functions beyond the first, the products that compute them, and the beats of a colour
+    record."""
     products = [sum(node.kind == "operation" for node in harmonics_graph(PAPER, d).nodes) for d in range(1, SH_DEGREE + 1)]
     return [{"degree": degree, "functions": terms(degree), "products": count, "beats": colour_beats(PAPER, degree)}
             for degree, count in enumerate([0, *products])]
@@ -118,18 +121,18 @@ def operand_bits() -> list[int]:
 
 
 def counts(config: AcceleratorConfig) -> Cost:
-    """What the functions' schedule needs."""
+    """The cost of the schedule of the basis functions."""
     return cost(schedule(harmonics_graph(config, SH_DEGREE), splat_interval(config)))
 
 
 def multipliers(config: AcceleratorConfig) -> dict[str, int]:
-    """By part: products a cycle."""
+    """The products per cycle of each part."""
     functions, sums = sum(counts(config).operators.values()), 3 * lanes(config)
     return {"colour_unit": functions + sums, "datapath": functions, "colour_sum": sums, "view_writer": 0}
 
 
 def cost_rows(folder: Path) -> list[dict[str, object]]:
-    """Of every part in every machine; `folder` keeps netlists and results."""
+    """The rows of every part in every configuration; `folder` keeps netlists and results."""
     rows = []
     for name, make in PARTS.items():
         for config in MACHINES:
@@ -144,64 +147,56 @@ def cost_rows(folder: Path) -> list[dict[str, object]]:
 
 
 def functions_table(report: dict) -> str:
-    """Products and beats by degree."""
+    """The table of products and beats by degree."""
     rows = [[f"{row[key]}" for key in ("degree", "functions", "products", "beats")] for row in report["functions"]]
     first, second = report["operand_bits"]
-    table = markdown(["degree", "functions beyond the first", "products", "beats of a colour record"], rows)
+    table = page.table(["degree", "functions beyond the first", "products", "beats of a colour record"], rows)
     return f"{table}\n\nEvery product is of one kind, {first} x {second} bits."
 
 
 def errors_table(report: dict) -> str:
-    """Errors by fraction."""
+    """The table of errors by fraction bits."""
     splats, rows = report["splats"], report["errors"]
     names = ["exact functions" if row["fraction"] is None else f"{row['fraction']}" for row in rows]
     lines = [[key, *(f"{row[key]:.4f}" for row in rows)] for key in ("rms", "largest")]
     return (f"{splats['count']:,} random splats of degree {splats['sh_degree']}, coefficients of "
-            f"{splats['coefficient_rms']} rms:\n\n{markdown(['fraction of `sh_basis`', *names], lines)}")
+            f"{splats['coefficient_rms']} rms:\n\n{page.table(['fraction of `sh_basis`', *names], lines)}")
 
 
 def cost_table(report: dict) -> str:
-    """Gates by part and machine."""
+    """The table of gates by part and configuration."""
     header = ["part", "machine", "cycles a splat", "multipliers", "waiting register bits", "flip-flops in all", "memory bits",
               "NAND2"]
     keys = ("interval", "multipliers", "register_bits", "flip_flops", "memory_bits", "nand2_equivalents")
-    return markdown(header, [
+    return page.table(header, [
         [TITLES[row["part"]], row["config"].upper(), *("-" if row[key] is None else f"{row[key]:,}" for key in keys)]
         for row in report["cost"]])
 
 
 TABLES: dict[str, Callable[[dict], str]] = {
     "colour_functions": functions_table, "colour_errors": errors_table, "colour_cost": cost_table}
-"""By the name in the page's marker."""
+"""The tables by the names in the page's markers."""
 
 
-def fill(page: Path, report: Path, *, check: bool = False) -> int:
-    """Writes the tables into a page, each between `<!-- table:NAME -->` and `<!-- end -->`; with `check` changes nothing and
-    returns 1 where it would. Raises InputError where the page lacks one."""
-    numbers, old = json.loads(report.read_text()), page.read_text()
-    new = old
-    for name, table in TABLES.items():
-        new, found = re.subn(rf"(<!-- table:{name} -->\n).*?(\n<!-- end -->)",
-                             lambda m, table=table: f"{m[1]}{table(numbers)}{m[2]}", new, flags=re.S)
-        if found != 1:
-            raise InputError(f"{page.name} has {found} places for the table {name}: 1 is wanted")
-    if new != old and not check:
-        write_text(page, new)
-    return int(check and new != old)
+def fill(path: Path, report: Path, *, check: bool = False) -> int:
+    """Writes the tables into a page, each between `<!-- table:NAME -->` and `<!-- end -->`. With `check` it changes nothing and
+    returns 1 where the page would change. Raises InputError where the page lacks a marker."""
+    numbers = json.loads(report.read_text())
+    return page.fill(path, {name: partial(table, numbers) for name, table in TABLES.items()}, check=check, complete=True)
 
 
 def measure(folder: Path) -> dict[str, object]:
-    """The report."""
+    """The content of the report."""
     return {
         "splats": {"count": SPLATS, "sh_degree": SH_DEGREE, "coefficient_rms": COEFFICIENT_RMS, "seed": SEED},
         "operand_bits": operand_bits(), "functions": function_rows(), "errors": error_rows(), "cost": cost_rows(folder)}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies colour", description="Errors and gates of colours.")
+    """Runs the command line."""
+    parser = command_parser("msv2 study run colour", "Errors and gates of colours.")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
     args = parser.parse_args(argv)
     if not args.check:
-        write_json(REPORT, measure(ROOT / "build" / "results" / "synth"))
+        write_report(REPORT, measure(ROOT / "build" / "results" / "synth"), [__name__], {"machines": MACHINES})
     return fill(PAGE, REPORT, check=args.check)

@@ -1,14 +1,14 @@
-"""`python -m msv2.studies drain_waits`: cycles that a tile's end waits for room in the array's output buffer, by kind of
-buffer.
+"""`msv2 study run drain_waits`: measures the cycles in which the end of a tile waits for free space in the array's
+output buffer, for several kinds of buffer.
 
-The array and the pixel writer behind it, on scenes' frames, every beat of memory compared. Memory is either ideal, an entry and
-a beat of pixels a cycle, or shared: of its 25.6 bytes a cycle an entry takes the 8 of its place in the list and the beat of a
-view for each but one in ENTRIES_A_HIT, and pixels come first.
+The study simulates the array and the pixel writer behind it on frames of real scenes, and compares every beat of memory. Memory
+is either ideal, with one entry and one beat of pixels per cycle, or shared. A shared memory moves 25.6 bytes per cycle. An
+entry takes 8 of them for its place in the list, and a beat for its splat record except for one entry in ENTRIES_A_HIT. Pixels
+have priority.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -19,10 +19,12 @@ from amaranth.lib.wiring import In, Out
 
 from golden.msv2_ref.frame_memory import frame_pixels
 from golden.msv2_ref.pipeline import Frame
+from msv2.studies.page import table
 from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
@@ -37,7 +39,7 @@ from tb.vrc_array.array_device import background_bits
 from tb.vrc_array.pixel_writer_stimuli import rows_of, writes_of
 
 ENTRIES_A_HIT = 8
-"""An entry in so many finds its view in the cache: about what scenes' frames show."""
+"""One entry in this many finds its splat record in the cache, which is about what frames of real scenes show."""
 
 _UNIT = round(10 * BEAT_BYTES)
 _ENTRY = round(10 * (ENTRY_BYTES + BEAT_BYTES * (1 - 1 / ENTRIES_A_HIT)))
@@ -46,7 +48,7 @@ _OBSERVED = ("ops", "skipped", "waits", "pixels")
 
 
 class ArrayAndWriter(wiring.Component):
-    """The array, its pixels to memory, and a share of memory's bytes for either end where `limited` is set."""
+    """The array and the pixel writer. Where `limited` is set, both share the bytes of the memory."""
 
     def __init__(self, config: AcceleratorConfig, lines: int | None):
         self.config, self._array = config, VrcArray(config, lines=lines)
@@ -65,7 +67,7 @@ class ArrayAndWriter(wiring.Component):
         m.submodules.writer = writer = PixelWriter(self.config)
         wiring.connect(m, wiring.flipped(self.tiles), array.tiles)
         wiring.connect(m, array.pixels, writer.rows)
-        bytes_left = Signal(range(16 * _UNIT))  # tenths of bytes
+        bytes_left = Signal(range(16 * _UNIT))  # in tenths of bytes
         pays_write, pays_entry = ~self.limited | (bytes_left >= _UNIT), Signal()
         wrote, entered = self.writes.valid & self.writes.ready, self.entries.valid & self.entries.ready
         m.d.comb += [
@@ -87,14 +89,14 @@ class ArrayAndWriter(wiring.Component):
 
 
 def buffers(config: AcceleratorConfig) -> Iterator[tuple[str, AcceleratorConfig, int | None]]:
-    """Name, machine and lines of each kind of buffer."""
+    """The name, the machine and the number of rows of each kind of buffer."""
     yield f"least, {config.cores_y} rows", config, None
     yield f"{2 * config.cores_y} rows", config, 2 * config.cores_y
     yield "two whole tiles", config.with_(incremental=False), None
 
 
 def playback(config: AcceleratorConfig, lines: int | None) -> Playback:
-    """Array and writer, emitted, with files at their streams."""
+    """The array and the writer, emitted as Verilog, with a file at each stream."""
     sizes = (("width", 14), ("height", 14), ("tile_count", frame_tiles(config).bit_length()), ("limited", 1))
     return Playback(
         name=f"drains-{config.cores_x}x{config.cores_y}", module="array_and_writer",
@@ -106,7 +108,7 @@ def playback(config: AcceleratorConfig, lines: int | None) -> Playback:
 
 
 def plan_of(frames: dict[str, Frame]) -> list[Planned]:
-    """Each frame with ideal and with shared memory."""
+    """Every frame, with ideal and with shared memory."""
     plan = []
     for name, frame in frames.items():
         r, pixels = frame.registers, frame_pixels(frame)
@@ -122,8 +124,8 @@ def plan_of(frames: dict[str, Frame]) -> list[Planned]:
     return plan
 
 
-def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[str], bool]:
-    """Lines of the table, and whether every bit was right."""
+def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tuple[str, ...]], bool]:
+    """Rows of the table, and whether every bit was right."""
     plan, lines, right = plan_of(traced_frames(config, size)), [], True
     for kind, machine, rows in buffers(config):
         outcome = run_plan(playback(machine, rows), plan, folder / kind.replace(" ", "-").replace(",", ""))
@@ -131,20 +133,18 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[st
         for item in plan:
             recording, entries = outcome.recordings[item.name], len(item.run.inputs["entries"])
             seen = recording.observed
-            lines.append(
-                f"| {item.name} | {kind} | {entries:,} | {seen['ops']:,} | {seen['skipped']:,} | {recording.cycles:,} | "
-                f"{seen['waits']:,} | {'' if item.name in outcome.failures else 'equal'} |")
+            lines.append((item.name, kind, f"{entries:,}", f"{seen['ops']:,}", f"{seen['skipped']:,}",
+                          f"{recording.cycles:,}", f"{seen['waits']:,}", "" if item.name in outcome.failures else "equal"))
     return sorted(lines), right
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the table; 1 when a bit differs."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies drain_waits", description=__doc__.split("\n\n")[0])
+    """Prints the table; returns 1 when a bit differs."""
+    parser = command_parser("msv2 study run drain_waits", __doc__.split("\n\n")[0])
     add_config_arguments(parser, "default")
-    parser.add_argument("--size", default="160x96", metavar="WxH", help="of the frames, at least 50x40 (default: 160x96)")
+    parser.add_argument("--size", default="160x96", metavar="WxH", help="size of the frames, at least 50x40 (default: 160x96)")
     args = parser.parse_args(argv)
     config = config_from(args, "default")
     lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)
-    print("| frame | buffer | entries | ops | skipped | cycles | of them waited | bits |\n|---|---|---|---|---|---|---|---|")
-    print(*lines, sep="\n")
+    print(table(("frame", "buffer", "entries", "ops", "skipped", "cycles", "of them waited", "bits"), lines))
     return 0 if right else 1

@@ -23,10 +23,13 @@ from tqdm import tqdm
 from golden import threads as parallel
 from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve, write_json
+from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve
+from msv2.studies import page
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
@@ -34,65 +37,67 @@ from spec.overrides import add_config_arguments, choice, config_from, config_opt
 from spec.paths import ROOT
 
 EXAMPLES = """examples:
-  python -m msv2.studies effects                                   the embedded scene, with and without a gaze
-  python -m msv2.studies effects truck.splat embedded@320,180   truck without a gaze, embedded with one; @centre is the frame's
-  python -m msv2.studies effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
-  MSV2_PDK=DIR python -m msv2.studies effects --area               and areas: minutes for each machine not synthesised before
+  msv2 study run effects                                   the embedded scene, with and without a gaze
+  msv2 study run effects truck.splat embedded@320,180   truck without a gaze, embedded with one; @centre is the frame's
+  msv2 study run effects truck.splat --rtl 256x144         and through the RTL, at a size that it can afford
+  MSV2_PDK=DIR msv2 study run effects --area               and areas: minutes for each machine not synthesised before
 """
 
 BUT_STEREO = tuple(name for name in EFFECTS if name not in ("stereo", "fill", "rerender", *GIVEN))
 SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "depth": ("depth",)}
-"""Effects that have arithmetic of their own in both renderers, and what is forced to force each."""
+"""The effects that have arithmetic of their own in both renderers, each with the effects that are forced to measure it."""
 
 CENTRE = "centre"
 
 RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio", "area_ratio")
-"""Of the RTL, and of its area: all effects but a second eye over those that are called for."""
+"""Ratios of the RTL and of its area: all effects but a second eye, divided by the effects that the frame calls for."""
 
 RUNS = 9
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A scene and where it is looked at: pixels of --size, the centre, or None for no gaze."""
+    """A scene with its gaze: a place in pixels of --size, the centre, or None for no gaze."""
 
     scene: str
     gaze: str | None
 
     @classmethod
     def parse(cls, text: str) -> Frame:
-        """Of "SCENE" or "SCENE@X,Y"."""
+        """The frame that "SCENE" or "SCENE@X,Y" stands for."""
         scene, _, gaze = text.partition("@")
         return cls(scene, gaze or None)
 
     def gaze_at(self, size: str, to: str) -> str:
-        """The gaze in a frame `to` of what is given in one of `size`, both as WxH."""
+        """The gaze in a frame of size `to`, scaled from a frame of size `size`; both sizes are written as WxH."""
         old, new = parse_size(size), parse_size(to)
         at = [edge / 2 for edge in old] if self.gaze == CENTRE else parse_numbers("gaze", self.gaze, 2)
         return ",".join(f"{a * n / o:g}" for a, n, o in zip(at, new, old, strict=True))
 
     @property
     def label(self) -> str:
-        """For people."""
+        """A name of the frame for tables."""
         return f"{Path(self.scene).stem}, {'gaze' if self.gaze else 'no gaze'}"
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies effects", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed and checked command line."""
+    parser = command_parser("msv2 study run effects", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=["embedded", f"embedded@{CENTRE}"], metavar="SCENE[@X,Y]",
-                        help="scenes, with the gaze where there is one; a model without levels then gets nested random subsets")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the golden frames (default: 640x360)")
-    parser.add_argument("--rtl", metavar="WxH", help="simulate, too, at this size")
+                        help="scenes, each with an optional gaze; a gaze gives a model without levels nested random subsets")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the golden frames (default: 640x360)")
+    parser.add_argument("--rtl", metavar="WxH", help="also simulate the RTL, at this size")
     add_config_arguments(parser, "default")
-    parser.add_argument("--area", action="store_true", help="synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
-    parser.add_argument("--area-config", default="paper", metavar="CONFIG", help="machine whose area is shown (default: paper)")
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs of each frame (default: {RUNS})")
-    parser.add_argument("--seed", type=int, default=0, help="of the random subsets (default: 0)")
-    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR", help="default: build/effects")
+    parser.add_argument("--area", action="store_true",
+                        help="also synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
+    parser.add_argument("--area-config", default="paper", metavar="CONFIG",
+                        help="configuration whose area is shown (default: paper)")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"how often each frame is run (default: {RUNS})")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR",
+                        help="output folder (default: build/effects)")
     args = parser.parse_args(argv)
-    config_from(args, "default")  # before anything is rendered
+    config_from(args, "default")  # raises for a wrong configuration before anything is rendered
     choice("config", args.area_config, CONFIGS)
     for size in (args.size, args.rtl):
         if size is not None:
@@ -103,7 +108,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
-    """The frame with what it calls for ("auto"), with each effect more by its name, and with all but a second eye ("most")."""
+    """The frame with the effects that it calls for ("auto"), with each further effect, and with all but a second eye
+    ("most")."""
     gaze, levels = (frame.gaze_at(args.size, args.size), 4) if frame.gaze else ("none", None)
     given = SimpleNamespace(
         scene=frame.scene, camera="orbit", size=args.size, gaze=gaze, levels=levels,
@@ -119,14 +125,14 @@ def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
 
 
 def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, float]:
-    """Median CPU seconds of each, taken in turns on one thread.
+    """The median CPU seconds of each variant. The variants run in turn on one thread.
 
     Raises:
-        ValueError: two of them gave different images.
+        ValueError: two variants gave different images.
     """
     threads, parallel.threads = parallel.threads, 1
     try:
-        images = {name: work.render() for name, work in found.items()}  # compiles
+        images = {name: work.render() for name, work in found.items()}  # also compiles the kernels
         for name, image in images.items():
             if not np.array_equal(image.pixels.colour, images["auto"].pixels.colour):
                 raise ValueError(f"images must be equal, not those of auto and {name!r} of {label}")
@@ -142,7 +148,7 @@ def golden_seconds(found: dict[str, Work], runs: int, label: str) -> dict[str, f
 
 
 def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -> dict[str, object]:
-    """What is kept of frame.json.
+    """The numbers of frame.json that the report keeps, and the frame's energies.
 
     Raises:
         InputError: the simulation fails.
@@ -156,7 +162,7 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
 
 
 def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None = None) -> dict[str, object]:
-    """One frame's row; its machine's area where `area` measures it."""
+    """The row of one frame, with its machine's area if `area` is given."""
     frame = Frame.parse(text)
     found = works(args, frame)
     seconds = golden_seconds(found, args.runs, frame.label)
@@ -180,29 +186,29 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
 
 
 def table(rows: list[dict[str, object]]) -> str:
-    """The rows as Markdown."""
-    lines = ["| frame | called for | auto, ms | " + " | ".join(f"+ {name}" for name in SINGLE)
-             + " | all but a second eye | golden | cycles | energy | simulation | area | area, mm^2 |",
-             "|---" * (len(SINGLE) + 10) + "|"]
+    """The rows as a Markdown table."""
+    head = ["frame", "called for", "auto, ms", *(f"+ {name}" for name in SINGLE), "all but a second eye", "golden", "cycles",
+            "energy", "simulation", "area", "area, mm^2"]
+    cells = []
     for row in rows:
         ms, called = row["golden_ms"], [n for n, e in row["effects"]["effects"].items() if e["state"] == "called for"]
         single = [f"{ms[name] - ms['auto']:+.1f}" if name in ms else "called for" for name in SINGLE]
         rtl = [f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS]
-        lines.append("| " + " | ".join([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
-                                        f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
-                                        f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"]) + " |")
-    return "\n".join(lines)
+        cells.append([row["frame"], ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
+                      f"{ms.get('most', ms['auto']):.1f}", f"{row['golden_ratio']:.2f}x", *rtl,
+                      f"{row['area_mm2']:.3f}" if "area_mm2" in row else "-"])
+    return page.table(head, cells)
 
 
 def area_table(areas: Mapping[str, EffectArea]) -> str:
-    """Areas of effects as Markdown."""
-    lines = ["| effect | with it, mm^2 | without it | its own | share |", "|---|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {effect} | {a.with_mm2:.3f} | {a.without_mm2:.3f} | {a.mm2:z.3f} | {a.share:z.1%} |"
-                                for effect, a in areas.items())])
+    """The areas of effects as a Markdown table."""
+    return page.table(["effect", "with it, mm^2", "without it", "its own", "share"], [
+        [effect, f"{a.with_mm2:.3f}", f"{a.without_mm2:.3f}", f"{a.mm2:z.3f}", f"{a.share:z.1%}"]
+        for effect, a in areas.items()])
 
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
-    """Bars of what each frame saves, in times; nothing where matplotlib is not installed."""
+    """Draws bars of the ratios by which each frame saves. Does nothing without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -228,17 +234,19 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     out = make_folder(args.out)
     area = measure_in(ROOT / "build" / "synth") if args.area else None
-    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first: they need what may be absent
+    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first, because its tools may be missing
     rows = [measure(args, text, out, area) for text in args.scenes]
     kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
-    write_json(out / "effects.json", {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})})
+    report = {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})}
+    write_report(out / "effects.json", report, [__name__, *["tb.frame.__main__"] * bool(args.rtl)],
+                 {"arguments": args, "machine": config_from(args, "default")},
+                 [*(Frame.parse(text).scene for text in args.scenes), *(liberties() if areas else [])])
     tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
-    text = "\n\n".join(["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables])
-    with atomic_output(out / "effects.md") as file:
-        file.write(f"{text}\n".encode())
+    page.write_page(out / "effects.md", "\n\n".join(
+        ["# What scenes do not pay for", __doc__.partition(":")[2].strip(), *tables]))
     draw(rows, out / "effects.png")
     print("\n\n".join(tables))

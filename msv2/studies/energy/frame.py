@@ -1,11 +1,12 @@
-"""Energy of a frame: operations times what each was measured to cost, cycles times clock, time times leakage, bits of memory.
+"""The energy of a frame: operations times their measured energies, cycles times clock energy, time times leakage, and the bits
+that memory moves.
 
     trace, cycles = trace_request(...), simulate(...)
     report = frame_energy(model_counts(trace, cycles), cycles.total, config, load_table())
 
-A unit's energy is dynamic (its operations), clock (every cycle of the frame, whether it works or not: nothing gates a whole
-unit) and leakage. Its memories are counted by access, apart. What no netlist shows, wires and the clock's tree, is an
-assumption of its own rows, in no sum but the last.
+A unit's energy has three parts: dynamic (its operations), clock (every cycle of the frame, whether the unit works or not,
+because no whole unit is clock-gated) and leakage. Its memories are counted apart, by access. The energies of wires and of the
+clock tree, which no netlist shows, are assumptions. They have rows of their own and are part of no sum but the total.
 """
 
 from __future__ import annotations
@@ -28,35 +29,35 @@ from msv2.studies.energy.table import Table, Unit, load_table
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES
 
-if TYPE_CHECKING:  # else a frame's counters would need the model's compiler
+if TYPE_CHECKING:  # a frame's counters must not need the model's compiler
     from perf.model import FrameCycles
     from perf.trace import FrameTrace
 
 __all__ = ["EnergyReport", "EnergyRow", "Table", "WorkCounts", "counter_counts", "frame_energy", "load_table", "model_counts"]
 
 PARTS = ("dynamic", "clock", "leakage", "sram", "dram", "assumed")
-"""Kinds of rows."""
+"""The kinds of rows."""
 
 CHIP = ("dynamic", "clock", "leakage", "sram")
-"""Those of the chip itself."""
+"""The kinds of rows that belong to the chip itself."""
 
 WIRE_SHARE = 0.5
-"""Assumed: wires are half as large a load as the pins at their ends."""
+"""Assumption: the load of wires relative to that of the pins at their ends."""
 
 CLOCK_TREE_SHARE = 0.5
-"""Assumed: the tree in front of the clock pins takes half of what the pins and the cells behind them take."""
+"""Assumption: the energy of the tree in front of the clock pins relative to that of the pins and the cells behind them."""
 
 PJ_TO_MJ = 1e-9
 
 
 @dataclass(frozen=True)
 class WorkCounts:
-    """Operations of a frame, of both eyes together: the machine's counters, by their names.
+    """The operations of a frame, of both eyes together, under the names of the machine's counters.
 
     Attributes:
-        points, survivors, entries, spilled_entries, ops, pixels, warped: events of `spec.registers`.
-        tiles: of the table, read once a pass.
-        read_beats, write_beats: of memory.
+        points, survivors, entries, spilled_entries, ops, pixels, warped: events that `spec.registers` defines.
+        tiles: entries of the tile table, which is read once per pass.
+        read_beats, write_beats: beats of memory.
     """
 
     points: int = 0
@@ -76,7 +77,7 @@ class WorkCounts:
                 raise ValueError(f"{name} must be an integer, 0 or more, not {value!r}")
 
     def of(self, operation: str) -> int:
-        """How many of a unit's operations: a field, or one of what is made of several."""
+        """The number of a unit's operations: a field, or a sum of fields."""
         if operation == "sorted_entries":
             return self.entries + self.spilled_entries
         if operation == "beats":
@@ -93,12 +94,12 @@ class EnergyRow:
     """A part of a frame's energy.
 
     Attributes:
-        unit: of the machine; "dram" and "assumed" beside them.
+        unit: a unit of the machine, or "dram", or the name of an assumption.
         part: one of PARTS.
-        value_mj: of the frame.
-        operations, operation: how many of what.
-        coefficient_pj: of one of them, at the node that the frame's energy is given for.
-        node, source, scaling: of the coefficient.
+        value_mj: the energy per frame.
+        operations, operation: the number of operations, and what they are.
+        coefficient_pj: the energy of one operation, at the node of the frame's energy.
+        node, source, scaling: where the coefficient comes from.
     """
 
     unit: str
@@ -114,12 +115,12 @@ class EnergyRow:
 
 @dataclass(frozen=True)
 class EnergyReport:
-    """A frame's energy.
+    """The energy of a frame.
 
     Attributes:
         rows: all parts.
-        cycles, clock_hz: of the frame.
-        counts: of it.
+        cycles, clock_hz: the frame's cycles and the clock.
+        counts: the frame's operations.
     """
 
     rows: tuple[EnergyRow, ...]
@@ -128,28 +129,28 @@ class EnergyReport:
     counts: WorkCounts
 
     def sum_mj(self, *parts: str) -> float:
-        """Of rows of some kinds; of all without a name."""
+        """The energy of the rows of these kinds; without arguments, that of all rows."""
         return sum(row.value_mj for row in self.rows if not parts or row.part in parts)
 
     @property
     def chip_mj(self) -> float:
-        """Logic and memories on the chip, without what is assumed."""
+        """The energy of logic and memories on the chip, without assumptions."""
         return self.sum_mj(*CHIP)
 
     @property
     def total_mj(self) -> float:
-        """All rows."""
+        """The energy of all rows."""
         return self.sum_mj()
 
     def by_unit(self) -> dict[str, dict[str, float]]:
-        """mJ by unit and part."""
+        """The energy in mJ by unit and part."""
         found: dict[str, dict[str, float]] = defaultdict(lambda: dict.fromkeys(PARTS, 0.0))
         for row in self.rows:
             found[row.unit][row.part] += row.value_mj
         return dict(found)
 
     def as_json(self) -> dict[str, object]:
-        """JSON-ready values."""
+        """The report as JSON-ready values."""
         entries = max(self.counts.entries, 1)
         return {
             "total_mj": self.total_mj, "chip_mj": self.chip_mj, "dram_mj": self.sum_mj("dram"),
@@ -162,7 +163,7 @@ class EnergyReport:
 
 
 def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
-    """Counts of a frame by the cycle model."""
+    """The operations of a frame from the cycle model."""
     warped = trace.width * trace.height if len(trace.eyes) > 1 else 0
     covered = sum(int(eye.rendered.sum()) for eye in trace.eyes) / max(len(trace.eyes[0].rendered), 1)
     return WorkCounts(
@@ -173,7 +174,7 @@ def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
 
 
 def counter_counts(frame: Mapping[str, object]) -> WorkCounts:
-    """Counts of a frame through the RTL, of its counters as `python -m tb.frame` writes them to frame.json."""
+    """The operations of a frame through the RTL, from its counters in the frame.json of `python -m tb.frame`."""
     events, dram = frame["events"], frame["dram_bytes"]
     return WorkCounts(
         **{name: events.get(name, 0) for name in (
@@ -184,18 +185,17 @@ def counter_counts(frame: Mapping[str, object]) -> WorkCounts:
 def frame_energy(
     counts: WorkCounts, cycles: int, config: AcceleratorConfig, table: Table, *, clock_hz: float = 1e9, dram: Dram = LPDDR3,
 ) -> EnergyReport:
-    """Energy of a frame at 16 nm, and of its memory.
+    """The energy of a frame at 16 nm, and that of its memory.
 
     Args:
         counts: the frame's operations.
-        cycles: its length.
-        config: the machine. Clock and leakage of units that are larger or smaller than the table's go with their size.
-        table: what operations cost.
-        clock_hz: how long the cycles are: of leakage and standby.
-        dram: the memory.
+        cycles: the frame's length.
+        config: the machine's configuration. Clock energy and leakage of a unit are scaled with its size relative to the
+            table's. table: the energies of operations. clock_hz: the clock, which gives the time for leakage and standby. dram:
+            the memory.
 
     Raises:
-        ValueError: cycles or clock that are not positive, or counts without cycles.
+        ValueError: cycles or clock are not positive, or there are operations but no cycles.
     """
     if not isinstance(cycles, int) or cycles < 0 or (not cycles and counts != WorkCounts()):
         raise ValueError(f"cycles must be an integer, 1 or more where there is work, not {cycles!r}")
@@ -222,7 +222,7 @@ def _unit_rows(
 ) -> list[EnergyRow]:
     size, factor, done = _size(unit, config, table), table.to_16nm, counts.of(unit.operation)
     made = "16 nm", unit.source, f"{table.node}: {table.scaling}"
-    leakage = factor * size * unit.leakage_mw  # as energy: a stated rule, leakage is little
+    leakage = factor * size * unit.leakage_mw  # leakage is scaled like energy, a simplification that matters little
     rows = [
         _row(unit.name, "dynamic", done, unit.operation, factor * unit.dynamic_pj, *made),
         _row(unit.name, "clock", cycles, "cycles", factor * size * unit.clock_pj, *made),

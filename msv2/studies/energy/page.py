@@ -6,61 +6,61 @@ from pathlib import Path
 
 from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, WIRE_SHARE
 from msv2.studies.energy.table import Table
+from msv2.studies.page import table
 
 OTHERS = (
     {"design": "129FPS (2026)", "node": "28 nm, 800 MHz", "frame": "1920x1080", "mj_per_frame": 0.219 / 129 * 1e3,
      "source": "0.219 W at 129 frames/s; chip only",
      "differs": "node; a model compressed 51.6 times (-0.74 dB); a chip, with wires and a clock tree"},
 )
-"""Published energies of a frame, and why they are not like for like."""
+"""Published energies of a frame, with the reasons why they are not like for like."""
 
 _COLUMNS = (*CHIP, "dram", "assumed")
 _SHOWN = 9
 
 
-def as_markdown(content: dict[str, object], table: Table) -> str:
-    """The page; every number is of `content` or `table`."""
+def as_markdown(content: dict[str, object], energies: Table) -> str:
+    """The page; every number is of `content` or `energies`."""
     lines = [
         "# Energy of a frame", "",
-        f"Commit {content['commit']}; operations measured at {content['measured_at']} ({table.node}), {table.scaling}. "
+        f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "
         "What the columns are: [docs/energy.md](../docs/energy.md).", "",
-        "| frame | work by | machine | points | entries | ops | cycles | chip, mJ | DRAM, mJ | assumed, mJ | all, mJ | "
-        "chip, mW | frames/s |",
-        "|---|---|---|" + "---:|" * 10]
-    for frame in content["frames"]:
-        counts = frame["counts"]
-        lines.append(
-            f"| {_name(frame)} | {frame['work']} | {frame['config']} | {counts['points']:,} | {counts['entries']:,} | "
-            f"{counts['ops']:,} | {frame['cycles']:,} | {frame['chip_mj']:.3f} | {frame['dram_mj']:.3f} | "
-            f"{frame['assumed_mj']:.3f} | {frame['total_mj']:.3f} | {frame['chip_mw']:.0f} | {frame['frames_per_s']:.0f} |")
+        table(("frame", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ", "DRAM, mJ", "assumed, mJ",
+               "all, mJ", "chip, mW", "frames/s"), map(_summary, content["frames"]), left=3)]
     lines += ["", f"Assumed: wires are {WIRE_SHARE:g} of the load that pins are, a clock tree takes {CLOCK_TREE_SHARE:g} of "
               "what its pins take; no placement is made.", "",
-              "Published, not like for like:", "", "| design | node | frame | mJ | from | differs |",
-              "|---|---|---|---:|---|---|"]
-    lines += [f"| {o['design']} | {o['node']} | {o['frame']} | {o['mj_per_frame']:.2f} | {o['source']} | {o['differs']} |"
-              for o in content["others"]]
+              "Published, not like for like:", "",
+              table(("design", "node", "frame", "mJ", "from", "differs"),
+                    [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
+                     for o in content["others"]], left=3, words=("from", "differs"))]
     for frame in content["frames"]:
-        lines += ["", f"## {_name(frame)}", "",
-                  f"| unit | {', µJ | '.join(_COLUMNS)}, µJ | all, µJ | pJ an entry |", "|---|" + "---:|" * (len(_COLUMNS) + 2)]
         ordered = sorted(frame["by_unit_mj"].items(), key=lambda item: -sum(item[1].values()))
-        for unit, parts in ordered:
-            cells = " | ".join(f"{1e3 * parts[part]:.2f}" if parts[part] else "" for part in _COLUMNS)
-            lines.append(f"| {unit} | {cells} | {1e3 * sum(parts.values()):.2f} | {frame['pj_per_entry'][unit]:.1f} |")
-    lines += ["", "## What an operation costs", "", f"At {table.node}, unscaled; memories are counted apart, by access.", "",
-              "| unit | operation | pJ | of it nets | clock, pJ a cycle | leakage, mW | measured by |",
-              "|---|---|---:|---:|---:|---:|---|"]
-    lines += [f"| {u.name} | {u.operation} | {u.dynamic_pj:.3f} | {u.switching_pj:.3f} | {u.clock_pj:.3f} | "
-              f"{u.leakage_mw:.4f} | {u.source} |" for u in table.units]
-    lines += ["", "## Memories of the chip and beside it", "", "| what | pJ | node | source | scaling |",
-              "|---|---:|---|---|---|"]
+        lines += ["", f"## {_name(frame)}", "",
+                  table(("unit", *(f"{name}, µJ" for name in _COLUMNS), "all, µJ", "pJ an entry"),
+                        [(unit, *(f"{1e3 * parts[part]:.2f}" if parts[part] else "" for part in _COLUMNS),
+                          f"{1e3 * sum(parts.values()):.2f}", f"{frame['pj_per_entry'][unit]:.1f}")
+                         for unit, parts in ordered], left=1)]
+    lines += ["", "## What an operation costs", "", f"At {energies.node}, unscaled; memories are counted apart, by access.", "",
+              table(("unit", "operation", "pJ", "of it nets", "clock, pJ a cycle", "leakage, mW", "measured by"),
+                    [(u.name, u.operation, f"{u.dynamic_pj:.3f}", f"{u.switching_pj:.3f}", f"{u.clock_pj:.3f}",
+                      f"{u.leakage_mw:.4f}", u.source) for u in energies.units], left=2, words=("measured by",))]
+    lines += ["", "## Memories of the chip and beside it", ""]
     seen = {}
     for row in (row for frame in content["frames"] for row in frame["rows"] if row["part"] in ("sram", "dram")):
         seen.setdefault(row["operation"], row)
+    cells = []
     for row in seen.values():
         made = content["coefficients"][row["coefficient"]]
-        cells = row["operation"], f"{row['coefficient_pj']:.3f}", made["node"], made["source"], made["scaling"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        cells.append((row["operation"], f"{row['coefficient_pj']:.3f}", made["node"], made["source"], made["scaling"]))
+    head = ("what", "pJ", "node", "source", "scaling")
+    return "\n".join([*lines, table(head, cells, left=1, words=head[2:])]) + "\n"
+
+
+def _summary(frame: dict[str, object]) -> tuple[str, ...]:
+    counts = frame["counts"]
+    return (_name(frame), frame["work"], frame["config"], *(f"{counts[key]:,}" for key in ("points", "entries", "ops")),
+            f"{frame['cycles']:,}", *(f"{frame[key]:.3f}" for key in ("chip_mj", "dram_mj", "assumed_mj", "total_mj")),
+            f"{frame['chip_mw']:.0f}", f"{frame['frames_per_s']:.0f}")
 
 
 def _name(frame: dict[str, object]) -> str:
@@ -69,7 +69,7 @@ def _name(frame: dict[str, object]) -> str:
 
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
-    """Bars of the frames: their energy by part, and the chip's by unit; False where matplotlib is not installed."""
+    """Draws bars of the frames' energies by part, and of the chip's by unit. Returns False without matplotlib."""
     try:
         import matplotlib
     except ImportError:

@@ -1,4 +1,4 @@
-"""What a bit of memory costs, from published numbers: SRAM by its size, DRAM by its data sheet's currents."""
+"""Energies of memory accesses from published numbers: SRAM by its size, DRAM by the currents in its data sheet."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ import math
 from dataclasses import dataclass
 
 SRAM_POINTS = ((8 << 13, 10.0), (32 << 13, 20.0), (1 << 23, 100.0))
-"""(bits, pJ) of a 64-bit access to a cache of 8 KB, 32 KB and 1 MB."""
+"""(bits, pJ) of a 64-bit access to caches of 8 KB, 32 KB and 1 MB."""
 
 SRAM_NODE = "45 nm"
 SRAM_SOURCE = "Horowitz, Computing's energy problem, ISSCC 2014, fig. 1.1.9: 64-bit access, 45 nm 0.9 V"
 SRAM_SCALING = "linear in the word's bits; between the sizes, and below them down to 1 KB, a power law; / 7.16 to 16 nm"
 SRAM_TO_16NM = 1 / 7.16
-"""Energy of 45 nm to 16 nm at 0.8 V (Stillmaker & Baas 2017)."""
+"""Factor of energy from 45 nm to 16 nm at 0.8 V (Stillmaker & Baas 2017)."""
 
 SRAM_LEAST_BITS = 1 << 13
-"""A smaller memory's access costs as much a bit as this one's: its decoder and its sense amplifiers do not vanish."""
+"""An access to a smaller memory costs as much per bit as one to a memory of this size, because decoder and sense amplifiers
+remain."""
 
 SRAM_LEAKAGE_SHARE = 0.25
-"""Leakage of a bit over that of a flip-flop of the library: 6 of its 24 transistors."""
+"""Leakage of a bit relative to that of a flip-flop of the library: 6 of 24 transistors."""
 
 
 def sram_access_pj(words: int, width: int) -> float:
-    """Energy of reading or writing a word, at 16 nm, pJ."""
+    """The energy of reading or writing a word, in pJ at 16 nm."""
     bits = max(words * width, SRAM_LEAST_BITS)
     points = [(math.log(b), math.log(e)) for b, e in SRAM_POINTS]
     pair = points[:2] if math.log(bits) < points[1][0] else points[1:]
@@ -33,13 +34,13 @@ def sram_access_pj(words: int, width: int) -> float:
 
 @dataclass(frozen=True)
 class Dram:
-    """A memory of several channels, by its data sheet's currents.
+    """A memory of several channels, described by the currents in its data sheet.
 
     Attributes:
-        name, source: of it.
-        channels: side by side.
-        volts: of the core supply that the currents are of.
-        bytes_per_s: of a channel.
+        name, source: the memory's name, and the source of the numbers.
+        channels: the number of channels.
+        volts: the core supply voltage for which the currents hold.
+        bytes_per_s: the bandwidth of a channel.
         read_a, write_a, standby_a: IDD4R, IDD4W and IDD3N of a channel.
     """
 
@@ -54,17 +55,17 @@ class Dram:
 
     @property
     def read_pj_per_bit(self) -> float:
-        """Beyond standby."""
+        """Energy of reading a bit, in addition to standby."""
         return (self.read_a - self.standby_a) * self.volts / (8 * self.bytes_per_s) * 1e12
 
     @property
     def write_pj_per_bit(self) -> float:
-        """Beyond standby."""
+        """Energy of writing a bit, in addition to standby."""
         return (self.write_a - self.standby_a) * self.volts / (8 * self.bytes_per_s) * 1e12
 
     @property
     def standby_mw(self) -> float:
-        """Of all channels, rows open."""
+        """Standby power of all channels with open rows."""
         return self.channels * self.standby_a * self.volts * 1e3
 
 

@@ -1,60 +1,64 @@
-"""`python -m msv2.studies energy`: energy of frames, by unit, with what it rests on, into reports/energy.{json,md,png}.
+"""`msv2 study run energy`: the energy of frames by unit, with its sources, for reports/energy.{json,md,png}.
 
-Operations and cycles of a frame are the cycle model's, or the RTL's own counters: of frame.json as `python -m tb.frame` writes
-it, and of the frames in reports/machine.json. What an operation costs is in reports/energy_per_operation.json, which
-`python -m msv2.studies energy_per_operation` measures.
+The operations and cycles of a frame come from the cycle model or from the RTL's own counters. The counters are read from a
+frame.json that `python -m tb.frame` wrote, and from the frames in reports/machine.json. The energies of operations are in
+reports/energy_per_operation.json, which `msv2 study run energy_per_operation` measures.
 
 examples:
-  python -m msv2.studies energy                                     the embedded scene, garden_large where MSV2_DATA has it,
+  msv2 study run energy                                     the embedded scene, garden_large where MSV2_DATA has it,
                                                                    and the frames of reports/machine.json
-  python -m msv2.studies energy truck.splat --size 1280x720         one frame
-  python -m msv2.studies energy --frame build/frame/frame.json      a frame through the RTL
+  msv2 study run energy truck.splat --size 1280x720         one frame
+  msv2 study run energy --frame build/frame/frame.json      a frame through the RTL
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
+from msv2.studies.page import write_page
+from msv2.studies.record import commit, write_report
+from msv2.studies.scenes import ENERGY, available, places
+from spec.command_line import command_parser
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
 """Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
 
-MACHINE = ROOT / "reports" / "machine.json"
-"""Frames through the RTL, with its counters (`make results`)."""
+MACHINE = REPORTS / "machine.json"
+"""The report of frames through the RTL with its counters (`make results`)."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies energy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run energy", __doc__)
     add_request_arguments(parser, size="640x360")
     parser.set_defaults(scene=None)
     add_stereo_arguments(parser)
     add_config_arguments(parser, "paper", ", which is measured")
-    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="how long a cycle is (default: 1000)")
-    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"), help="of the cycle model (default: ideal)")
-    parser.add_argument("--frame", type=Path, metavar="FILE", help="frame.json of a frame through the RTL, instead of a scene")
-    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
-    parser.add_argument("--out", type=Path, default=ROOT / "reports", metavar="DIR", help="default: reports")
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, help="clock frequency in MHz (default: 1000)")
+    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"),
+                        help="memory of the cycle model (default: ideal)")
+    parser.add_argument("--frame", type=Path, metavar="FILE",
+                        help="frame.json of a frame that the RTL rendered, instead of a scene")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
+                        help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 
 def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
-    """A frame by the cycle model: what it is, and its energy."""
-    from perf.model import MemoryModel, simulate  # compiled at first use, which counters need not wait for
+    """The energy of a frame by the cycle model, with a description of the frame."""
+    from perf.model import MemoryModel, simulate  # imported here because the kernels are compiled at first use
     from perf.trace import trace_request
 
     config = config_from(args)
@@ -66,19 +70,19 @@ def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
 
 
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
-    """A frame through the RTL, by its counters."""
+    """The energy of a frame through the RTL, by its counters."""
     counts, config = counter_counts(frame), recorded_config(frame)
     report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
 
 
 def counted_cycles(frame: Mapping[str, object]) -> int:
-    """Length of a frame through the RTL, without what a reset before it clears."""
+    """The length of a frame through the RTL, without the clearing that follows a reset."""
     return sum(frame[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))
 
 
 def read_frames(path: Path) -> list[dict[str, object]]:
-    """The frame of a frame.json; of a report of many, those with all the machine does, at the paper's bandwidth.
+    """The frame of a frame.json, or those frames of a larger report that have merging, pipelining and the paper's bandwidth.
 
     Raises:
         InputError: the file is neither.
@@ -102,23 +106,18 @@ def _frame(
 
 
 def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
-    """The frames that are asked for."""
+    """The requested frames."""
     if args.scene is not None:
         yield args
         return
-    trained = Path(os.environ.get("MSV2_DATA", ROOT.parent / "shared" / "data")) / "trained"
-    for scene, size, gaze in FRAMES:
-        path = scene if scene == "embedded" else str(trained / scene)
-        if scene != "embedded" and not Path(path).exists():
-            print(f"{scene}: not in MSV2_DATA, left out", flush=True)
-            continue
-        yield argparse.Namespace(**{**vars(args), "scene": path, "size": size, "gaze": gaze, "levels": 4})
+    for view, path in available(ENERGY):
+        yield argparse.Namespace(**{**vars(args), "scene": path, "size": view.size, "gaze": view.gaze, "levels": 4})
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
-    config_from(args)  # before anything is rendered
+    config_from(args)  # raises for a wrong configuration before anything is rendered
     if not 1 <= args.clock_mhz <= 1e5:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
     take_stereo_arguments(args)
@@ -127,18 +126,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     frames = [modelled(request, table) for request in requests(args) if not args.frame]
     frames += [counted(frame, table, args.clock_mhz) for path in files for frame in read_frames(path)]
     print("\n".join(map(summary, frames)), flush=True)
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
                "coefficients": coefficients(frames), "frames": frames, "others": OTHERS}
-    write_json(args.out / "energy.json", content)
-    (args.out / "energy.md").write_text(as_markdown(content, table))
+    scenes = [args.scene] if args.scene is not None else places(ENERGY)
+    write_report(args.out / "energy.json", content, [__name__], {"arguments": args, "machine": config_from(args)},
+                 [args.table, *files, *scenes])
+    write_page(args.out / "energy.md", as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
     print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
     return 0
 
 
 def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
-    """Node, source and scaling of the rows' coefficients, each once; rows get `coefficient`, the place there, instead."""
+    """Node, source and scaling of the rows' coefficients, each once. Each row gets an index into this list as `coefficient`."""
     places: dict[tuple[str, str, str], int] = {}
     for frame in frames:
         for row in frame["rows"]:
@@ -148,16 +149,9 @@ def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
 
 
 def summary(frame: dict[str, object]) -> str:
-    """A line of the printed report."""
+    """The line of a frame in the printed report."""
     width, height = frame["size"]
     energies = ", ".join(f"{name} {frame[key]:.3f} mJ" for name, key in (
         ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))
     return (f"{frame['scene']} {width}x{height}, {frame['work']}: {energies}; {frame['frames_per_s']:.0f} frames/s "
             f"at {frame['clock_hz'] / 1e6:.0f} MHz")
-
-
-def commit() -> str:
-    """Of the working tree."""
-    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    return found.stdout.strip() or "unknown"

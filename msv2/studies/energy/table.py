@@ -1,4 +1,4 @@
-"""Energies of operations as the study `energy_per_operation` measured them, kept in reports/energy_per_operation.json."""
+"""The energies of operations that the study `energy_per_operation` measured, from reports/energy_per_operation.json."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TABLE = REPORTS / "energy_per_operation.json"
 
 @dataclass(frozen=True)
 class Memory:
-    """A unit's memory: its shape, and how often an operation reads and writes it."""
+    """A memory of a unit: its shape, and how often an operation reads and writes it."""
 
     words: int
     width: int
@@ -28,14 +28,14 @@ class Unit:
     """A unit, or a part of one that is a module of its own.
 
     Attributes:
-        name: of it.
-        operation: what is counted: a field of `msv2.studies.energy.frame.WorkCounts`.
-        dynamic_pj, switching_pj: of an operation, the second what nets take of it.
-        clock_pj: of a cycle in which nothing happens.
-        leakage_mw: always.
-        memories: beside its logic.
-        source: how it was measured.
-        scales_with: field of the configuration by which clock and leakage of other machines are scaled; "" none.
+        name: the unit's name.
+        operation: the operation that is counted, a field of `msv2.studies.energy.frame.WorkCounts`.
+        dynamic_pj, switching_pj: the energy of an operation, and the part of it that nets take.
+        clock_pj: the energy of a cycle in which nothing happens.
+        leakage_mw: the leakage power.
+        memories: the memories besides the unit's logic.
+        source: how the energies were measured.
+        scales_with: the field of the configuration with which clock and leakage scale; "" for none.
     """
 
     name: str
@@ -51,15 +51,15 @@ class Unit:
 
 @dataclass(frozen=True)
 class Table:
-    """All units of a machine, at the node of the library.
+    """The energies of all units of a machine, at the node of the library.
 
     Attributes:
-        units: each once.
-        config: the machine's name; reference: its cores, culling units and lanes, by the field's name.
+        units: the units, each once.
+        config: the machine's name; reference: its numbers of cores, culling units and lanes, by the field's name.
         node, voltage: of the library.
-        to_16nm: factor of energy; scaling: what it is and from where.
-        flop_leakage_pw: of a flip-flop.
-        commit: of the measurement.
+        to_16nm: the factor of energy to 16 nm; scaling: what it is and where it comes from.
+        flop_leakage_pw: the leakage of a flip-flop.
+        commit: the commit that was measured.
     """
 
     units: tuple[Unit, ...]
@@ -73,7 +73,7 @@ class Table:
 
 
 def load_table(path: Path = TABLE) -> Table:
-    """The table of a file; InputError where there is none or it is not one."""
+    """The table in a file. Raises InputError where the file is missing or is not a table."""
     try:
         content = json.loads(path.read_text())
     except (OSError, ValueError) as error:

@@ -1,7 +1,8 @@
-"""Energy of units doing real work: mapped netlists simulated with golden stimuli, every output compared.
+"""Energies of units that do real work: mapped netlists are simulated with golden stimuli, and every output is compared.
 
-    gates       a run of a unit's bench on its mapped netlist
-    netlists    mapped netlists of units, flat
-    work        what is played: units, scenes, and the operations that are counted
-    measure     picojoules by unit, into reports/energy_per_operation.json
+    gates       runs a unit's test bench on its mapped netlist
+    netlists    flattened mapped netlists of units
+    work        the units, the scenes that they play, and the operations that are counted
+    measure     energies in picojoules by unit
+    table       reports/energy_per_operation.json, which the study `energy` reads
 """

@@ -1,6 +1,7 @@
-"""A run of a unit's bench (`tb.common.player.Run`) on its mapped netlist: the same streams, the same comparison.
+"""Plays a run of a unit's test bench (`tb.common.player.Run`) on its mapped netlist, with the same streams and comparison.
 
-Everything is compared up to where the run is left; counted is a window of it, whose cycles run with delays.
+All outputs are compared up to the point where the run is left. Only a window of the run is counted, and only its cycles are
+simulated with delays.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from tb.common.playback import Playback, Stream
 from tb.common.player import Run
 
 RESET = 8
-"""Cycles of reset before a run."""
+"""Number of reset cycles before a run."""
 
 _SHOWN = 3
 
 
 @dataclass(frozen=True)
 class Window:
-    """Which cycles are counted.
+    """The cycles that are counted.
 
     Attributes:
-        warm: cycles before, the first of those in which an item is offered.
-        cycles: of the window.
-        whole: the run goes on to its end behind it; else it is left.
+        warm: the number of cycles before the window, from the first cycle on in which an item is offered.
+        cycles: the length of the window.
+        whole: whether the run goes on to its end after the window; otherwise it is left there.
     """
 
     warm: int
@@ -39,14 +40,14 @@ class Window:
 
 @dataclass(frozen=True)
 class Played:
-    """What a run gave.
+    """The results of a run.
 
     Attributes:
-        outputs: rows of every output stream, up to where it was left.
-        counts: of the window.
-        moved: items that each stream moved in the window, and by how much each counter rose.
-        cycles: of all.
-        errors: what is wrong beside the rows, in words.
+        outputs: the rows of every output stream, up to where the run was left.
+        counts: the transitions counted in the window.
+        moved: the number of items that each stream moved in the window, and the increase of each counter.
+        cycles: the length of the run.
+        errors: descriptions of problems other than wrong rows.
     """
 
     outputs: dict[str, np.ndarray]
@@ -57,7 +58,7 @@ class Played:
 
 
 class _Source:
-    """Offers rows, each until it is taken; where it `answers` a stream of requests, a row `delay` cycles behind its request."""
+    """Offers rows, each until it is taken. After `answer` was called, it offers a row only when its request is due."""
 
     def __init__(self, simulation: Simulation, stream: Stream, rows: np.ndarray):
         self._simulation, self._name = simulation, stream.name
@@ -94,7 +95,7 @@ class _Source:
 
 
 class _Sink:
-    """Takes all that comes."""
+    """Takes everything that comes."""
 
     def __init__(self, simulation: Simulation, stream: Stream):
         self._simulation, self._stream, self._taken = simulation, stream, []
@@ -116,7 +117,7 @@ class _Sink:
 
 
 def start(simulation: Simulation, playback: Playback, run: Run, constants: Mapping[str, int], strobe: str | None) -> None:
-    """Settings, constants, a reset, a strobe behind it. Settings of the bench that the unit has no port for are left out."""
+    """Applies settings and constants, a reset, and a strobe after it. Settings for which the unit has no port are left out."""
     values = {name: 0 for name in simulation.flat.inputs if name != "clk" and not name.startswith("memory")}
     values |= {name: int(run.settings.get(name, 0)) for name, _ in playback.settings if name in values}
     values |= {f"{stream.name}__ready": 1 for stream in playback.outputs} | dict(constants) | {"rst": 1}
@@ -138,15 +139,15 @@ def play(
     simulation: Simulation, playback: Playback, run: Run, window: Window, *, answers: Mapping[str, str] | None = None,
     counters: tuple[str, ...] = (), watchdog: int = 20_000,
 ) -> Played:
-    """Plays a run after `start`, without pauses.
+    """Plays a run without pauses. `start` must have been called.
 
     Args:
-        simulation: of the unit; with delays.
-        playback, run: the unit's bench and what it plays.
-        window: what is counted.
+        simulation: the simulation of the unit.
+        playback, run: the unit's test bench, and the run to play.
+        window: the cycles that are counted.
         answers: input streams that answer an output stream of requests, `run.settings["delay"]` + 1 cycles later.
         counters: plain outputs that count operations.
-        watchdog: cycles without any item moving after which the run is given up.
+        watchdog: the run is given up after this many cycles in which no item moves.
     """
     sources = {stream.name: _Source(simulation, stream, run.inputs[stream.name]) for stream in playback.inputs}
     sinks = {stream.name: _Sink(simulation, stream) for stream in playback.outputs}
@@ -191,7 +192,7 @@ def play(
 
 
 def problems(expected: Mapping[str, np.ndarray], played: Played, *, whole: bool) -> list[str]:
-    """What is wrong, in words; empty when every bit is as it must be. Where the run was left, of what had come by then."""
+    """Descriptions of everything that is wrong; empty when every bit is right. A run that was left is compared up to there."""
     found = list(played.errors)
     for port, wanted in expected.items():
         got = played.outputs[port]

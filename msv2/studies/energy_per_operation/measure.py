@@ -1,4 +1,4 @@
-"""Energies of units at work: simulated, compared, added up."""
+"""Measures the energies of units at work: simulates them, compares their outputs, and adds up."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ FEMTO_TO_PICO = 1e-3
 PICO_TO_MILLI = 1e-9
 
 IDLE = 50
-"""Cycles without work that are looked at after a reset."""
+"""Number of idle cycles after a reset in which a unit without work is observed."""
 
 
 class Unequal(RuntimeError):
-    """A netlist's outputs are not what they must be: what it did is no measurement."""
+    """A netlist's outputs are wrong, so that its activity is no measurement."""
 
 
 def map_work(unit: str, config: AcceleratorConfig, clock_ps: float, folder: Path) -> Mapped:
-    """A unit's netlist."""
+    """The mapped netlist of a unit."""
     return map_unit(UNITS[unit].make(config), unit, clock_ps, folder)
 
 
 def measure(mapped: Mapped, unit: str, config: AcceleratorConfig, scene: str, frame: Frame) -> dict[str, object]:
-    """A unit's row: energy of an operation, of a cycle's clock, leakage; Unequal where a bit is wrong."""
+    """A unit's row: the energy of an operation, the clock energy of a cycle, and leakage. Raises Unequal where a bit is
+    wrong."""
     work = WORK[unit](config, scene, frame)
     simulation = mapped.simulation()
     gates.start(simulation, work.playback, work.plan.run, work.constants, work.strobe)
@@ -60,7 +61,7 @@ def measure(mapped: Mapped, unit: str, config: AcceleratorConfig, scene: str, fr
 def _problems(config: AcceleratorConfig, work: Work, played: gates.Played) -> list[str]:
     if work.unit != "vrc_array":
         return gates.problems(work.plan.expected, played, whole=work.window.whole)
-    run = work.plan.run  # rows of a tile come in any order
+    run = work.plan.run  # the array may give the rows of a tile in any order
     case = Case(run.name, run.inputs["tiles"], run.inputs["entries"], _background(config, run.settings["background"]))
     pixels = tiles_from_rows(config, case.headers, played.outputs["pixels"])
     return [*played.errors, *map(str, mismatches(pixels, golden_pixels(config, case))[:3])]
@@ -94,7 +95,7 @@ def _accesses(flat: Flat, counts: Counts, operations: int) -> list[dict[str, flo
 
 
 def still(mapped: Mapped, unit: str) -> dict[str, object]:
-    """A unit's row without work: clock and leakage of its netlist after a reset, and how much of it moves then."""
+    """A unit's row without work: clock energy and leakage of its netlist after a reset, and its remaining activity then."""
     simulation = mapped.simulation()
     simulation.timed = False
     for name in mapped.flat.inputs:

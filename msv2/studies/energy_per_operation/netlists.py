@@ -1,4 +1,4 @@
-"""Mapped netlists of units, flat, with what the library says of their cells."""
+"""Flattened mapped netlists of units, with the library's data of their cells."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from synth.settings import Settings
 from synth.timing import INPUT_DELAY, MEMORY_READ
 
 UNTIMED = ("vrc_array",)
-"""Modules whose sums are not cut by the slack: timing a million cells again and again would take an hour."""
+"""Modules whose adders are not optimised by slack: timing a million cells repeatedly would take an hour."""
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """A unit's netlist.
+    """The mapped netlist of a unit.
 
     Attributes:
-        flat, cells, electrical: of the netlist.
-        clock_ps: that it was made for.
-        area_um2: of its cells, all modules together.
+        flat, cells, electrical: the flat netlist, its cells, and its electrical data.
+        clock_ps: the clock for which it was made.
+        area_um2: the area of its cells, with all modules.
     """
 
     flat: Flat
@@ -40,7 +40,8 @@ class Mapped:
     area_um2: float
 
     def simulation(self) -> Simulation:
-        """Its state, with the delays of its gates; inputs and memories' data come when timing says so."""
+        """A simulation of the netlist with gate delays. Inputs and the memories' data arrive at the times that timing
+        assumes."""
         e = self.electrical
         return Simulation(self.flat, self.cells, Delays(
             _whole(e.gate_delay), _whole(e.flop_delay), round(INPUT_DELAY * self.clock_ps), round(MEMORY_READ * self.clock_ps)))
@@ -51,11 +52,11 @@ def _whole(delays: np.ndarray) -> np.ndarray:
 
 
 def map_unit(component: wiring.Component, name: str, clock_ps: float, folder: Path) -> Mapped:
-    """Synthesises a unit, or finds it in the cache below `folder`; InputError where Yosys or liberty files are absent."""
+    """Synthesises a unit, or finds it in the cache in `folder`. Raises InputError where Yosys or liberty files are missing."""
     settings = Settings("asap7", clock_ps, folder)
     settings.check()
     design, parts = elaborate(component, name), {}
-    for module in design.texts:  # lower ones first
+    for module in design.texts:  # modules come after those that they use
         below = [Path(part["netlist"]) for part in parts.values()]
         parts[module] = module_result(design, module, below, settings, is_timed=module not in UNTIMED)
     netlists = {module: Path(part["netlist"]) for module, part in parts.items()}
@@ -67,6 +68,6 @@ def map_unit(component: wiring.Component, name: str, clock_ps: float, folder: Pa
 
 
 def _kinds(netlists: dict[str, Path]) -> set[str]:
-    """All types of cells."""
+    """All types of cells in the netlists."""
     return {cell["type"] for module, path in netlists.items()
             for cell in json.loads(path.with_suffix(".json").read_text())["modules"][module]["cells"].values()}

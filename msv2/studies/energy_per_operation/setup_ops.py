@@ -1,6 +1,6 @@
-"""The setup unit's ops by its RTL in Amaranth's simulator: what its netlist alone is compared with.
+"""The setup unit's operations, simulated from its RTL in Amaranth's simulator, as the reference for its netlist alone.
 
-The golden renderer has no arrow there; in the array the same netlist is compared with golden pixels.
+The golden renderer has no values at this interface. Within the array, the same netlist is compared with golden pixels.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from spec.records import array_entry, pixel_op, tile_header
 
 
 def setup_ops(config: AcceleratorConfig, headers: np.ndarray, entries: np.ndarray, background: int) -> np.ndarray:
-    """PixelOp rows of some tiles, none of whose pixels ever stop."""
+    """PixelOp rows of tiles in which no pixel ever stops."""
     dut, packed = SetupUnit(config), []
 
     async def feed(ctx, port, values: list[int]) -> None:

@@ -1,26 +1,28 @@
-"""`python -m msv2.studies energy_per_operation`: energies of operations, measured on mapped netlists, into
+"""`msv2 study run energy_per_operation`: energies of operations, measured on mapped netlists, for
 reports/energy_per_operation.json.
 
-Units that a bench plays are simulated gate by gate, with delays, at work of scenes' frames, every output compared. Of the
-others clock and leakage are those of their netlists, and an operation costs the mean of the simulated units by area: the
-default activity. Needs the extra `synth` and the liberty files of MSV2_PDK.
+Units for which there is a test bench are simulated gate by gate, with delays, on the work of real scenes' frames, and every
+output is compared. For the other units, clock energy and leakage come from their netlists, and an operation costs as much per
+area as in the mean of the simulated units. The study needs the extra `synth` and the liberty files of MSV2_PDK.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame
-from golden.scenes.request import write_json
+from golden.scenes.captured import CAPTURED, scene_argument
 from msv2.studies.energy.table import TABLE
 from msv2.studies.energy_per_operation.measure import map_work, measure, still
 from msv2.studies.energy_per_operation.table import DEFAULTS, unit_rows
 from msv2.studies.energy_per_operation.work import WORK
 from msv2.studies.kept import fingerprint, kept
+from msv2.studies.record import commit, liberties, write_report
+from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -29,34 +31,34 @@ from synth.liberty import ASAP7, find_files
 from synth.power.cells import read_cells
 from synth.power.energy import VOLTAGE
 from synth.scaling import ENERGY_TO_16NM, SOURCE
-from tb.common.scenes import scene_path, traced_frame
+from tb.common.scenes import traced_frame
 
 SIZE = "160x96"
 FOLDER = ROOT / "build" / "power"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies energy_per_operation", description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run energy_per_operation", __doc__)
     parser.add_argument("--unit", default="",
-                        help=f"only measure this one, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
-    parser.add_argument("--scenes", default="embedded,truck.splat", help="comma-separated (default: embedded,truck.splat)")
-    parser.add_argument("--clock-ps", type=float, default=1000.0, help="that netlists are made for (default: 1000)")
+                        help=f"measure only this unit, and write nothing: {', '.join((*WORK, *DEFAULTS))}")
+    parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
+    parser.add_argument("--clock-ps", type=float, default=1000.0,
+                        help="clock period of the netlists in picoseconds (default: 1000)")
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
                         help="folder of netlists (default: build/synth)")
-    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE", help=f"default: {TABLE.relative_to(ROOT)}")
+    parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE",
+                        help=f"output file (default: {TABLE.relative_to(ROOT)})")
     return parser.parse_args(argv)
 
 
 def _key(unit: str, scene: str, args: argparse.Namespace) -> str:
-    """The name of a measurement, by all that it depends on."""
+    """The name of a measurement, which covers everything on which it depends."""
     key = fingerprint([measure.__module__], unit, scene, SIZE, args.clock_ps, flow.version())
     return f"{unit}-{Path(scene).stem or 'still'}-{key}"
 
 
 def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespace) -> list[dict[str, object]]:
-    """Rows of simulated units, scene by scene; of others, one row without a scene."""
+    """The rows of simulated units, one per scene, and of the other units, one row each."""
     rows = []
     for unit in units:
         mapped = None
@@ -74,7 +76,7 @@ def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespa
 
 @cache
 def _frame(scene: str) -> Frame:
-    return traced_frame(PAPER, scene_path(scene), SIZE)[1]
+    return traced_frame(PAPER, scene_argument(scene), SIZE)[1]
 
 
 def _line(row: dict[str, object]) -> str:
@@ -85,7 +87,7 @@ def _line(row: dict[str, object]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
     if args.unit and args.unit not in (*WORK, *DEFAULTS):
         raise InputError(f"unit {args.unit!r} is not accepted: choose one of {', '.join((*WORK, *DEFAULTS))}")
@@ -94,8 +96,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     find_files(ASAP7)
     scenes = args.scenes.split(",")
     for scene in scenes:
-        if scene_path(scene) is None:
-            raise InputError(f"scene {scene!r} is not there: MSV2_DATA must name the folder that has trained/{scene}")
+        if scene not in MODELS:
+            raise InputError(f"scene {scene!r} is not accepted: choose of {', '.join(MODELS)}")
+        if scene_argument(scene) is None:
+            raise InputError(f"scene {scene!r} is not there: MSV2_DATA must name the folder that has {CAPTURED[scene]}")
     rows = measured([args.unit] if args.unit else [*WORK, *DEFAULTS], scenes, args)
     if not args.unit:
         write_table(args.out, rows, scenes, args.clock_ps)
@@ -104,26 +108,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def write_table(path: Path, rows: Sequence[dict[str, object]], scenes: Sequence[str], clock_ps: float) -> None:
-    """The table of a set of measurements."""
-    write_json(path, {
+    """Writes the table of a set of measurements."""
+    report = {
         "config": PAPER.name,
         "reference": {"cores": PAPER.cores_x * PAPER.cores_y, "culling_units": PAPER.culling_units,
                       "warp_lanes": PAPER.warp_lanes},
         "node": ASAP7.node, "voltage": VOLTAGE, "clock_ps": clock_ps, "to_16nm": ENERGY_TO_16NM["asap7"],
         "scaling": f"x {ENERGY_TO_16NM['asap7']:g} to 16 nm at 0.8 V ({SOURCE})", "flop_leakage_pw": flop_leakage(),
         "commit": commit(), "tools": flow.version(), "scenes": scenes, "size": SIZE,
-        "units": unit_rows(rows), "samples": rows})
+        "units": unit_rows(rows), "samples": rows}
+    write_report(path, report, [__name__], {"machine": PAPER, "clock_ps": clock_ps, "size": SIZE},
+                 [*liberties(), *filter(None, map(scene_argument, scenes))])
 
 
 def flop_leakage() -> float:
-    """pW of the library's flip-flop."""
+    """The leakage of the library's flip-flop in pW."""
     return read_cells(find_files(ASAP7), [ASAP7.flop])[ASAP7.flop].leakage
-
-
-def commit() -> str:
-    """Of the working tree, with a plus where it differs."""
-    run = ["git", "-C", str(ROOT)]
-    head = subprocess.run([*run, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
-    changed = subprocess.run([*run, "status", "--porcelain", "--untracked-files=no", "--", "rtl", "spec", "synth", "tb"],
-                             capture_output=True, text=True, check=False).stdout.strip()
-    return (head or "unknown") + "+" * bool(changed)

@@ -1,5 +1,5 @@
-"""Measurements to the table that `msv2.studies.energy.frame` reads: means over scenes, parts of the array, units that no
-bench plays."""
+"""Converts measurements to the table that `msv2.studies.energy.frame` reads. It takes means over scenes, splits the array into
+parts, and adds the units that no test bench plays."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ OPERATIONS = {
     "projection_unit": "points", "tile_test": "entries", "colour_unit": "survivors", "tile_merge_unit": "entries",
     "hierarchical_sorter": "sorted_entries", "line_buffer": "entries", "splat_fetch": "entries", "setup": "ops",
     "vrc_array": "ops", "pixel_writer": "pixels"}
-"""Count of a frame (`msv2.studies.energy.frame.WorkCounts`) that a simulated unit's operations are."""
+"""For each simulated unit, the count of a frame (`msv2.studies.energy.frame.WorkCounts`) that its operations are."""
 
 DEFAULTS = {
     "geometry_reader": ("points", 1), "table_loader": ("tiles", 1), "entry_writer": ("entries", 1),
     "list_reader": ("entries", 1), "header_maker": ("tiles", 1), "axi_master": ("beats", 1), "register_file": ("cycles", 1),
     "frame_controller": ("cycles", 1), "warp_unit": ("warped", 1 / PAPER.warp_lanes)}
-"""Operations of units that are not simulated, and how many cycles one takes."""
+"""For each unit that is not simulated, the count that its operations are, and how many cycles an operation takes."""
 
 ARRAY_PARTS = {"pixel_core": "pixel cores", "vrc_row": "array rows", "vrc_array": "array control and output"}
-"""Modules of the array, which are told apart."""
+"""The modules of the array that have rows of their own."""
 
 SIZED = {"pixel cores": "cores", "array rows": "cores", "projection_unit": "culling_units", "colour_unit": "culling_units",
          "tile_test": "culling_units", "warp_unit": "warp_lanes"}
-"""Units whose clock and leakage go with a field of the configuration."""
+"""For each unit whose clock energy and leakage scale with a field of the configuration, that field."""
 
 GATES = "gate-level simulation with delays, {scenes}; every output equal to golden"
 SETUP = "gate-level simulation with delays, {scenes}; every output equal to the RTL's"
@@ -35,7 +35,7 @@ DEFAULT = "clock and leakage of its netlist; activity: mean of the simulated uni
 
 
 def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
-    """Fields of `msv2.studies.energy.table.Unit`, all units of the machine."""
+    """The units of the machine, each with the fields of `msv2.studies.energy.table.Unit`."""
     units = []
     for unit, operation in OPERATIONS.items():
         samples = [row for row in rows if row["unit"] == unit]
@@ -63,7 +63,7 @@ def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
 
 
 def default_activity(rows: Sequence[dict]) -> tuple[float, float]:
-    """pJ a cycle and um2, mean of the simulated units but for the array; the share of it that nets take."""
+    """The mean over the simulated units but the array of pJ per cycle and um^2, and the share of it that nets take."""
     found = [(row["pj_per_operation"] * row["operations"] / row["cycles"] / row["area_um2"],
               row["switching_pj_per_operation"] / row["pj_per_operation"])
              for row in rows if "operation" in row and row["unit"] != "vrc_array"]
@@ -86,7 +86,7 @@ def _unit(name: str, operation: str, samples: Sequence[dict], with_memories: Seq
 
 
 def _take_setup_out(units: list[dict[str, object]]) -> None:
-    """The array's own module has the setup unit in it, which has a row of its own."""
+    """Subtracts the setup unit, which has a row of its own, from the array's module, which contains it."""
     by_name = {unit["name"]: unit for unit in units}
     rest, setup = by_name["array control and output"], by_name["setup"]
     for key in ("dynamic_pj", "switching_pj", "clock_pj", "leakage_mw"):

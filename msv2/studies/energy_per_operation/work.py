@@ -1,4 +1,4 @@
-"""What is played on which netlist, and which operations are counted."""
+"""The work that is played on each netlist, and the operations that are counted."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ from tb.vrc_array.pixel_writer_stimuli import rows_of, writes_of
 from tb.vrc_array.traced import case_of, pick_tiles
 
 DELAY = 60
-"""Cycles of the memory's latency, where a unit reads."""
+"""Latency of the memory in cycles, for units that read."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """A run on a unit's netlist.
+    """A run on the netlist of a unit.
 
     Attributes:
         unit: its name in `rtl.units`.
-        operation: what is counted, in the singular.
-        count: operations in the window, of what moved in it.
-        playback, plan: bench and run.
-        window: what is counted of it.
+        operation: the operation that is counted, in the singular.
+        count: the number of operations in the window, from what moved in it.
+        playback, plan: the test bench and the run.
+        window: the cycles of the run that are counted.
         answers, counters: see `gates.play`.
         constants: values of ports that are neither streams nor settings.
-        strobe: port that is high for a cycle before the run.
+        strobe: a port that is high for one cycle before the run.
     """
 
     unit: str
@@ -69,38 +69,38 @@ def _moved(port: str, each: int = 1) -> Callable[[Mapping[str, int]], int]:
 
 
 def projection(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Points through near test and projection."""
+    """Points pass near test and projection."""
     case = culling.shortened(culling.traced_case(frame, name), 2000)
     return Work("projection_unit", "point", _moved("sink"), culling_suite.playback(config), culling_suite.plan_of(case),
                 Window(200, 400))
 
 
 def tile_test(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Splats to tile entries."""
+    """Splats are tested against tiles."""
     plan = tiles_suite.plan_of(tiles.case_of(frame, name))
     return Work("tile_test", "entry", _moved("entries"), tiles_suite.playback(config), plan,
                 Window(200 + len(plan.run.inputs["table"]), 500))
 
 
 def colours(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Survivors to views."""
+    """Survivors get their colours."""
     plan = colour_suite.plan_of(config, colour.frame_case(name, frame), delay=DELAY)
     return Work("colour_unit", "splat", _moved("survivors"), colour_device.playback(config), plan, Window(400, 800),
                 answers={"data": "reads"})
 
 
 def tile_merge(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Hits counted, and at the end groups of tiles; the window begins when the unit has cleared its counters."""
+    """Intersections are counted and tiles grouped. The window begins after the unit has cleared its counters."""
     plan = tmu_suite.plan_of(config, tmu.case_of(frame, name, None))
     return Work("tile_merge_unit", "entry", _moved("hits"), tmu_suite.playback(config), plan,
                 Window(frame_tiles(config) + 200, 500, whole=True))
 
 
 def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Groups that fit the sort buffer, sorted; the memory of larger ones stands still."""
+    """Groups that fit the sort buffer are sorted. The memory for larger groups is not accessed."""
     groups = [group for group in whole_groups(frame) if len(group) <= config.sort_chunk]
     plan = hierarchical_suite.plan_of(config, name, groups)
-    playback = replace(  # without the bench's memory
+    playback = replace(  # without the test bench's memory
         hierarchical_suite.playback(config), inputs=(Stream("groups", chunk_entry(config)),),
         outputs=(Stream("sorted", chunk_entry(config)),))
     return Work("hierarchical_sorter", "entry", _moved("sorted"), playback, plan, Window(8000, 600),
@@ -108,14 +108,14 @@ def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
 
 
 def line_buffer(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Sorted entries through the line buffer."""
+    """Sorted intersections pass the line buffer."""
     items = hierarchical_suite.plan_of(config, name, whole_groups(frame)).expected["sorted"]
     return Work("line_buffer", "entry", _moved("source"), handover_suite.playback(config),
                 handover_suite.plan_of(config, name, items), Window(100, 500))
 
 
 def splat_fetch(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Entries with their views; the cache begins empty."""
+    """Intersections get their splat records, from a cache that is empty at first."""
     plan = fetch_suite.Plan(config, 0)
     plan.add(fetch.traced_case(name, frame), delay=DELAY)
     return Work("splat_fetch", "entry", _moved("entries"), fetch_device.playback(config), plan.runs[0], Window(1000, 500),
@@ -123,7 +123,7 @@ def splat_fetch(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
 
 
 def setup(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Entries of some tiles to ops; no tile stops early."""
+    """The intersections of some tiles become operations; no tile stops early."""
     case = pick_tiles(case_of(frame, name), 0, 6, 500)
     background = background_bits(config, case.background)
     plan = planned(name, {"tiles": case.headers, "entries": case.entries},
@@ -134,7 +134,7 @@ def setup(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
 
 
 def array(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """Tiles through the array, to their last pixel."""
+    """Tiles pass the array, up to their last pixel."""
     case = pick_tiles(case_of(frame, name), 0, 3, 500)
     run = run_of(config, case)
     return Work("vrc_array", "op", _moved("ops"), vrc_playback(config), Planned(run, {}), Window(120, 160, whole=True),
@@ -142,7 +142,7 @@ def array(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
 
 
 def writer(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
-    """The array's rows to a display's frame in memory."""
+    """The array's rows become display pixels in memory."""
     pixels, r = frame_pixels(frame), frame.registers
     rows = rows_of(config, pixels, np.random.default_rng(0))
     plan = planned(
@@ -157,4 +157,4 @@ WORK: dict[str, Callable[[AcceleratorConfig, str, Frame], Work]] = {
     "projection_unit": projection, "tile_test": tile_test, "colour_unit": colours, "tile_merge_unit": tile_merge,
     "hierarchical_sorter": sorter, "line_buffer": line_buffer, "splat_fetch": splat_fetch, "setup": setup, "vrc_array": array,
     "pixel_writer": writer}
-"""What is measured, by unit."""
+"""The measured work, by unit."""

@@ -1,4 +1,4 @@
-"""RTLIL of every unit as the sources of one commit emit it."""
+"""Emits the RTLIL of every unit from the sources of a commit."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ for name in names:
     for unit, component in {**units, **machines}.items():
         (Path(out) / f"{name}.{unit}.il").write_text(to_rtlil(component, unit))
 """
-"""Runs on the sources of the commit, whose registry it asks."""
+"""The program that emits the units. It runs with the sources of the commit, and asks the registry of units there."""
 
 
 @contextmanager
 def checked_out(commit: str) -> Iterator[Path]:
-    """A folder with the files of a commit, gone afterwards.
+    """A temporary folder with the files of a commit.
 
-    Raises:
+        InputError: there is no such commit, or the project is not a git checkout.
         InputError: there is no such commit, or the project is no git checkout.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -54,10 +54,10 @@ def checked_out(commit: str) -> Iterator[Path]:
 
 
 def emitted(sources: Path, configs: tuple[str, ...], out: Path) -> dict[str, Path]:
-    """RTLIL files of all units of the configurations, by `CONFIG.UNIT`, as the project in `sources` emits them.
+    """The RTLIL files of all units of the configurations, by `CONFIG.UNIT`, emitted from the project in `sources`.
 
     Raises:
-        InputError: those sources cannot emit them.
+        InputError: these sources cannot emit them.
     """
     out.mkdir(parents=True, exist_ok=True)
     for old in out.glob("*.il"):
@@ -69,7 +69,8 @@ def emitted(sources: Path, configs: tuple[str, ...], out: Path) -> dict[str, Pat
 
 
 def canonical(text: str) -> str:
-    """RTLIL with its private names counted in the order of their appearance: generated numbers mean nothing."""
+    """The RTLIL with its private names numbered in the order of their appearance, since their generated numbers are
+    arbitrary."""
     names: dict[str, str] = {}
 
     def renamed(match: re.Match[str]) -> str:

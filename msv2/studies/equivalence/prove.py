@@ -1,7 +1,7 @@
-"""Sequential equivalence of two emissions of one unit, proven by induction in Yosys; memories are cut out of both.
+"""Proves the sequential equivalence of two emissions of a unit, by induction in Yosys, with memories cut out of both.
 
-Flip-flops are matched by name. A memory's pins become ports, so that the same memory is asked the same in both; that both
-memories hold the same then follows, cycle by cycle, from equal writes.
+Flip-flops are matched by name. The pins of a memory become ports, so that the proof shows that both versions access the memory
+in the same way. Equal writes in every cycle then imply that both memories have the same content.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from synth.flow import run
 from synth.memories import take_out
 
 DEPTH = 4
-"""Cycles of the induction: more than any unit needs whose flip-flops all match by name."""
+"""Number of cycles of the induction. No unit whose flip-flops all match by name needs more."""
 
 
 def _flat(source: Path, top: str, name: str, folder: Path, log: Path) -> tuple[Path, list[dict[str, str]]]:
-    """The unit as module `name` without memories, as Yosys' JSON, and what the memories are: shapes and first values."""
+    """The unit as module `name` without memories, as a JSON netlist of Yosys, and its memories' shapes and initial values."""
     path = folder / f"{name}.json"
     run(f"read_rtlil {source}", f"hierarchy -top {top}", "proc", "flatten", "opt_clean", "memory_collect",
         f"rename {top} {name}", f"write_json {path}", log=log)
@@ -30,10 +30,10 @@ def _flat(source: Path, top: str, name: str, folder: Path, log: Path) -> tuple[P
 
 
 def equivalent(before: Path, after: Path, top: str, folder: Path) -> bool:
-    """Whether two RTLIL texts of a unit are the same machine; Yosys' words are in `folder/prove.log`.
+    """Whether two RTLIL texts of a unit describe the same machine. Yosys' log is in `folder/prove.log`.
 
     Args:
-        before, after: RTLIL of module `top` and what is below it.
+        before, after: the RTLIL of module `top` and of the modules that it uses.
         top: the module's name, the same in both.
         folder: for intermediate files.
     """

@@ -1,16 +1,18 @@
-"""Is the hardware of two commits the same? Every unit's RTLIL, compared as text, and where that differs, proven in Yosys."""
+"""Compares the hardware of two commits. Every unit's RTLIL is compared as text; where that differs, equivalence is proven in
+Yosys."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
-from golden.scenes.request import make_folder, write_json
+from golden.scenes.request import make_folder
 from msv2.studies.equivalence.emit import canonical, checked_out, emitted
 from msv2.studies.equivalence.prove import equivalent
+from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -26,11 +28,11 @@ SAME, PROVEN, DIFFERENT, MISSING = "same text", "proven equivalent", "NOT EQUIVA
 
 
 def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> dict[str, str]:
-    """What became of each unit, by `CONFIG.UNIT`.
+    """The verdict on each unit, by `CONFIG.UNIT`.
 
     Args:
         before, after: RTLIL files by `CONFIG.UNIT`.
-        folder: for what Yosys writes.
+        folder: the folder for Yosys' files.
     """
     found = {}
     for name in tqdm(sorted({*before, *after}), desc="units", unit="unit"):
@@ -45,9 +47,8 @@ def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> d
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a unit is not the same."""
-    parser = argparse.ArgumentParser(prog="msv2 study run equivalence", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Runs the command line; returns 1 where a unit is not the same."""
+    parser = command_parser("msv2 study run equivalence", __doc__, EXAMPLES)
     parser.add_argument("--against", required=True, metavar="COMMIT", help="the commit to compare the present sources with")
     parser.add_argument("--configs", default="tiny,paper", metavar="NAME,...", help="configurations (default: tiny,paper)")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "equivalence", metavar="DIR",
@@ -61,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with checked_out(args.against) as sources:
         before = emitted(sources, configs, out / "before")
     found = verdicts(before, emitted(ROOT, configs, out / "after"), out / "proofs")
-    write_json(out / "equivalence.json", {"against": args.against, "units": found})
+    write_report(out / "equivalence.json", {"against": args.against, "units": found}, [__name__], {"arguments": args})
     for verdict in (SAME, PROVEN, MISSING, DIFFERENT):
         names = [name for name, value in found.items() if value == verdict]
         print(f"{verdict}: {len(names)}" + (f" ({', '.join(names)})" if names and verdict != SAME else ""))

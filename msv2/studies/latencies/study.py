@@ -1,10 +1,11 @@
-"""Latencies of the machine's units, measured in Amaranth's simulator: reports/latencies.json (seconds).
+"""Measures the latencies of the machine's units in Amaranth's simulator, for reports/latencies.json (takes seconds).
 
     python -m msv2.studies latencies
 
-Each is of the paper's machine, from the transfer of an item to the offer of what comes of it, where nothing else is inside and
-memory answers a request in the next cycle. Where a unit waits for memory, `_request` is the way to the request, `_answer` the
-way from the answer. The README's table of units is made of them by msv2/studies/results/tables.py.
+A latency is measured in the paper's machine, from the cycle in which an item is transferred to the cycle in which the result is
+offered. The unit holds nothing else, and memory answers a request in the next cycle. Where a unit waits for memory, `_request`
+names the latency up to the request, and `_answer` that from the answer on. msv2/studies/results/units.py makes the
+table of docs/units.md from them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from amaranth.hdl import Value
 from amaranth.lib import stream, wiring
 from amaranth.sim import Simulator
 
+from msv2.studies.record import write_report
 from rtl.axi.master import AxiMaster
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
@@ -35,17 +37,17 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
 from spec.memory import WORDS
-from spec.paths import ROOT
+from spec.paths import REPORTS
 from spec.registers import register_map
-from synth.report import write_json
 
-REPORT = ROOT / "reports" / "latencies.json"
+REPORT = REPORTS / "latencies.json"
 
 SETTLING = 4
-"""Cycles before the first item, in which settings get through."""
+"""Number of cycles before the first item, in which settings take effect."""
 
 LIMIT = 20_000
-"""Cycles in which an item must have come through; clearing after a reset takes one a tile of the largest frame."""
+"""Number of cycles within which an item must have come through. Clearing after a reset takes one per tile of the largest
+frame."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,9 @@ class Offer:
     """Items for an input.
 
     Attributes:
-        valid, ready, payload: the input's; `ready` may be a constant.
-        words: packed items, each offered until it is taken.
-        after: a word for each cycle in which this was high, and later than that; None: at once.
+        valid, ready, payload: the signals of the input; `ready` may be a constant.
+        words: the packed items; each is offered until it is taken.
+        after: if given, one word becomes available after each cycle in which this signal was high.
     """
 
     valid: Value
@@ -66,12 +68,12 @@ class Offer:
 
 
 def to(port: stream.Interface, *words: int, after: stream.Interface | None = None) -> Offer:
-    """Items for a stream, with `after` each behind a transfer of that stream."""
+    """Items for a stream. With `after`, each of them becomes available after a transfer of that stream."""
     return Offer(port.valid, port.ready, Value.cast(port.payload), words, None if after is None else after.valid & after.ready)
 
 
 def word(record: records.Record, **values: object) -> int:
-    """A packed item, zero but for these."""
+    """A packed item in which all fields but the named ones are zero."""
     row = np.zeros((), record.dtype)
     for name, value in values.items():
         row[name] = value
@@ -82,13 +84,16 @@ def latency(
     dut: wiring.Component, last: Offer, leaves: Value, *others: Offer, high: Sequence[Value] = (),
     settings: Mapping[str, int] | None = None, settling: int = SETTLING,
 ) -> int:
-    """Cycles from the transfer of `last`'s last word to the first in which `leaves` is high.
+    """Cycles from the transfer of the last word of `last` to the first cycle in which `leaves` is high.
 
     Args:
-        others: items for further inputs; all of them offer on their own.
-        high: inputs that are 1 all the time.
-        settings: inputs of `dut` by name.
-        settling: cycles from the end of reset to the first offers.
+        dut: the unit.
+        last: the items whose last word starts the measurement.
+        leaves: a signal that is high when the result is offered.
+        others: items for further inputs, all of which are offered independently.
+        high: inputs that are constantly 1.
+        settings: values of inputs of `dut`, by name.
+        settling: the number of cycles from the end of reset to the first offers.
 
     Raises:
         ValueError: nothing leaves within LIMIT cycles.
@@ -129,7 +134,7 @@ def latency(
 
 
 def projection(config: AcceleratorConfig) -> dict[str, int]:
-    """A frame's end, which takes every operator's way."""
+    """The end item of a frame, which passes every operator."""
     dut = ProjectionUnit(config)
     return {"projection": latency(
         dut, to(dut.sink, word(records.gaussian_point(config), end=1)), dut.source.valid, high=[dut.source.ready])}
@@ -147,7 +152,8 @@ def tile_test(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def colour_unit(config: AcceleratorConfig) -> dict[str, int]:
-    """A splat of SH degree 3 and one level: the least, and the most, as one enters the datapath in one cycle of an interval."""
+    """A splat of SH degree 3 and one level: the least and the largest latency, as the datapath accepts a splat only in one
+    cycle of its interval."""
     found = []
     for phase in range(splat_interval(config)):
         dut = ColourUnit(config)
@@ -159,7 +165,7 @@ def colour_unit(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def entry_writer(config: AcceleratorConfig) -> dict[str, int]:
-    """A tile's first entry, to its write."""
+    """The first intersection of a tile, up to its write."""
     dut = EntryWriter(config)
     return {"entry_writer": latency(
         dut, to(dut.entries, 0), dut.writes.valid, high=[dut.hits.ready, dut.writes.ready, dut.writes_idle],
@@ -167,7 +173,7 @@ def entry_writer(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def tile_merge_unit(config: AcceleratorConfig) -> dict[str, int]:
-    """A frame's end, to the first group."""
+    """The end of a frame, up to the first group."""
     dut = TileMergeUnit(config)
     return {"tile_merge_unit": latency(
         dut, to(dut.hits, word(records.tile_hit(config), end=1)), dut.groups.valid, high=[dut.groups.ready],
@@ -175,7 +181,7 @@ def tile_merge_unit(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def of_tiles(unit: type[ListReader] | type[HeaderMaker], config: AcceleratorConfig, begin: str, end: str) -> int:
-    """From port to port of a unit that reads memory for tiles; of a frame of one tile with one entry."""
+    """The latency from port to port of a unit that reads memory for tiles, in a frame of one tile with one intersection."""
     dut = unit(config)
     tile = word(records.tile_group(config), count=1, last=1)
     offers = {"tiles": to(dut.tiles, tile), "data": to(dut.data, 0, after=dut.reads)}
@@ -185,7 +191,7 @@ def of_tiles(unit: type[ListReader] | type[HeaderMaker], config: AcceleratorConf
 
 
 def readers(config: AcceleratorConfig) -> dict[str, int]:
-    """List reader and header maker."""
+    """The list reader and the header maker."""
     return {
         "list_reader_request": of_tiles(ListReader, config, "tiles", "reads"),
         "list_reader_answer": of_tiles(ListReader, config, "data", "groups"),
@@ -194,7 +200,8 @@ def readers(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def handover(config: AcceleratorConfig) -> dict[str, int]:
-    """A group's first entry through the line buffer; its last entry, to its first one, through the double buffer."""
+    """Through the line buffer, a group's first intersection; through the double buffer, from a group's last intersection to the
+    output of its first."""
     entry, found = records.chunk_entry(config), {}
     for name, dut, words in (("line_buffer", LineBuffer(config), [0]),
                              ("double_buffer", DoubleBuffer(config), [0, 0, word(entry, last=1)])):
@@ -203,14 +210,14 @@ def handover(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def row(config: AcceleratorConfig) -> dict[str, int]:
-    """An op, to the row below."""
+    """An operation, up to the next row of cores."""
     dut = VrcRow(config)
     op = Offer(dut.op_in.valid, Value.cast(1), dut.op_in.colour[0], [1])
     return {"vrc_row": latency(dut, op, dut.op_out.valid)}
 
 
 def pixel_writer(config: AcceleratorConfig) -> dict[str, int]:
-    """A row of pixels, to its first beat."""
+    """A row of pixels, up to its first beat."""
     dut = PixelWriter(config)
     return {"pixel_writer": latency(
         dut, to(dut.rows, 0), dut.writes.valid, high=[dut.writes.ready, dut.writes_idle],
@@ -218,7 +225,7 @@ def pixel_writer(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def axi_master(config: AcceleratorConfig) -> dict[str, int]:
-    """A request to the bus, an answer from it; an answer through a client's queue."""
+    """A request up to the bus, an answer from the bus, and an answer through a client's queue."""
     ask = AxiMaster(config, 1, 1)
     answer, queue = AxiMaster(config, 1, 1), ReadQueue(config, 4)
     beat = Offer(answer.m_axi_rvalid, answer.m_axi_rready, answer.m_axi_rdata, [1], answer.m_axi_arvalid & answer.m_axi_arready)
@@ -232,7 +239,7 @@ def axi_master(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def register_file(config: AcceleratorConfig) -> dict[str, int]:
-    """`control.start` on the bus, to `start`; legal settings are written before."""
+    """A write to `control.start` on the bus, up to `start`. Legal settings are written before."""
     dut, at = RegisterFile(config), {register.name: register.offset for register in register_map(config)}
     writes = [*((at[limit.setting], limit.low) for limit in limits(config)), (at["control"], 1)]
     addresses = Offer(dut.s_axi_awvalid, dut.s_axi_awready, dut.s_axi_awaddr, [address for address, _ in writes])
@@ -243,12 +250,12 @@ def register_file(config: AcceleratorConfig) -> dict[str, int]:
 MEASURES: tuple[Callable[[AcceleratorConfig], dict[str, int]], ...] = (
     projection, tile_test, colour_unit, entry_writer, tile_merge_unit, readers, handover, row, pixel_writer, axi_master,
     register_file)
-"""By name, latencies of a unit."""
+"""The functions that measure units; each returns latencies by name."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Measures all units, prints the latencies and writes the report."""
     cycles = {name: value for measure in MEASURES for name, value in measure(PAPER).items()}
     print(cycles)
-    write_json(REPORT, {"config": PAPER.name, "cycles": cycles})
+    write_report(REPORT, {"config": PAPER.name, "cycles": cycles}, [__name__], {"config": PAPER})
     return 0

@@ -1,7 +1,7 @@
-"""How many units of a scene are a metre: our depth against a metric depth map of the same view.
+"""Finds how many units of a scene are a metre, by comparing the rendered depth with a metric depth map of the same view.
 
-The map is the z depth in metres of a picture of that view, as monocular estimators such as MoGe-2 give it. The scale is the
-median of the ratio metric / ours over the pixels in which both have a depth: units per metre are its reciprocal.
+The map holds the z depth in metres for a picture of that view, as monocular estimators such as MoGe-2 give it. The metres per
+unit are the median of the ratio between the map's and the rendered depth, over the pixels in which both have a depth.
 """
 
 from __future__ import annotations
@@ -15,27 +15,31 @@ import numpy as np
 from PIL import Image
 
 from golden.msv2_ref import pipeline
-from golden.scenes.request import add_request_arguments, resolve, write_json
+from golden.scenes.request import add_request_arguments, resolve
+from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 
 LEAST_SHARE = 0.01
-"""Of the frame's pixels that must have a depth in both: fewer say nothing of a scene."""
+"""The least share of the frame's pixels that must have a depth in both; fewer would not represent the scene."""
 
 ASPECT_TOLERANCE = 0.02
-"""Largest relative difference of the map's and the frame's aspect ratios: a pixel or two of rounding, no other view."""
+"""Largest relative difference between the aspect ratios of map and frame. It allows a pixel or two of rounding, but not another
+view."""
 
 EXAMPLES = """examples:
-  python -m msv2.studies metric_scale scene.ply --camera 0 --depth-map depth.npy
-  python -m msv2.studies metric_scale scene.ply --camera view.json --size 640x360 --depth-map depth.png --out scale.json
+  msv2 study run metric_scale scene.ply --camera 0 --depth-map depth.npy
+  msv2 study run metric_scale scene.ply --camera view.json --size 640x360 --depth-map depth.png --out scale.json
 """
 
 
 def load_depth_map(path: Path) -> np.ndarray:
-    """(H, W) float64 metres of a .npy of floats, or of a 16-bit PNG of millimetres; not finite or 0 where there is none.
+    """(H, W) float64 metres, from a .npy file of floats or a 16-bit PNG of millimetres. Pixels without a depth are 0 or not
+    finite.
 
     Raises:
-        InputError: another kind of file, or none.
+        InputError: the file is missing or of another kind.
     """
     try:
         if path.suffix == ".npy":
@@ -56,14 +60,14 @@ def load_depth_map(path: Path) -> np.ndarray:
 
 
 def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
-    """The scale and what it rests on.
+    """The scale, with the number and the share of the pixels that it is based on.
 
     Args:
-        metric: (h, w) z depth in metres; read at the pixels nearest to ours.
+        metric: (h, w) z depth in metres; it is read at the pixels nearest to ours.
         ours: (H, W) z depth in world units, NaN where there is none.
 
     Raises:
-        InputError: another aspect ratio, or hardly a pixel with both depths.
+        InputError: the aspect ratios differ, or too few pixels have both depths.
     """
     (height, width), (rows, columns) = ours.shape, metric.shape
     if abs(columns * height / (rows * width) - 1) > ASPECT_TOLERANCE:
@@ -81,17 +85,17 @@ def units_per_metre(metric: np.ndarray, ours: np.ndarray) -> dict[str, float]:
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies metric_scale", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed command line."""
+    parser = command_parser("msv2 study run metric_scale", __doc__, EXAMPLES)
     add_request_arguments(parser)
-    parser.add_argument("--depth-map", required=True, metavar="FILE", help="of the camera's view: .npy (m) or 16-bit .png (mm)")
-    parser.add_argument("--out", metavar="FILE", help="write the JSON here too")
+    parser.add_argument("--depth-map", required=True, metavar="FILE",
+                        help="depth map of the camera's view: .npy (m) or 16-bit .png (mm)")
+    parser.add_argument("--out", metavar="FILE", help="also write the JSON to this file")
     return parser.parse_args(argv)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     metric = load_depth_map(Path(args.depth_map))
     request = resolve(args)
@@ -99,5 +103,5 @@ def main(argv: Sequence[str] | None = None) -> None:
     found = {"scene": str(args.scene), "camera": request.camera.name, "depth_map": args.depth_map,
              **units_per_metre(metric, frame.depth)}
     if args.out:
-        write_json(Path(args.out), found)
+        write_report(Path(args.out), found, [__name__], {"arguments": args}, [args.scene, args.depth_map])
     print(json.dumps(found, indent=1))

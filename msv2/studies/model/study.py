@@ -1,35 +1,37 @@
-"""The model beside the RTL: reports/model.json and reports/model.md.
+"""Compares the cycle model with the RTL: reports/model.json and reports/model.md.
 
-    python -m msv2.studies model             frames that the RTL has rendered: reports/frames.json, machine.json, model_rtl.json
-   python -m msv2.studies model --rtl   renders the frames of model_rtl.json through the RTL first (tb.frame; half an hour, but
-                                        finished runs are kept), and one more to time both side by side
+    msv2 study run model         compares the frames that the RTL has rendered: reports/frames.json, machine.json and
+                                         model_rtl.json
+    msv2 study run model --rtl   first renders the frames of model_rtl.json through the RTL (half an hour, but finished
+                                         runs are kept), and one frame more to time RTL and model in turn
 
-Real scenes are looked for in MSV2_DATA; frames whose scene is not there are left out, and named.
+Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-from golden.scenes.files import atomic_output
+from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments, write_json
-from msv2.studies.rtl_frame import kept_frame
+from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments
+from msv2.studies.page import table, write_page
+from msv2.studies.record import write_report
+from msv2.studies.rtl_frame import COMMAND, kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
+from spec.command_line import command_parser
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 
-REPORTS, BUILD = ROOT / "reports", ROOT / "build" / "perf"
+BUILD = ROOT / "build" / "perf"
 RTL_REPORTS = ("frames", "machine", "model_rtl")
-"""Reports with frames of the RTL."""
+"""The reports that hold frames of the RTL."""
 
 RTL_FRAMES = (
     "embedded --size 160x96 --config default",
@@ -37,14 +39,14 @@ RTL_FRAMES = (
     "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4",
     "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4",
 )
-"""What the other reports do not have: two eyes, a smaller machine, one without harmonics and levels."""
+"""Frames that the other reports do not have: two eyes, a smaller machine, and one without harmonics and levels."""
 
 TIMED = "embedded --size 128x128 --config paper"
-"""The frame that both are timed with, one behind the other."""
+"""The frame with which RTL and model are timed, one after the other."""
 
 LARGE = "garden_large --size 1920x1080 --gaze 960,540 --levels 4 --config paper --pixels display"
 _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
-"""A frame whose seconds are stated, for the model alone."""
+"""A large frame for which the report states the model's time."""
 
 TIMED_SECONDS = 10.0
 
@@ -56,20 +58,6 @@ _KEPT = (
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
     "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cpu_s",
     "cycles_per_s")
-
-
-def data_folder() -> Path:
-    """Where real scenes are."""
-    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
-
-
-def scene_path(name: str) -> str | None:
-    """The argument that names a scene of a report; None where it is not there."""
-    if name == EMBEDDED:
-        return name
-    folder = data_folder()
-    found = [path for path in (folder / Path(name).name, *folder.glob(f"{Path(name).name}.*")) if path.exists()]
-    return str(found[0]) if found else None
 
 
 def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
@@ -87,7 +75,7 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
 
 
 def machine(row: Mapping[str, object]) -> AcceleratorConfig:
-    """The machine of a report's frame: all of its configuration's, or what the frame calls for (tb.frame --machine)."""
+    """The machine of a report's frame: that of its whole configuration, or only what the frame needs (tb.frame --machine)."""
     config = CONFIGS[row["config"]]
     config = config.with_(stereo=True) if "target_cycles" in row else config
     if row.get("machine") != "scene":
@@ -98,7 +86,7 @@ def machine(row: Mapping[str, object]) -> AcceleratorConfig:
 
 
 def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameCycles]:
-    """The model's numbers of a report's frame."""
+    """The trace of a report's frame, and its numbers from the model."""
     config = machine(row)
     trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
     memory = MemoryModel(latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
@@ -107,10 +95,10 @@ def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameC
 
 
 def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]:
-    """A frame's row of the report: both numbers and the relative error, by phase, by stage and in total.
+    """The report's row of a frame: the cycles of RTL and model and the relative error, by phase, by stage and in total.
 
-    A stage's number is the cycles in which something was offered at its input, moved or not. What is cleared once after a reset
-    is left out of both totals.
+    A stage's number is that of the cycles in which something was offered at its input, whether it moved or not. Both totals are
+    without the clearing that follows a reset.
     """
     rtl = {name: int(row[f"{name}_cycles"]) for name in PHASES}
     model = {name: frame.phases[name] for name in PHASES}
@@ -139,13 +127,13 @@ def _error(model: int, rtl: int) -> float:
 
 
 def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
-    """A frame through the RTL, a finished run unless `again`; None where its scene is not there.
+    """A frame through the RTL. A finished run is used unless `again`; None where the scene is missing.
 
     Raises:
         InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
     """
     name, *options = line.split()
-    scene = scene_path(name)
+    scene = scene_argument(name)
     if scene is None:
         return None
     row = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
@@ -153,21 +141,23 @@ def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
 
 
 def render_rtl() -> None:
-    """The frames of reports/model_rtl.json, and how fast both are, one behind the other."""
+    """Renders the frames of reports/model_rtl.json and measures the speed of RTL and model."""
     rows, speed = [], side_by_side()
     for line in RTL_FRAMES:
         row = rtl_row(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
-        write_json(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed})
+        scenes = filter(None, (scene_argument(row["scene"]) for row in rows))
+        write_report(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed}, [__name__, COMMAND],
+                     {"frames": RTL_FRAMES, "timed": TIMED}, scenes)
 
 
 def side_by_side() -> dict[str, object]:
-    """A frame's cycles over seconds of a processor in the RTL's simulator and in the model, on the same machine one behind the
-    other; both run on one processor. The model is repeated for some seconds.
+    """The speeds of the RTL's simulator and of the model, in cycles of a frame per second of processor time. They run one after
+    the other on the same machine, on one processor each. The model is repeated for some seconds.
     """
     row = rtl_row(TIMED, again=True)
-    trace, frame = model_row(row, EMBEDDED)  # compiles or loads the kernels
+    trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
         frame = simulate(trace, CONFIGS[row["config"]], display=False)
@@ -179,9 +169,9 @@ def side_by_side() -> dict[str, object]:
 
 
 def large_frame() -> dict[str, object] | None:
-    """Seconds of a processor for the model of a large foveated frame, its trace at hand; None where its scene is not there."""
+    """Processor seconds of the model for a large foveated frame, without tracing; None where its scene is missing."""
     name, *_ = LARGE.split()
-    scene = scene_path(name)
+    scene = scene_argument(name)
     if scene is None:
         return None
     trace = trace_request(request(_LARGE_ROW, scene), CONFIGS["paper"], cache=BUILD / "traces")
@@ -191,18 +181,18 @@ def large_frame() -> dict[str, object] | None:
 
 
 def frames() -> tuple[list[dict], list[str]]:
-    """Rows of RTL frames that can be modelled here; scenes that are missing."""
+    """The rows of RTL frames that can be modelled here, and the missing scenes."""
     rows, missing = [], []
     for name in RTL_REPORTS:
         path = REPORTS / f"{name}.json"
         rows += [dict(row, report=name) for row in json.loads(path.read_text())["rows"]] if path.is_file() else []
     rows = [row for row in rows if row.get("bit_exact") and row["entries"]]
-    missing = sorted({row["scene"] for row in rows if scene_path(row["scene"]) is None})
+    missing = sorted({row["scene"] for row in rows if scene_argument(row["scene"]) is None})
     return [row for row in rows if row["scene"] not in missing], missing
 
 
 def summary(rows: Sequence[Mapping[str, object]]) -> dict[str, object]:
-    """The worst and the mean errors."""
+    """The worst and the mean errors over all frames."""
     totals = [abs(row["total"]["error"]) for row in rows]
     worst = {name: max(abs(row["phases"][name]["error"]) for row in rows) for name in PHASES}
     stages = {}
@@ -228,9 +218,9 @@ def _name(row: Mapping[str, object]) -> str:
 
 
 def markdown(report: Mapping[str, object]) -> str:
-    """The report as tables."""
+    """The report as Markdown tables."""
     s, speed = report["summary"], report["speed"]
-    lines = ["# Model against RTL", "", "Made by `python -m msv2.studies model`; docs/performance_model.md explains it.", "",
+    lines = ["# Model against RTL", "", "Made by `msv2 study run model`; docs/performance_model.md explains it.", "",
              f"{s['frames']} frames. Total cycles: worst error {s['model_error_total']:.2%}, mean {s['mean_error_total']:.2%} "
              f"(goal {TOTAL_GOAL:.0%} on every frame). Beats by client "
              f"{'are those of the RTL in every frame' if s['beats_equal'] else 'differ in some frame'}.", ""]
@@ -241,24 +231,24 @@ def markdown(report: Mapping[str, object]) -> str:
         if speed.get("large"):
             lines += [f"`{speed['large']['frame']}`: {speed['large']['cycles']:,} cycles in "
                       f"{speed['large']['model_seconds']:.2f} s of a processor.", ""]
-    lines += ["| frame | RTL cycles | model | total | table | geometry | render |", "|---|--:|--:|--:|--:|--:|--:|"]
+    cells = []
     for row in report["rows"]:
         errors = [row["total"], *(row["phases"][name] for name in PHASES)]
-        lines.append(f"| {_name(row)} | {row['total']['rtl']:,} | {row['total']['model']:,} | "
-                     + " | ".join(f"{e['error']:+.2%}" for e in errors) + " |")
-    lines += ["", "Cycles in which something was offered at a stage's input, moved or not:", "",
-              "| stage | worst error | mean | frames within 5 % |", "|---|--:|--:|--:|"]
-    lines += [f"| {name} | {e['worst']:.2%} | {e['mean']:.2%} | {e['within_5_percent']:.0%} |"
+        cells.append([_name(row), f"{row['total']['rtl']:,}", f"{row['total']['model']:,}",
+                      *(f"{e['error']:+.2%}" for e in errors)])
+    stages = [[name, f"{e['worst']:.2%}", f"{e['mean']:.2%}", f"{e['within_5_percent']:.0%}"]
               for name, e in s["stages"].items()]
+    lines += [table(["frame", "RTL cycles", "model", "total", "table", "geometry", "render"], cells, left=1), "",
+              "Cycles in which something was offered at a stage's input, moved or not:", "",
+              table(["stage", "worst error", "mean", "frames within 5 %"], stages, left=1)]
     if report["missing"]:
         lines += ["", f"Not compared, for lack of the scene: {', '.join(report['missing'])}."]
     return "\n".join(lines) + "\n"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a frame's total misses the goal."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies model", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Runs the command line; returns 1 where a frame's total misses the goal."""
+    parser = command_parser("msv2 study run model", __doc__)
     parser.add_argument("--rtl", action="store_true", help="render the frames of reports/model_rtl.json through the RTL first")
     args = parser.parse_args(argv)
     if args.rtl:
@@ -266,7 +256,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     found, missing = frames()
     rows = []
     for row in found:
-        trace, frame = model_row(row, scene_path(row["scene"]))
+        trace, frame = model_row(row, scene_argument(row["scene"]))
         if trace.entries != row["entries"]:
             raise InputError(f"{row['report']}.json: {row['scene']} has {row['entries']} entries in the RTL, {trace.entries} "
                              "here: the report is of other sources or another camera")
@@ -275,9 +265,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     speed_file = REPORTS / "model_rtl.json"
     speed = json.loads(speed_file.read_text())["speed"] if speed_file.is_file() else None
     report = {"summary": summary(rows), "speed": speed, "rows": rows, "missing": missing}
-    write_json(REPORTS / "model.json", report)
-    with atomic_output(REPORTS / "model.md") as file:
-        file.write(markdown(report).encode())
+    scenes = filter(None, (scene_argument(name) for name in sorted({row["scene"] for row in found})))
+    write_report(REPORTS / "model.json", report, [__name__], {"arguments": args},
+                 [*(REPORTS / f"{name}.json" for name in RTL_REPORTS), *scenes])
+    write_page(REPORTS / "model.md", markdown(report))
     worst = report["summary"]["model_error_total"]
     print(f"{len(rows)} frames, worst error {worst:.2%}")
     return 0 if worst <= TOTAL_GOAL else 1

@@ -1,2 +1,2 @@
-"""Machines beside each other on the same frames: cycles, energy, traffic; pictures, a page (`python -m msv2.studies
+"""Compares machines on the same frames: cycles, energy and traffic, as pictures and as a page (`msv2 study run
 performance`)."""

@@ -1,4 +1,4 @@
-"""Areas of machines of ours that have fewer units, from the area report; and GSCore's as published."""
+"""Areas of our machines with fewer units, from the area report, and the published area of GSCore."""
 
 from __future__ import annotations
 
@@ -7,30 +7,31 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from spec.config import PAPER, AcceleratorConfig
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
-REPORT = ROOT / "reports" / "area.json"
+REPORT = REPORTS / "area.json"
 
 GSCORE_MM2_16NM = 1.45
-"""The published machine, scaled to 16 nm by the paper (section 7, "Hardware Implementation")."""
+"""Area of the published GSCore, scaled to 16 nm by the paper (section 7, "Hardware Implementation")."""
 
 WITH_CORES, WITH_CULLING, WARP = ("array", "blending"), ("culling and conversion", "colour"), "warp"
-"""Groups whose logic goes with the array's cores, with the culling units; the one that a machine for one eye has not."""
+"""Groups of units whose logic scales with the number of cores, those whose logic scales with the culling units, and the group
+that a machine for one eye does not have."""
 
 
 def load_area(path: Path = REPORT) -> dict[str, object] | None:
-    """The area report of `make report-area`; None where there is none."""
+    """The area report of `make report-area`; None where it is missing."""
     return json.loads(path.read_text()) if path.is_file() else None
 
 
 def build_of(report: Mapping[str, object]) -> tuple[str, Mapping[str, object]]:
-    """The build that frames of one eye are compared by: the one without the warp unit where it has been made."""
+    """The build with which frames of one eye are compared: the one without the warp unit, if it was made."""
     name = "mono" if "mono" in report["builds"] else "1ghz"
     return name, report["builds"][name]
 
 
 def machine_mm2(report: Mapping[str, object], config: AcceleratorConfig) -> float:
-    """mm^2 at 16 nm of a machine of ours for one eye, with memories: groups of the report, scaled by their units."""
+    """Area in mm^2 at 16 nm of one of our machines for one eye, with memories: the report's groups, scaled by their units."""
     cores = config.cores_x * config.cores_y / (PAPER.cores_x * PAPER.cores_y)
     culling, total = config.culling_units / PAPER.culling_units, 0.0
     for name, sums in build_of(report)[1]["groups"].items():

@@ -1,9 +1,8 @@
-"""The frames that machines are compared on, each rendered once by the golden renderer, and kept as traces."""
+"""The frames on which machines are compared. The golden renderer renders each of them once; their traces are kept."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,46 +11,43 @@ from pathlib import Path
 import numpy as np
 
 from golden.msv2_ref.eyes import render_stereo
+from golden.scenes.captured import captured_path
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import add_request_arguments, parse_size, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.kept import fingerprint
+from msv2.studies.scenes import MODELS
+from msv2.studies.scenes import TRAINED_HERE as TRAINED
 from perf.gscore import GscoreTrace, gscore_trace
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
-CACHE = ROOT / "build" / "perf" / "compared"
+CACHE = cache_folder("compared")
 TWO_EYES = PAPER.with_(stereo=True)
 LEVELS = 4
 
-CAPTURED = ("truck.splat", "rock_sh3", "garden_large")
-"""Scenes of MSV2_DATA: captured, with random nested subsets as levels."""
-
-TRAINED = ("fern", "bonsai")
-"""Scenes that `make train` has left in build/train: with trained levels."""
-
 SECOND_VIEW = "3"
-"""Of the orbit's eight, or of a scene's cameras: far from the first."""
+"""The second camera: one of the orbit's eight, or one of a scene's cameras, far from the first."""
 
-_ALL_TILES = 180.0  # degrees: no tile lies beyond, so that none is warped
+_ALL_TILES = 180.0  # degrees; no tile lies beyond this eccentricity, so that none is warped
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A frame, the gaze in its centre.
+    """A frame with the gaze in its centre.
 
     Attributes:
-        name: scene and view.
-        scene: the scene alone. trained: its levels are.
-        frame: one eye's.
-        other: the other eye's, rendered as a whole.
-        warped: both eyes, the second warped beyond the threshold.
-        gscore: the first eye's on the other machine.
-        subject: the request, as the record beside a picture has it.
+        name: scene and camera.
+        scene: the scene alone. trained: whether its levels are trained.
+        frame: the trace of one eye.
+        other: the trace of the other eye, rendered as a whole.
+        warped: the trace of both eyes, with the second one warped beyond the threshold.
+        gscore: the first eye's trace for the GSCore-like machine.
+        subject: the request, as in the record beside a picture.
     """
 
     name: str
@@ -64,27 +60,24 @@ class Compared:
     subject: dict[str, object]
 
 
-def _data_folder() -> Path:
-    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
-
-
 def scene_file(scene: str) -> Path | None:
-    """Where a scene is; None where it is not."""
-    places = [_data_folder() / scene, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
-    return next((place for place in places if place.exists()), None)
+    """Where a captured scene, one that was trained here, or a model file is; None where it is not."""
+    captured = captured_path(scene) if scene in MODELS and scene != EMBEDDED else None
+    places = [captured, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
+    return next((place for place in places if place is not None and place.exists()), None)
 
 
 def scenes_here() -> tuple[list[str], list[str]]:
-    """Names of the scenes that are there, the embedded one first; of those that are not."""
-    found = {scene: scene_file(scene) is not None for scene in (*CAPTURED, *TRAINED)}
+    """The names of the scenes that are present, the embedded one first, and of those that are missing."""
+    found = {scene: scene_file(scene) is not None for scene in (*MODELS[1:], *TRAINED)}
     return [EMBEDDED, *(s for s, there in found.items() if there)], [s for s, there in found.items() if not there]
 
 
 def request(scene: str, size: str, camera: str = "orbit") -> argparse.Namespace:
-    """The arguments of a frame.
+    """The parsed arguments of a frame.
 
     Raises:
-        InputError: the scene is not there.
+        InputError: the scene is missing.
     """
     path = EMBEDDED if scene == EMBEDDED else scene_file(scene)
     if path is None:
@@ -97,10 +90,10 @@ def request(scene: str, size: str, camera: str = "orbit") -> argparse.Namespace:
 
 
 def compared(scene: str, size: str, camera: str = "orbit", *, config: AcceleratorConfig = TWO_EYES) -> Compared:
-    """A frame's traces, from the cache where nothing they are made of has changed.
+    """The traces of a frame, from the cache if none of its inputs has changed.
 
     Raises:
-        InputError: a scene that is not there, or a request that no frame can be made of.
+        InputError: the scene is missing, or the request is not valid.
     """
     args = request(scene, size, camera)
     folder = CACHE / _key(args, config)
@@ -133,7 +126,7 @@ def _load(folder: Path) -> tuple[FrameTrace, FrameTrace, FrameTrace, GscoreTrace
 
 
 def _render(args: argparse.Namespace, config: AcceleratorConfig) -> tuple[FrameTrace, FrameTrace, FrameTrace, GscoreTrace]:
-    """One eye, the other as a whole, and the other where it is not warped."""
+    """Traces of one eye, of the other eye as a whole, and of both with the other one warped."""
     begin, asked = time.perf_counter(), resolve(args)
     units, _ = scene_scale(asked.model.name, None)
     pair = stereo_pair(asked.camera, units_per_metre=units)
@@ -146,7 +139,7 @@ def _render(args: argparse.Namespace, config: AcceleratorConfig) -> tuple[FrameT
 
 
 def default_frames(scenes: list[str]) -> Iterator[tuple[str, str]]:
-    """Scene and camera of every frame of a report: two views of each scene."""
+    """Scene and camera of every frame of a report: two cameras per scene."""
     for scene in scenes:
         for camera in ("orbit", SECOND_VIEW):
             yield scene, camera

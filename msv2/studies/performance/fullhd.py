@@ -1,4 +1,4 @@
-"""Full HD frames, beside a chip that renders them."""
+"""Full HD frames, compared with a chip that renders them."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.energy.frame import frame_energy, load_table, model_counts
 from msv2.studies.performance.frames import TRAINED, request, scene_file
 from msv2.studies.performance.machines import BANDWIDTHS, CLOCK_HZ, floor_cycles
+from msv2.studies.scenes import FULL_HD
 from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, colour_beats
-from spec.paths import ROOT
+from spec.paths import ROOT, cache_folder
 
 SIZE = "1920x1080"
 SCENES = (EMBEDDED, "garden_large", "bonsai")
-CACHE = ROOT / "build" / "perf" / "traces"
+CACHE = cache_folder("traces")
 
 
-def full_hd(scenes: tuple[str, ...] = SCENES) -> Iterator[dict[str, object]]:
-    """A row for each scene that is there, at the paper's memory, unlimited, and on four channels of LPDDR3-1600."""
+def full_hd(scenes: tuple[str, ...] = FULL_HD) -> Iterator[dict[str, object]]:
+    """A row for each scene that is present, with the paper's memory, with unlimited memory, and with LPDDR3-1600."""
     for scene in scenes:
         if scene != EMBEDDED and scene_file(scene) is None:
             continue
@@ -40,7 +41,7 @@ def full_hd(scenes: tuple[str, ...] = SCENES) -> Iterator[dict[str, object]]:
 
 
 def quality(scene: str) -> str:
-    """What is known of a model's quality, from its training's own report."""
+    """A description of a model's quality, from the report of its training if there is one."""
     report = ROOT / "build" / "train" / scene / "report.json"
     if scene not in TRAINED or not report.is_file():
         kind = "synthetic" if scene == EMBEDDED else "captured"

@@ -1,8 +1,9 @@
-"""A mobile GPU as a model: the roofline of Xavier's Volta on the operations of 3DGS's rasteriser. Never measured here.
+"""A model of a mobile GPU: the roofline of Xavier's Volta for the operations of the 3DGS rasteriser. Nothing was measured here.
 
-A kernel takes as long as its operations at peak rate or its bytes at full bandwidth, whichever is longer, and nothing else: no
-launch, no divergence, no cache that misses, no thread that waits for its block. A real one is slower; published rates of it are
-beside the model's in the report. Tiles' lists are ours, by the exact test, and shorter than its own.
+A kernel takes as long as its operations at peak rate or its bytes at full bandwidth, whichever is longer. The model has no
+launch overhead, no divergence, no cache misses and no threads that wait for their block, so that a real GPU is slower. The
+report gives published rates beside the model's. The tiles' lists are ours, from the exact test, and are shorter than those of
+3DGS.
 """
 
 from __future__ import annotations
@@ -14,35 +15,35 @@ from perf.trace import FrameTrace
 from spec.constants import TILE
 
 CORES, CLOCK_HZ, BYTES_PER_S = 512, 1.377e9, 137e9
-"""Jetson AGX Xavier: 512 CUDA cores of Volta, 1,377 MHz, 256 bits of LPDDR4x."""
+"""Jetson AGX Xavier: 512 CUDA cores of Volta at 1,377 MHz, with 256 bits of LPDDR4x."""
 
 FLOPS_PER_S = 2 * CORES * CLOCK_HZ
-"""A fused multiply-add a core and cycle."""
+"""One fused multiply-add per core and cycle."""
 
 PAIR_FLOPS = 30
-"""Of a pixel and a splat: offsets 2, exponent 9, exponential 4 (a quarter rate unit), alpha 3, transmittance 2, weight 1, three
-colours 6, tests 3."""
+"""Operations for a pixel and a splat: offsets 2, exponent 9, exponential 4 (a unit at a quarter of the rate), alpha 3,
+transmittance 2, weight 1, three colours 6, tests 3."""
 
 POINT_FLOPS = 400
-"""Of a splat: transform, covariance, conic, spherical harmonics; bytes decide."""
+"""Operations for a splat: transform, covariance, conic, spherical harmonics. The bytes limit this kernel."""
 
 FLOAT_BYTES, KEY_BYTES, RADIX_BITS, DEPTH_BITS = 4, 12, 8, 32
-"""Of sorting pairs: keys of tile and depth, 8 bytes, beside an index of 4, by 8 bits a pass."""
+"""For sorting the pairs: a key of tile and depth has 8 bytes, an index 4, and each pass sorts by 8 bits."""
 
 VIEW_FLOATS, PLACE_FLOATS = 12, 11
-"""Of a projected splat: mean 2, conic and opacity 4, colour 3, depth, radius, tiles. Of a point without colour: mean 3,
-scale 3, rotation 4, opacity 1."""
+"""Floats of a projected splat: mean 2, conic and opacity 4, colour 3, depth, radius, tiles. Floats of a point without its
+colour: mean 3, scale 3, rotation 4, opacity 1."""
 
 PUBLISHED = (
     {"what": "dense models, FPS at most", "fps": 10.0, "source": "the paper, section 1: typically under 10 FPS on it"},
     {"what": "the paper's foveated model, mean FPS", "fps": 102.2, "source": "the paper, comparison of FR methods (\"Ours\")"},
     {"what": "a foveated model by sub-sampling (SMFR), mean FPS", "fps": 125.9, "source": "the paper, the same table"},
 )
-"""Frame rates measured on Xavier by others, on other frames."""
+"""Frame rates that others measured on Xavier, with other frames."""
 
 
 class GpuFrame(NamedTuple):
-    """A frame's seconds by kernel, and its bytes."""
+    """The seconds of a frame by kernel, and its bytes."""
 
     preprocess: float
     sort: float
@@ -52,12 +53,12 @@ class GpuFrame(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """Of the frame."""
+        """The seconds of the whole frame."""
         return self.preprocess + self.sort + self.blend
 
     @property
     def bytes_per_cycle(self) -> float:
-        """Of its memory, at its clock."""
+        """The bytes that its memory moves per cycle of its clock."""
         return BYTES_PER_S / self.clock_hz
 
 
@@ -66,7 +67,7 @@ def gpu_frame(trace: FrameTrace, ops: int) -> GpuFrame:
 
     Args:
         trace: the frame.
-        ops: tiles times splats that are blended before a tile's last pixel stops, as our array counts them.
+        ops: the number of (tile, splat) pairs that are blended before the tile's last pixel stops, as our array counts them.
     """
     survivors = len(trace.eyes[0].survivor)
     colour = 3 * (trace.sh_degree + 1) ** 2

@@ -1,4 +1,4 @@
-"""The machines that are compared, and a frame on each of them."""
+"""The machines that are compared, and how a frame runs on each of them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from spec.memory import DRAM_BYTES_PER_CYCLE
 
 CLOCK_HZ = 1e9
 BANDWIDTHS = (DRAM_BYTES_PER_CYCLE, None)
-"""Bytes of memory a cycle: the paper's at 1 GHz; None: a beat read and a beat written in every cycle."""
+"""Bandwidths of memory in bytes per cycle: the paper's at 1 GHz, and None for a beat read and a beat written in every cycle."""
 
 UNLIMITED_BYTES = 64
-"""Bytes a cycle of other machines where ours has a beat read and a beat written."""
+"""Bytes per cycle of other machines where ours reads a beat and writes a beat in every cycle."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A configuration: tiles are merged; stages hand over incrementally, instead of through double buffers."""
+    """A variant of our machine: whether tiles are merged, and whether stages hand over incrementally or through double
+    buffers."""
 
     name: str
     merge: bool
@@ -39,7 +40,7 @@ BASE, BOTH = MACHINES[0], MACHINES[-1]
 TWO_BASE, TWO_BOTH, WARPING = "base, two eyes", "merging+pipelining, two eyes", "merging+pipelining+warping"
 GSCORE, GPU = "GSCore-like", "mobile GPU (modelled)"
 GEOMETRY_READS, GEOMETRY_WRITES = ("geometry", "colour"), ("entries", "views")
-"""Clients of memory that belong to the geometry phase alone."""
+"""The memory clients that belong to the geometry phase."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +48,15 @@ class Run:
     """A frame on a machine.
 
     Attributes:
-        machine: its name.
-        bytes_per_cycle: of memory; None: unlimited.
-        eyes: of the frame.
-        cycles, geometry, render: of the frame and its two phases; None where the machine has no such number.
-        frames_per_s: at `clock_hz`.
-        dram_bytes: moved.
-        chip_mj, dram_mj: None where no energies are known.
-        floor: least cycles that the frame could take (`floor_cycles`).
-        array: share of the rendering phase in which the array has work.
+        machine: the machine's name.
+        bytes_per_cycle: the bandwidth of memory; None if it is unlimited.
+        eyes: the number of eyes of the frame.
+        cycles, geometry, render: the cycles of the frame and of its two phases; None where the machine has no such number.
+        frames_per_s: the frame rate at `clock_hz`.
+        dram_bytes: the bytes moved.
+        chip_mj, dram_mj: energies; None where they are not known.
+        floor: a lower bound on the frame's cycles (`floor_cycles`).
+        array: the share of the rendering phase in which the array has work.
     """
 
     machine: str
@@ -79,10 +80,10 @@ def _table() -> Table:
 
 
 def floor_cycles(trace: FrameTrace, f: FrameCycles, config: AcceleratorConfig, bytes_per_cycle: float | None) -> float:
-    """Least cycles of the frame: every phase by its busiest part, which never waits.
+    """A lower bound on the cycles of a frame: the busiest part of every phase, without waiting.
 
-    Geometry: points at the culling units' rate, survivors at the colour unit's, or its bytes at memory's. Rendering: an entry
-    or an op a cycle, or its bytes.
+    In the geometry phase, points come at the culling units' rate, survivors at the colour unit's, and bytes at memory's. In the
+    rendering phase, an intersection or an operation takes a cycle, and bytes come at memory's rate.
     """
     reads = sum(f.reads[name] for name in GEOMETRY_READS), sum(n for name, n in f.reads.items() if name not in GEOMETRY_READS)
     writes = (sum(f.writes[name] for name in GEOMETRY_WRITES),
@@ -100,7 +101,7 @@ def run_ours(
     name: str, traces: Iterable[FrameTrace], config: AcceleratorConfig, bytes_per_cycle: float | None, *, merge: bool,
     beta: int | None = None,
 ) -> tuple[Run, list[FrameCycles]]:
-    """One or more frames, one behind the other, on a machine of ours."""
+    """One or more frames, one after the other, on one of our machines."""
     traces = tuple(traces)
     frames = [simulate(trace, config, memory=MemoryModel(bytes_per_cycle=bytes_per_cycle), merge=merge, beta=beta, display=True)
               for trace in traces]
@@ -116,20 +117,20 @@ def run_ours(
 
 
 def run_gscore(frame: Compared, bytes_per_cycle: float | None, factor: float = 1.0, name: str = GSCORE) -> Run:
-    """A frame on the GSCore-like machine, `factor` times the published one's units; its energy is not modelled."""
+    """A frame on the GSCore-like machine with `factor` times the published units. Its energy is not modelled."""
     machine = GscoreConfig(bytes_per_cycle=bytes_per_cycle or UNLIMITED_BYTES).scaled(factor)
     c = gscore_cycles(frame.gscore, machine)
     return Run(name, bytes_per_cycle, 1, c.total, c.geometry, c.render, CLOCK_HZ / c.total, CLOCK_HZ, c.dram_bytes)
 
 
 def run_gpu(frame: Compared, ops: int) -> Run:
-    """A frame on the mobile GPU, by its roofline; cycles are of its own clock."""
+    """A frame on the mobile GPU, by its roofline; the cycles are those of its own clock."""
     g = gpu_frame(frame.frame, ops)
     return Run(GPU, g.bytes_per_cycle, 1, g.seconds * g.clock_hz, None, None, 1 / g.seconds, g.clock_hz, g.dram_bytes)
 
 
 def run_all(frame: Compared) -> tuple[list[Run], FrameCycles]:
-    """A frame on all machines, at both bandwidths; and its cycles on the one with everything, at the paper's."""
+    """A frame on all machines at both bandwidths, and its cycles on the full machine at the paper's bandwidth."""
     runs, kept = [], None
     for bandwidth in BANDWIDTHS:
         for m in MACHINES:
@@ -145,12 +146,12 @@ def run_all(frame: Compared) -> tuple[list[Run], FrameCycles]:
 
 
 def rows(runs: Iterable[Run]) -> list[dict[str, object]]:
-    """JSON-ready, with each machine's speedup over the base of as many eyes."""
+    """The runs as JSON-ready rows, with each machine's speedup over the base machine with as many eyes."""
     runs = list(runs)
     base = {(r.eyes, r.bytes_per_cycle): r for r in runs if r.machine in (BASE.name, TWO_BASE)}
     out = []
     for r in runs:
-        b = base.get((r.eyes, r.bytes_per_cycle)) or base[r.eyes, BANDWIDTHS[0]]  # the GPU has a memory of its own
+        b = base.get((r.eyes, r.bytes_per_cycle)) or base[r.eyes, BANDWIDTHS[0]]  # the GPU has another memory
         speedups = {"speedup": r.frames_per_s / b.frames_per_s, "speedup_render": b.render / r.render if r.render else None,
                     "energy_ratio": None if r.chip_mj is None else (b.chip_mj + b.dram_mj) / (r.chip_mj + r.dram_mj),
                     "energy_ratio_chip": None if r.chip_mj is None else b.chip_mj / r.chip_mj}

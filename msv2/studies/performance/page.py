@@ -1,23 +1,21 @@
-"""The performance report in Markdown; every number is of its JSON."""
+"""The performance report in Markdown. Every number in it comes from the report's JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
+from msv2.studies import page as pages
 from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, GPU, GSCORE, MACHINES, TWO_BASE, TWO_BOTH, WARPING
 from msv2.studies.performance.summary import geomean
+
+table = partial(pages.table, left=1)
 
 COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> str:
-    """A table in Markdown; its first `left` columns and those named in `words` are aligned left."""
-    rule = " | ".join("---" if i < left or name in words else "---:" for i, name in enumerate(head))
-    return "\n".join([f"| {' | '.join(head)} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows)])
-
-
 def page(content: Mapping, pictures: Sequence[str]) -> str:
-    """All of it."""
+    """The whole page."""
     sections = {
         "The paper and ours": _paper(content), "What was to be reached": _goals(content),
         "Speed over base": _speeds(content, "speedup"),

@@ -11,13 +11,13 @@ from msv2.studies.performance.machines import BANDWIDTHS, BOTH, GPU, GSCORE, MAC
 from perf.model import FrameCycles
 
 STAGES = ("sort", "handover", "fetch", "array", "pixel_write")
-"""Rows of the timeline."""
+"""The rows of the timeline."""
 
 SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
 
 def _pyplot():
-    """None where matplotlib is not installed."""
+    """matplotlib's pyplot, or None where it is not installed."""
     try:
         import matplotlib
     except ImportError:
@@ -29,7 +29,7 @@ def _pyplot():
 
 
 def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -> list[str]:
-    """All pictures, as performance_*.png; their names, none without matplotlib."""
+    """Draws all pictures as performance_*.png. Returns their names; none without matplotlib."""
     pyplot, made = _pyplot(), []
     if pyplot is None:
         return made
@@ -45,7 +45,7 @@ def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -
 
 
 def _tiles(pyplot, content: Mapping):
-    """Intersections per tile: a map of each frame, and their spread over the frames."""
+    """Intersections per tile: a map for each frame, and their distribution."""
     frames = content["frames"]
     columns = min(3, len(frames))
     lines = -(-len(frames) // columns)
@@ -67,7 +67,7 @@ def _tiles(pyplot, content: Mapping):
 
 
 def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
-    """The same part of the rendering phase of each machine, a row a stage, a colour a group."""
+    """The same part of the rendering phase on each machine, with a row per stage and a colour per group."""
     figure, axes = pyplot.subplots(len(timelines), 1, figsize=(13, 2.3 * len(timelines)), sharex=True, squeeze=False)
     begins = {name: next(first for stage, _, _, first, _ in f.timeline if stage == "render") for name, f in timelines.items()}
     width = max(f.phases["render"] for f in timelines.values())
@@ -88,7 +88,7 @@ def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
 
 
 def _bars(pyplot, content: Mapping):
-    """Speedup and energy over base, every frame and the geomean."""
+    """Speedup and energy relative to the base machine, for every frame and for the geometric mean."""
     names = [frame["name"] for frame in content["frames"]] + ["geomean"]
     figure, axes = pyplot.subplots(2, len(BANDWIDTHS), figsize=(8 * len(BANDWIDTHS), 9), squeeze=False)
     for column, bandwidth in enumerate(BANDWIDTHS):
@@ -117,7 +117,7 @@ def _lines(axis, rows: Sequence[Mapping], x: str, y: str, label: str, **style: o
 
 
 def _area(pyplot, content: Mapping):
-    """Frames a second over mm^2; None without an area report."""
+    """Frames per second over mm^2; None without an area report."""
     rows = content["iso_area"]
     frames = list(dict.fromkeys(row["frame"] for row in rows))
     if not frames:
@@ -138,7 +138,7 @@ def _area(pyplot, content: Mapping):
 
 
 def _bandwidth(pyplot, content: Mapping):
-    """Cycles of a frame over memory's bandwidth, and what it moves."""
+    """The cycles of a frame over the memory's bandwidth, and the bytes that it moves."""
     rows = content["bandwidth"]
     frames = list(dict.fromkeys(row["frame"] for row in rows))
     figure, axes = pyplot.subplots(1, len(frames) + 1, figsize=(5 * len(frames) + 5, 4), squeeze=False)
@@ -161,9 +161,10 @@ def _bandwidth(pyplot, content: Mapping):
 
 
 def _sweeps(pyplot, content: Mapping):
-    """Cycles over those of the paper's machine with automatic beta: a colour a frame, dashed without memory's limit.
+    """Cycles relative to the paper's machine with automatic beta, with a colour per frame; dashed lines are for unlimited
+    memory.
 
-    Of the rendering phase; of the frame where geometry depends on what is changed.
+    The cycles are those of the rendering phase, or of the whole frame where the geometry phase depends on what is changed.
     """
     rows = content["sweeps"]
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows) if name != "beta, double buffers"]

@@ -1,67 +1,58 @@
-"""`python -m msv2.studies performance`: machines on the same frames, beside the paper: performance.{json,md} and
+"""`msv2 study run performance`: compares machines on the same frames, and with the paper: performance.{json,md} and
 performance_*.png.
 
-Areas are those of reports/area.json (`make report-area`), energies of reports/energy_per_operation.json (`python -m
-msv2.studies energy_per_operation`).
+Areas come from reports/area.json (`make report-area`), and energies of operations from reports/energy_per_operation.json
+(`msv2 study run energy_per_operation`).
 
 examples:
-  python -m msv2.studies performance   the embedded scene; those of MSV2_DATA and build/train that are there
-  python -m msv2.studies performance embedded --size 320x180          one scene
+  msv2 study run performance                            the embedded scene, and those of MSV2_DATA and build/train
+  msv2 study run performance embedded --size 320x180    one scene
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.page import write_page
 from msv2.studies.performance import area, gpu, summary
-from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scenes_here
+from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scene_file, scenes_here
 from msv2.studies.performance.fullhd import full_hd
 from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, CLOCK_HZ, MACHINES, Run, rows, run_all
 from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
+from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
+from spec.command_line import command_parser
 from spec.config import PAPER
-from spec.paths import ROOT
+from spec.paths import REPORTS, ROOT
 
-REPORTS = ROOT / "reports"
 SWEPT = ("embedded", "truck", "garden_large")
-"""Scenes whose first view goes through the sweeps and over area."""
+"""Scenes whose first frame is used in the sweeps and in the comparison over area."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies performance", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_parser("msv2 study run performance", __doc__)
     parser.add_argument("scene", nargs="*", metavar="SCENE",
                         help="'embedded', a model file, a scene of MSV2_DATA or build/train")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--full-hd", default=None, choices=("0", "1"),
-                        help="Full HD frames too (default: where no SCENE is named)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="default: reports")
+                        help="also measure Full HD frames (default: if no SCENE is named)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
     return parser.parse_args(argv)
 
 
-def commit() -> str:
-    """Of the working tree, marked where what the report is made of differs from it."""
-    done = [subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False).stdout.strip()
-            for command in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--", "spec", "golden", "perf"))]
-    return (done[0] or "unknown") + (", changed" if done[1] else "")
-
-
 def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None:
-    """Worst error of the cycle model's total against the RTL, as validation found it; None where there is no report."""
+    """The error of the cycle model's total against the RTL, from the validation report; None where it is missing."""
     if not path.is_file():
         return None
     found = json.loads(path.read_text())["summary"]
@@ -69,7 +60,7 @@ def model_error(path: Path = REPORTS / "model.json") -> dict[str, object] | None
 
 
 def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
-    """A frame's numbers."""
+    """The numbers of a frame."""
     counts = frame.frame.eyes[0].counts
     quartiles = np.percentile(counts, (0, 25, 50, 75, 100))
     base = next(r for r in runs if (r.machine, r.bytes_per_cycle) == (BASE.name, BANDWIDTHS[0]))
@@ -83,13 +74,13 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
 
 
 def timelines(frame: Compared) -> dict[str, FrameCycles]:
-    """A frame on base, with merging, and with all, at the paper's memory."""
+    """A frame's cycles on the base machine, with merging, and on the full machine, at the paper's bandwidth."""
     shown = [m for m in MACHINES if m.merge or m is BASE]
     return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), merge=m.merge, display=True) for m in shown}
 
 
 def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[dict[str, object], dict[str, FrameCycles]]:
-    """The report's numbers, and what the picture of the hand-over is of."""
+    """The report's numbers, and the timelines for the picture of the handover."""
     here, missing = scenes_here()
     found, areas, swept, equal = [], area.load_area(), [], []
     for scene, camera in default_frames(list(scenes) or here):
@@ -127,18 +118,19 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
     parse_size(args.size)
     hd = args.full_hd == "1" or (args.full_hd is None and not args.scene)
     out, traces = make_folder(args.out), make_folder(ROOT / "build" / "report")
     content, shown = measure(args.scene, args.size, hd, traces)
-    words = ["python -m msv2.studies performance", *(sys.argv[1:] if argv is None else argv)]
-    content = {"commit": commit(), "command": " ".join([words[0], *map(shlex.quote, words[1:])]), **content}
-    write_json(out / "performance.json", content)
+    content = {"commit": commit(), "command": command(__name__), **content}
+    inputs = [REPORTS / f"{name}.json" for name in ("area", "energy_per_operation", "model")]
+    scenes = [scene_file(scene) for scene in (args.scene or scenes_here()[0]) if scene != EMBEDDED]
+    write_report(out / "performance.json", content, [__name__], {"arguments": args, "machine": PAPER},
+                 [*inputs, *filter(None, scenes)])
     pictures = draw(content, shown, out)
-    with atomic_output(out / "performance.md") as file:
-        file.write(page(content, pictures).encode())
+    write_page(out / "performance.md", page(content, pictures))
     for row in content["beside_paper"]:
         ours = row["ours"]
         print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "

@@ -1,4 +1,4 @@
-"""Means over frames, and what the paper says beside them."""
+"""Means over frames, with the paper's numbers for comparison."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ PAPER = {
     "speedup": 20.9 / 18.5, "energy": 56.8 / 54.4, "speedup_warping": 30.9 / 18.5, "energy_warping": 81.6 / 54.4,
     "over_gscore": 1.6, "gpu_base": 18.5, "gpu_both": 20.9, "gpu_warping": 30.9,
 }
-"""The paper's geomeans (its sections "Results with Hardware Support", "Ablation of Hardware Design"): over its base, over
-GSCore at equal area (6 mm^2), over its mobile GPU."""
+"""The paper's geometric means (its sections "Results with Hardware Support" and "Ablation of Hardware Design"): over its base
+machine, over GSCore at equal area (6 mm^2), and over its mobile GPU."""
 
 OVER_GSCORE_GOAL = 2.0
 
 CHIP_129 = {"design": "129FPS (2026)", "node": "28 nm, 800 MHz", "frames_per_s": 129.0, "chip_mj": 0.219 / 129 * 1e3,
             "area": "0.66 mm^2", "model": "compressed 51.6 times, -0.74 dB",
             "source": "published: 0.219 W at 129 frames/s, 1920x1080"}
-"""A chip that renders Full HD."""
+"""A published chip that renders Full HD."""
 
 
 def geomean(values: Iterable[float]) -> float | None:
-    """None of nothing."""
+    """The geometric mean; None if there are no values."""
     values = list(values)
     return math.exp(sum(map(math.log, values)) / len(values)) if values else None
 
@@ -35,7 +35,7 @@ def _found(frames: Sequence[Mapping], machine: str, bandwidth: float | None) -> 
 
 
 def means(frames: Sequence[Mapping]) -> list[dict[str, object]]:
-    """Geomeans over the frames of every machine at every bandwidth, over the base of as many eyes."""
+    """Geometric means over the frames, for every machine and bandwidth, relative to the base machine with as many eyes."""
     out = []
     for bandwidth in BANDWIDTHS:
         for machine in (*(m.name for m in MACHINES), TWO_BASE, TWO_BOTH, WARPING, GSCORE, GPU):
@@ -50,12 +50,12 @@ def means(frames: Sequence[Mapping]) -> list[dict[str, object]]:
 
 
 def mean_of(rows: Sequence[Mapping], machine: str, bandwidth: float | None) -> Mapping:
-    """A row of `means`."""
+    """The row of `means` for a machine and a bandwidth."""
     return next(row for row in rows if row["machine"] == machine and row["bytes_per_cycle"] == bandwidth)
 
 
 def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequence[Mapping]) -> list[dict[str, object]]:
-    """What the paper says, what is found here at its bandwidth and without limit, and why they differ."""
+    """The paper's numbers, ours at its bandwidth and with unlimited memory, and the reasons for the differences."""
     both, warping, gpu = ([mean_of(rows, name, bandwidth) for bandwidth in BANDWIDTHS] for name in (BOTH.name, WARPING, GPU))
     base = [mean_of(rows, BASE.name, bandwidth) for bandwidth in BANDWIDTHS]
     eyes = [mean_of(rows, TWO_BOTH, bandwidth) for bandwidth in BANDWIDTHS]
@@ -99,7 +99,7 @@ def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequ
 
 
 def goals(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequence[Mapping]) -> list[dict[str, object]]:
-    """What was to be reached, and whether it is."""
+    """The goals, and whether they are reached."""
     out = []
     for bandwidth in BANDWIDTHS:
         where = "unlimited memory" if bandwidth is None else f"{bandwidth:g} B a cycle"

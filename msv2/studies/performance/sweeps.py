@@ -1,4 +1,4 @@
-"""One resource or setting changed at a time; and both machines over area."""
+"""Sweeps in which one resource or setting changes at a time, and comparisons of both machines over area."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from perf.gscore import GscoreConfig, gscore_cycles
 from spec.config import PAPER, AcceleratorConfig
 
 BETAS = (0, 32, 64, 128, 256, 512, 1024, 2048, 4096, None)
-"""Merge thresholds in entries; 0: nothing is merged, None: automatic."""
+"""Merge thresholds in intersections; 0 merges nothing, None stands for the automatic threshold."""
 
 LINE_BUFFERS = (64, 128, 256, 512, 1024, 2048, 4096)
-"""Bytes."""
+"""Sizes of the line buffer in bytes."""
 
 SORT_BUFFERS = (4096, 16384, 65536)
-"""Bytes of the double buffer before the sorter: its largest chunk is half of it."""
+"""Sizes in bytes of the double buffer before the sorter. The largest chunk fits half of it."""
 
 CULLING_UNITS = (1, 2, 4, 8)
 CORES = ((4, 4), (8, 4), (8, 8), (16, 8), (16, 16))
 BYTES_PER_CYCLE = (6.4, 12.8, 25.6, 38.4, 51.2, None)
 SCALED = ((4, 4, 1), (8, 8, 2), (16, 8, 4), (16, 16, 8))
-"""Cores and culling units of ours in one ratio, down from the paper's; the array cannot be larger than a tile."""
+"""Cores and culling units of our machine in a fixed ratio, up to the paper's. The array cannot be larger than a tile."""
 
 COMPARED_MM2 = 6.0
-"""Where the paper compares both."""
+"""The area at which the paper compares both machines."""
 
 FACTORS = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
-"""Of the published GSCore's units."""
+"""Multiples of the published GSCore's units."""
 
 
 def _row(frame: Compared, sweep: str, value: object, run: Run) -> dict[str, object]:
@@ -38,7 +38,7 @@ def _row(frame: Compared, sweep: str, value: object, run: Run) -> dict[str, obje
 
 
 def sweeps(frame: Compared) -> list[dict[str, object]]:
-    """Rows of every sweep on a frame: the whole machine, or in the sweeps of beta both hand-overs."""
+    """The rows of every sweep on a frame, with the full machine; the sweeps of beta are made with both kinds of handover."""
     def ours(config: AcceleratorConfig, bandwidth: float | None, **settings: object) -> Run:
         return run_ours(BOTH.name, [frame.frame], config, bandwidth, **{"merge": True} | settings)[0]
 
@@ -60,7 +60,7 @@ def sweeps(frame: Compared) -> list[dict[str, object]]:
 
 
 def bandwidth_rows(frame: Compared) -> list[dict[str, object]]:
-    """Cycles and bytes of base, whole machine and GSCore over memory's bandwidth."""
+    """Cycles and bytes of the base machine, the full machine and GSCore, by memory bandwidth."""
     out = []
     for bandwidth in BYTES_PER_CYCLE:
         for m in (BASE, BOTH):
@@ -71,7 +71,7 @@ def bandwidth_rows(frame: Compared) -> list[dict[str, object]]:
 
 
 def iso_area(frame: Compared, area: Mapping[str, object] | None) -> list[dict[str, object]]:
-    """Frames a second of both machines over mm^2 at 16 nm; without an area report nothing."""
+    """Frames per second of both machines over mm^2 at 16 nm; empty without an area report."""
     if area is None:
         return []
     out = []
@@ -90,7 +90,8 @@ def iso_area(frame: Compared, area: Mapping[str, object] | None) -> list[dict[st
 
 
 def at_equal_area(frame: Compared, ours: Iterable[Run], area: Mapping[str, object] | None) -> list[dict[str, object]]:
-    """Our whole machine against GSCore scaled to its area, and to the paper's 6 mm²: speedup, also of the rendering phase."""
+    """Our full machine against GSCore scaled to the same area, and to the paper's 6 mm²: speedups of frame and rendering
+    phase."""
     if area is None:
         return []
     mm2, out = machine_mm2(area, PAPER), []

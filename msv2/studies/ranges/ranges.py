@@ -1,6 +1,7 @@
-"""Which values the records of real frames take: least, largest, how often at the format's limit, how many bits are spare.
+"""The ranges of values in the records of real frames: the least and the largest value, how often a value lies at the limit of
+its format, and how many bits are to spare.
 
-So that nobody guesses a width. Values at the limit are those that saturated, and those that happen to lie there.
+The word lengths of the formats are based on these ranges. Values at the limit include those that saturated.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from golden.msv2_ref import array_kernel
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_merge import tile_groups
+from msv2.studies import page
 from spec.constants import TILE
 from spec.formats import Fixed, Format
 from spec.records import (
@@ -30,21 +32,21 @@ from spec.records import (
 )
 
 LEFT_OUT = {"end", "last", "empty", "use", "bank", "outer", "first", "drain", "blend", "bound", "row", "column"}
-"""Fields of flags, of which every value is used."""
+"""Flags, of which every value is used."""
 
 
 @dataclass
 class Profile:
-    """What a field was seen to hold, over all frames.
+    """The values of a field over all frames.
 
     Attributes:
-        record, field: whose.
+        record, field: the names of the record and of the field.
         format: its number format.
-        count: values seen.
-        low, high: least and largest value.
-        smallest: least magnitude other than 0.
-        at_low, at_high: values at the format's least and largest; for floats both magnitudes count as largest.
-        zeros: values of 0.
+        count: the number of values.
+        low, high: the least and the largest value.
+        smallest: the least magnitude other than 0.
+        at_low, at_high: how many values lie at the format's least and largest value; for floats `at_high` counts both signs.
+        zeros: how many values are 0.
     """
 
     record: str
@@ -59,7 +61,7 @@ class Profile:
     zeros: int = 0
 
     def add(self, values: np.ndarray) -> None:
-        """More values, as real numbers."""
+        """Adds values, given as real numbers."""
         values = np.asarray(values, np.float64).ravel()
         if not len(values):
             return
@@ -76,21 +78,22 @@ class Profile:
 
     @property
     def margin(self) -> float:
-        """Bits to spare at the top: log2 of the format's largest magnitude over the largest seen; infinite where all are 0."""
+        """Bits to spare at the top: log2 of the ratio of the format's largest magnitude to the largest value; infinite if all
+        are 0."""
         largest = max(abs(self.low), abs(self.high))
         most = float(self.format.to_float(self.format.raw_max)) if isinstance(self.format, Fixed) else self.format.max
-        return max(float(np.log2(most / largest)), 0.0) if largest else np.inf  # -1 is a bit beyond 1 less an ulp
+        return max(float(np.log2(most / largest)), 0.0) if largest else np.inf  # -1 is beyond 1 less an ulp
 
     @property
     def margin_below(self) -> float | None:
-        """Of floats, octaves between the format's smallest number and the smallest magnitude seen."""
+        """For floats, the octaves between the format's smallest number and the smallest magnitude; None otherwise."""
         if isinstance(self.format, Fixed) or not np.isfinite(self.smallest):
             return None
         return float(np.log2(self.smallest / self.format.min))
 
     @property
     def row(self) -> dict[str, object]:
-        """For JSON."""
+        """The profile as a JSON-ready row."""
         return {"record": self.record, "field": self.field, "format": str(self.format), "bits": self.format.width,
                 "count": self.count, "min": self.low, "max": self.high, "at_min": self.at_low, "at_max": self.at_high,
                 "zeros": self.zeros, "margin_bits": self.margin, "margin_below_octaves": self.margin_below}
@@ -100,7 +103,7 @@ Profiles = dict[tuple[str, str], Profile]
 
 
 def _add_rows(profiles: Profiles, record: Record, rows: np.ndarray) -> None:
-    """The fields of records in their dtype."""
+    """Adds the fields of records that are given in the record's dtype."""
     for f in record.fields:
         if f.name not in LEFT_OUT:
             raw = rows[f.name]
@@ -109,7 +112,7 @@ def _add_rows(profiles: Profiles, record: Record, rows: np.ndarray) -> None:
 
 
 def _pairs(frame: Frame) -> Iterator[tuple[np.ndarray, int]]:
-    """Blocks of pairs of a splat and a tile as the array sets them up, (rows, columns), and how many it drops of each."""
+    """Blocks of intersections as the array sets them up, (rows, columns), each with the number of those that it drops."""
     k, e, s = array_kernel.array_constants(frame.config), frame.entries, frame.splats
     rows, block = array_kernel._PAIR_ROWS, array_kernel._BLOCK
     pairs = np.ones(rows * block)
@@ -128,7 +131,8 @@ def _pairs(frame: Frame) -> Iterator[tuple[np.ndarray, int]]:
 
 
 def _add_ops(profiles: Profiles, frame: Frame) -> int:
-    """What the setup unit makes of a frame's pairs, at the tiles' own levels; the number of pairs that it drops."""
+    """Adds the setup unit's operations for a frame, at the tiles' own levels. Returns the number of intersections that it
+    drops."""
     k, record, block = array_kernel.array_constants(frame.config), pixel_op(frame.config), array_kernel._BLOCK
     places = {"slope_x": array_kernel._SLOPE_X, "slope_y": array_kernel._SLOPE_Y, "curve_xx": array_kernel._XX,
               "curve_xy": array_kernel._XY, "curve_yy": array_kernel._YY, "cut": array_kernel._CUT}
@@ -148,7 +152,8 @@ def _add_ops(profiles: Profiles, frame: Frame) -> int:
 
 
 def profile(frame: Frame, profiles: Profiles) -> dict[str, int]:
-    """Adds a frame's values; what was clipped when the model was quantised, and pairs that the setup unit drops."""
+    """Adds the values of a frame. Returns how many values were clipped when the model was quantised, and how many intersections
+    the setup unit drops."""
     config, words = frame.config, frame.words
     counts = np.diff(frame.entries.start)
     _add_rows(profiles, gaussian_geometry(config), words.geometry)
@@ -167,22 +172,20 @@ def profile(frame: Frame, profiles: Profiles) -> dict[str, int]:
 
 
 def markdown(profiles: Profiles, scenes: dict[str, dict[str, int]]) -> str:
-    """ranges.md."""
-    lines = ["# Ranges", "", "Written by `python -m msv2.cases ranges --keep`, explained in "
-             "[docs/stability.md](../docs/stability.md). All scenes together.", "",
-             "| record | field | format | least | largest | at the least | at the largest | bits to spare | octaves below |",
-             "|---|---|---|---|---|---|---|---|---|"]
+    """The content of ranges.md."""
+    rows = []
     for p in profiles.values():
         below = "" if p.margin_below is None else f"{p.margin_below:.1f}"
         margin = "all 0" if np.isinf(p.margin) else f"{p.margin:.1f}"
-        lines.append(f"| {p.record} | `{p.field}` | {p.format} | {p.low:.6g} | {p.high:.6g} | {_share(p.at_low, p.count)} | "
-                     f"{_share(p.at_high, p.count)} | {margin} | {below} |")
+        rows.append([p.record, f"`{p.field}`", p.format, f"{p.low:.6g}", f"{p.high:.6g}", _share(p.at_low, p.count),
+                     _share(p.at_high, p.count), margin, below])
     names = list(dict.fromkeys(name for counts in scenes.values() for name in counts))
-    lines += ["", "Clipped on the way in, and pairs dropped:", "", "| scene | " + " | ".join(names) + " |",
-              "|---" * (len(names) + 1) + "|"]
-    for scene, counts in scenes.items():
-        lines.append(f"| {scene} | " + " | ".join(str(counts.get(name, 0)) for name in names) + " |")
-    return "\n".join(lines) + "\n"
+    clipped = [[scene, *(counts.get(name, 0) for name in names)] for scene, counts in scenes.items()]
+    head = ("record", "field", "format", "least", "largest", "at the least", "at the largest", "bits to spare", "octaves below")
+    return "\n\n".join([
+        "# Ranges", "Written by `msv2 study run ranges --keep`, explained in [docs/stability.md](../docs/stability.md). "
+        "All scenes together.", page.table(head, rows), "Clipped on the way in, and pairs dropped:",
+        page.table(["scene", *names], clipped)])
 
 
 def _share(part: int, count: int) -> str:
@@ -190,11 +193,12 @@ def _share(part: int, count: int) -> str:
 
 
 SHOWN_BITS = 16
-"""Bits to spare beyond which a bar of the picture ends."""
+"""Largest number of bits to spare that a bar of the picture shows."""
 
 
 def picture(fields: Sequence[Mapping[str, object]], path: Path) -> bool:
-    """Bits to spare by field of ranges.json; dots where values lie at the format's limit. False without matplotlib."""
+    """Draws the bits to spare of each field, with dots where values lie at the format's limit. Returns False without
+    matplotlib."""
     try:
         import matplotlib
     except ImportError:

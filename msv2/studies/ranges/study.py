@@ -1,18 +1,22 @@
-"""`python -m msv2.cases ranges`: which values the records of real frames take."""
+"""Which values the records of real frames take: ranges.json, ranges.md and ranges.png."""
 
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import render
-from golden.scenes.request import resolve, write_json
+from golden.scenes.captured import scene_argument
+from golden.scenes.request import make_folder, resolve
+from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
+from msv2.studies.record import write_report
+from msv2.studies.scenes import MODELS
+from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.overrides import add_config_arguments, config_from, config_record
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
 EPILOG = """\
 Writes ranges.json, ranges.md and ranges.png: of every field of every record the least and the largest value, how many lie at
@@ -20,24 +24,18 @@ the format's limit, and how many bits are spare. Without scenes: the embedded on
 Each scene is rendered without a gaze and with one in the frame's middle (four levels).
 
 examples:
-  python -m msv2.cases ranges
-  python -m msv2.cases ranges truck.splat --size 1280x720
+  msv2 study run ranges
+  msv2 study run ranges truck.splat --size 1280x720
 """
-
-TRAINED = ("truck.splat", "rock_sh3", "garden_large")
-"""Folders and files of MSV2_DATA/trained that are taken without being named."""
-
 
 
 def default_scenes() -> list[str]:
-    """The embedded scene, and the trained ones that are there."""
-    data = os.environ.get("MSV2_DATA")
-    paths = [Path(data) / "trained" / name for name in TRAINED] if data else []
-    return ["embedded", *(str(path) for path in paths if path.exists())]
+    """The embedded scene, and the captured ones that are there."""
+    return list(filter(None, map(scene_argument, MODELS)))
 
 
 def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tuple[Profiles, dict[str, dict[str, int]]]:
-    """Profiles over all scenes, and each scene's clipped and dropped values."""
+    """Profiles over all scenes, and for each scene the numbers of clipped values and dropped intersections."""
     profiles: Profiles = {}
     clipped = {}
     for scene in scenes:
@@ -54,25 +52,22 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.cases", description=__doc__, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("ranges",), help="ranges: value ranges of records")
+    """Runs the command line."""
+    parser = command_parser("msv2 study run ranges", __doc__, EPILOG)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="model files, folders, or `embedded`")
     parser.add_argument("--size", default="640x360", help="frame size (default: 640x360)")
     add_config_arguments(parser, "paper")
     parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
     parser.add_argument("--keep", action="store_true", help="write into reports/ instead")
     args = parser.parse_args(argv)
-    config = config_from(args)
-    profiles, clipped = measure(args.scenes or default_scenes(), args.size, config)
-    out = ROOT / "reports" if args.keep else Path(args.out)
-    out.mkdir(parents=True, exist_ok=True)
+    config, scenes = config_from(args), args.scenes or default_scenes()
+    profiles, clipped = measure(scenes, args.size, config)
+    out = make_folder(REPORTS if args.keep else args.out)
     fields = [p.row for p in profiles.values()]
-    write_json(out / "ranges.json", {
-        "size": args.size, "config": config.name, "configuration": config_record(config), "scenes": clipped, "fields": fields})
-    (out / "ranges.md").write_text(markdown(profiles, clipped), encoding="utf-8")
+    report = {"size": args.size, "config": config.name, "configuration": config_record(config), "scenes": clipped,
+              "fields": fields}
+    write_report(out / "ranges.json", report, [__name__], {"arguments": args, "machine": config}, scenes)
+    write_page(out / "ranges.md", markdown(profiles, clipped))
     picture(fields, out / "ranges.png")
     tight = [f"{p.record}.{p.field}" for p in profiles.values() if p.at_low + p.at_high]
     print(f"{out / 'ranges.md'}: {len(profiles)} fields; with values at the format's limit: {', '.join(tight) or 'none'}")

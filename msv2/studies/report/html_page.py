@@ -1,4 +1,4 @@
-"""The Markdown that the reports are written in as one HTML page: headings, paragraphs, tables, lists, code, links, pictures."""
+"""Converts the Markdown of the reports to one HTML page: headings, paragraphs, tables, lists, code, links and pictures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _INLINE = (
 
 
 def inline(text: str) -> str:
-    """A line's words: code as it is, then pictures, links and bold."""
+    """The HTML of a line of text, with code, pictures, links and bold words."""
     parts = text.split("`")
     for i, part in enumerate(parts):
         parts[i] = html.escape(part, quote=False)
@@ -52,7 +52,7 @@ def _table(lines: list[str]) -> Iterator[str]:
 
 
 def _blocks(text: str) -> Iterator[list[str]]:
-    """Lines between blank ones, code blocks whole; a heading is a block of its own."""
+    """The blocks of lines between blank lines. A code block stays whole, and a heading is a block of its own."""
     block, code = [], False
     for line in text.splitlines():
         fence = line.startswith("```")
@@ -70,7 +70,7 @@ def _blocks(text: str) -> Iterator[list[str]]:
 
 
 def body(text: str) -> str:
-    """The page's inside."""
+    """The HTML of the page's body."""
     out = []
     for block in _blocks(text):
         first = block[0]
@@ -90,7 +90,7 @@ def body(text: str) -> str:
 
 
 def anchor(title: str) -> str:
-    """A heading's name in links."""
+    """The name of a heading in links."""
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
 
 

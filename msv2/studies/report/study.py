@@ -1,10 +1,10 @@
-"""All reports as one: area, energy, performance: build/report/report.{html,md,json}, with plots and JSON beside them.
+"""Combines the reports on area, energy and performance into one: build/report/report.{html,md,json}, with plots and JSON.
 
-    python -m msv2.studies report                     the embedded scene, and those of MSV2_DATA and build/train that are there
-    python -m msv2.studies report embedded            one scene
-    python -m msv2.studies report --area measured     synthesises the machine again (MSV2_PDK; an hour where nothing is cached)
+    msv2 study run report                     the embedded scene, and those of MSV2_DATA and build/train
+    msv2 study run report embedded            one scene
+    msv2 study run report --area measured     synthesises the machine again (MSV2_PDK; an hour where nothing is cached)
 
-The area is that of reports/area.json unless asked otherwise: it needs no libraries then, and the page says so.
+The area is taken from reports/area.json unless --area says otherwise, so that no liberty files are needed; the page says so.
 """
 
 from __future__ import annotations
@@ -18,50 +18,47 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from spec.paths import ROOT
-
-sys.path.insert(0, str(ROOT))
-
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
-from msv2.studies.report.html_page import page
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.page import write_html, write_page
+from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.paths import REPORTS, ROOT
 
-REPORTS = ROOT / "reports"
 PARTS = ("performance", "area", "energy")
-"""Chapters, each a report of its own."""
+"""The chapters, each of which is a report of its own."""
 
 SOURCES = ("spec", "golden", "rtl", "perf", "synth")
 MODEL = REPORTS / "model.json"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies report", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="*", metavar="SCENE", help="see python -m msv2.studies performance --help")
+    parser = command_parser("msv2 study run report", __doc__)
+    parser.add_argument("scene", nargs="*", metavar="SCENE", help="see msv2 study run performance --help")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
     parser.add_argument("--area", default="kept", choices=("kept", "measured"),
-                        help="of reports/area.json (default), or made anew")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR", help="default: build/report")
+                        help="kept: the areas in reports/area.json (default); measured: synthesise again")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR",
+                        help="output folder (default: build/report)")
     return parser.parse_args(argv)
 
 
 def run(*command: str) -> None:
-    """Runs one of the project's commands, showing its output; InputError where it fails."""
+    """Runs one of the project's commands and shows its output. Raises InputError where it fails."""
     print(f"$ python {' '.join(command)}", flush=True)
     if subprocess.run([sys.executable, *command], cwd=ROOT).returncode:
         raise InputError(f"python {' '.join(command)} failed")
 
 
 def git(*command: str) -> str:
-    """What git says, "" where it does not."""
+    """The output of a git command; "" where it fails."""
     return subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False).stdout.strip()
 
 
 def gather(args: argparse.Namespace, out: Path) -> None:
-    """The three reports, into the folder."""
+    """Makes the three reports in the folder."""
     width, height = parse_size(args.size)
     out = Path(os.path.relpath(out, ROOT))
     run("-m", "msv2.studies", "performance", *args.scene, "--size", args.size, "--out", str(out))
@@ -75,12 +72,12 @@ def gather(args: argparse.Namespace, out: Path) -> None:
 
 
 def read(path: Path) -> dict | None:
-    """A report's JSON; None where it is not there."""
+    """A report's JSON; None where it is missing."""
     return json.loads(path.read_text()) if path.is_file() else None
 
 
 def summary(performance: Mapping, energy: Mapping, area: Mapping | None, model: Mapping | None) -> dict[str, object]:
-    """What report.json holds of the three: numbers and where they are from."""
+    """The content of report.json: numbers of the three reports, and where they come from."""
     build = area["builds"]["1ghz"] if area else {}
     frames = [{"scene": f["scene"], "size": f["size"], "work": f["work"], "energy_mj_per_frame": f["chip_mj"],
                "dram_mj_per_frame": f["dram_mj"]} for f in energy["frames"]]
@@ -104,12 +101,12 @@ def summary(performance: Mapping, energy: Mapping, area: Mapping | None, model: 
 
 
 def chapter(text: str, out: Path) -> str:
-    """A report's page as a chapter: links into the project lead out of the report's folder."""
+    """A report's page as a chapter. Links into the project are changed to lead out of the report's folder."""
     return text.strip().replace("](../", f"]({Path(os.path.relpath(ROOT, out)).as_posix()}/")
 
 
 def markdown(content: Mapping, chapters: Sequence[str]) -> str:
-    """The page: what it is of, then the reports."""
+    """The whole page: a header, then the reports."""
     area, error = content["area_mm2_16nm"], content["model_error_total"]
     kept = (f"The area is {area:.3f} mm² at 16 nm, {content['area_mm2_16nm_without_warp_memories']:.3f} without the warp "
             f"unit's memories ({content['area_source']})." if area else
@@ -124,16 +121,17 @@ def markdown(content: Mapping, chapters: Sequence[str]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = _arguments(argv)
     out = make_folder(args.out)
     gather(args, out)
     content = summary(read(out / "performance.json"), read(out / "energy.json"), read(out / "area.json"), read(MODEL))
-    write_json(out / "report.json", content)
+    inputs = [out / f"{name}.json" for name in PARTS]
+    write_report(out / "report.json", content, [__name__, *(f"msv2.studies.{name}.study" for name in PARTS)],
+                 {"arguments": args}, [*inputs, MODEL])
     pages = [out / f"{name}.md" for name in PARTS]
     text = markdown(content, [chapter(path.read_text(), out) for path in pages if path.is_file()])
-    for name, made in (("report.md", text), ("report.html", page("Report", text))):
-        with atomic_output(out / name) as file:
-            file.write(made.encode())
+    write_page(out / "report.md", text)
+    write_html(out / "report.html", "Report", text)
     print(f"wrote {out / 'report.html'}, report.md, report.json")
     return 0

@@ -1,18 +1,16 @@
-"""The README's tables of the cycle model, of area and energy, of two eyes, and of effects."""
+"""Tables of docs/results.md: the cycle model, area and energy, performance, two eyes, effects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+
+from msv2.studies.page import table
 
 SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
 
 
-def _table(header: list[str], rows: Iterable[list[str]]) -> str:
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, ["---"] * len(header), *rows])
-
-
 def model_table(reports: dict[str, dict]) -> str | None:
-    """Model against RTL: in total, by phase, by stage."""
+    """The errors of the model against the RTL: in total, by phase and by stage."""
     if "model" not in reports:
         return None
     s = reports["model"]["summary"]
@@ -20,11 +18,11 @@ def model_table(reports: dict[str, dict]) -> str | None:
     rows += [[f"phase {name}", f"{100 * worst:.2f} %", "-", "-"] for name, worst in s["phases"].items()]
     rows += [[f"stage {name}", f"{100 * e['worst']:.2f} %", f"{100 * e['mean']:.2f} %", f"{100 * e['within_5_percent']:.0f} %"]
              for name, e in s["stages"].items()]
-    return _table([f"cycles, {s['frames']} frames", "worst error", "mean", "frames within 5 %"], rows)
+    return table([f"cycles, {s['frames']} frames", "worst error", "mean", "frames within 5 %"], rows)
 
 
 def presets_table(reports: dict[str, dict]) -> str | None:
-    """The default machine and the presets: what they cost and lose on the scene of the tradeoff."""
+    """The default machine and the presets: their cost and their loss of quality on the scene of the tradeoff study."""
     if "tradeoff" not in reports:
         return None
     rows = []
@@ -35,12 +33,12 @@ def presets_table(reports: dict[str, dict]) -> str | None:
                 f"`{row['value'] or 'paper'}`", f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
                 f"{row['dram_mj']:.4f}", area, f"{row['loss_db']:+.4f}", f"{100 * row['hvsq_change']:+.2f} %",
                 f"{row['worst_error_255']:.1f}"])
-    return _table(["configuration", "cycles", "speed", "chip, mJ", "DRAM, mJ", "mm², one eye", "loss, dB", "HVSQ",
+    return table(["configuration", "cycles", "speed", "chip, mJ", "DRAM, mJ", "mm², one eye", "loss, dB", "HVSQ",
                    "worst hard case, /255"], rows)
 
 
 def depths_table(reports: dict[str, dict]) -> str | None:
-    """Disparities and depths against the oracle, the worst view of each scene."""
+    """Errors of disparities and depths against the oracle, for the worst camera of each scene."""
     if "accuracy_stereo" not in reports:
         return None
     rows = {}
@@ -49,13 +47,13 @@ def depths_table(reports: dict[str, dict]) -> str | None:
         if row["within_budget"] < worst["within_budget"]:
             rows[row["scene"]] = row
     header = ["scene, worst view", "levels", "disparities within 1/8 px", "depths within 0.2 %", "median error of depth"]
-    return _table(header, [
+    return table(header, [
         [f"{scene}, {r['camera']}", str(r["levels"]), f"{100 * r['within_budget']:.3f} %", f"{100 * r['depth_within']:.2f} %",
          f"{100 * r['depth_error_p50']:.4f} %"] for scene, r in rows.items()])
 
 
 def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> str | None:
-    """Two eyes at one threshold: mean over the poses of each scene."""
+    """Frames of two eyes at one threshold: means over the poses of each scene."""
     if "table_ecc" not in reports:
         return None
     rows = []
@@ -78,12 +76,12 @@ def threshold_table(reports: dict[str, dict], threshold_deg: float = 18.0) -> st
             f"{1e5 * mean(lambda p, t: t['hvsq']['dense']['mean']):.2f} "
             f"({1e5 * mean(lambda p, t: p['rendered']['hvsq']['dense']['mean']):.2f})",
         ])
-    return _table(["scene", "floor: entries in foveal tiles", "tiles rendered for holes", "cycles of one eye", "of two eyes",
+    return table(["scene", "floor: intersections in the fovea", "tiles rendered for holes", "cycles of one eye", "of two eyes",
                    "warping costs", "binocular HVSQ 1e-5 (both rendered)"], rows)
 
 
 def effects_table(reports: dict[str, dict]) -> str | None:
-    """What frames do not pay for."""
+    """The savings of frames that do not call for all effects."""
     if "effects" not in reports:
         return None
     rows, found = [], reports["effects"]["rows"]
@@ -94,22 +92,22 @@ def effects_table(reports: dict[str, dict]) -> str | None:
         rtl = [f"{row[f'{n}_ratio']:.2f}x" if f"{n}_ratio" in row else "-" for n in ratios]
         rows.append([f"{row['frame']}, {row['size']}", ", ".join(called) or "nothing", f"{ms['auto']:.1f}", *single,
                      f"{row['golden_ratio']:.2f}x", *rtl])
-    return _table(["frame", "called for", "golden, ms", *(f"+ {n}" for n in SINGLE_EFFECTS), "all but a second eye: golden",
+    return table(["frame", "called for", "golden, ms", *(f"+ {n}" for n in SINGLE_EFFECTS), "all but a second eye: golden",
                    *ratios], rows)
 
 
 def effect_areas_table(reports: dict[str, dict]) -> str | None:
-    """Area of each effect that has hardware."""
+    """The area of each effect that has hardware."""
     areas = reports.get("effects", {}).get("areas")
     if not areas:
         return None
-    return _table(["effect", "machine with it, mm² at 16 nm", "without it", "the effect", "share"], [
+    return table(["effect", "machine with it, mm² at 16 nm", "without it", "the effect", "share"], [
         [name, f"{a['with_mm2']:.3f}", f"{a['without_mm2']:.3f}", f"{a['mm2']:z.3f}", f"{a['mm2'] / a['with_mm2']:z.1%}"]
         for name, a in areas.items()])
 
 
 def area_table(reports: dict[str, dict]) -> str | None:
-    """The paper's machine and ours at 16 nm, by part."""
+    """The areas of the paper's machine and of ours at 16 nm, by part."""
     if "area" not in reports:
         return None
     area = reports["area"]
@@ -118,11 +116,11 @@ def area_table(reports: dict[str, dict]) -> str | None:
     rows += [["all", f"{paper['mm2_16nm']:.2f}", f"{build['mm2_16nm']:.3f}"],
              ["all but the warp unit's memories", "-", f"{build['mm2_16nm_without_warp_memories']:.3f}"],
              ["a core of the array, um²", f"{paper['core_um2_16nm']:,}", f"{build['core_um2_16nm']:,.0f}"]]
-    return _table(["mm² at 16 nm", "paper", "ours, by scaling"], rows)
+    return table(["mm² at 16 nm", "paper", "ours, by scaling"], rows)
 
 
 def energy_table(reports: dict[str, dict]) -> str | None:
-    """Energy of frames."""
+    """The energies of frames."""
     if "energy" not in reports:
         return None
     rows = []
@@ -131,20 +129,20 @@ def energy_table(reports: dict[str, dict]) -> str | None:
         levels = f"{f['levels']} level{'s' if f['levels'] > 1 else ''}"
         rows.append([f"{f['scene']}, {size}, {levels}", f["work"], f"{f['cycles']:,}", f"{f['chip_mj']:.3f}",
                      f"{f['dram_mj']:.3f}", f"{f['assumed_mj']:.3f}", f"{f['total_mj']:.3f}"])
-    return _table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
+    return table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
 
 
 def performance_table(reports: dict[str, dict]) -> str | None:
     """The paper's speedups and ours."""
     if "performance" not in reports:
         return None
-    return _table(["geomean", "paper", "ours, 25.6 B a cycle", "ours, unlimited memory", "why they differ"], [
+    return table(["geomean", "paper", "ours, 25.6 B a cycle", "ours, unlimited memory", "why they differ"], [
         [r["what"], f"{r['paper']:.2f}", *(f"{r['ours'][memory]:.2f}" for memory in ("paper_bandwidth", "unlimited")), r["why"]]
         for r in reports["performance"]["beside_paper"]])
 
 
 def full_hd_table(reports: dict[str, dict]) -> str | None:
-    """Full HD frames beside a published chip."""
+    """Full HD frames, with a published chip for comparison."""
     if "performance" not in reports:
         return None
     p = reports["performance"]
@@ -157,13 +155,13 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
     rows.append([f"{chip['design']}, {chip['node']}, silicon; model {chip['model']}", "its own",
                  f"{chip['frames_per_s']:,.0f}", "-", f"{chip['chip_mj']:.2f}", "-"])
     header = ["1920x1080, four levels", "memory", "frames/s at 1 GHz", f"at {p['scaled_clock']:g} GHz", "chip, mJ", "DRAM, mJ"]
-    return _table(header, rows)
+    return table(header, rows)
 
 
 REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
     "model": model_table, "presets": presets_table,
-    "depths": depths_table, "threshold": threshold_table, "effects": effects_table,
+    "depths": depths_table, "threshold": threshold_table, "effects_all": effects_table,
     "effect_areas": effect_areas_table,
 }
-"""By name; None where a report is not there."""
+"""The tables by name. A function returns None where its report is missing."""

@@ -1,15 +1,14 @@
-"""Run what the README's tables rest on, keep the numbers in reports/, and write the tables.
+"""Runs what the generated tables rest on, keeps the numbers in reports/, and writes the tables of README.md and docs/.
 
-   python -m msv2.studies results   everything but training (about 20 minutes); scenes in MSV2_DATA, liberties in
-                                               MSV2_PDK
-    python -m msv2.studies results --only frames      one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
-                                               culling_area, colour, bench
-   python -m msv2.studies results --only training   the tables of training, of the embedded scene and of posed/fern in
-    MSV2_DATA;
-                                               finished runs in build/train are not trained again, else it takes hours
-    python -m msv2.studies results --only synthesis --unit splat_fetch    one unit's row alone; the others stay
-    python -m msv2.studies results --only tables      only rewrite the tables from reports/
-    python -m msv2.studies results --check            exit 1 where the README differs from what reports/ give
+    msv2 study run results                      everything but training (hours where nothing is kept); scenes in MSV2_DATA,
+                                                liberties in MSV2_PDK
+    msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
+                                                culling_area, colour, bench
+    msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
+                                                finished runs in build/train are not trained again, else it takes hours
+    msv2 study run results --only synthesis --unit splat_fetch    one unit's row alone; the others stay
+    msv2 study run results --only tables        only writes the tables again, from reports/
+    msv2 study run results --check              exit 1 where a page differs from what reports/ give
 """
 
 from __future__ import annotations
@@ -25,141 +24,124 @@ from dataclasses import replace
 from pathlib import Path
 
 from golden.scenes.camera_file import save_camera
-from golden.scenes.load import load_scene
+from golden.scenes.captured import scene_argument
+from golden.scenes.files import read_json
+from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
-from golden.scenes.request import write_json
-from msv2.studies.results.tables import fill_readme
+from msv2.studies import record
+from msv2.studies.record import liberties, write_report
+from msv2.studies.results.tables import PAGES, fill
+from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.rtl_frame import kept_frame
+from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
+from spec.config import PAPER
 from spec.errors import InputError
-from spec.paths import ROOT
-
-REPORTS = ROOT / "reports"
-EXACT_FRAMES = (
-    ("embedded", "128x128", "64,64"), ("truck.splat", "256x144", "128,72"), ("rock_sh3", "192x108", "96,54"),
-)
-"""Scene, size and gaze: without the gaze and with it (four levels), merging or not, pipelining or not."""
-
-LARGE_FRAMES = (("garden_large", "320x180", "160,90"),)
-"""The same, merging and pipelining only."""
-
-SPEED_FRAMES = (
-    ("embedded", "640x360", "320,180"), ("truck.splat", "256x144", "128,72"), ("truck.splat", "640x360", "320,180"),
-    ("truck.splat", "1280x720", "640,360"), ("rock_sh3", "640x360", "320,180"),
-)
-"""Foveated frames through the paper's machine, merging and pipelining or neither, at the paper's bandwidth and at the bus's."""
+from spec.paths import REPORTS, ROOT
 
 BANDWIDTHS = ("25.6", "unlimited")
-"""Bytes a cycle: the paper's memory; a beat read and a beat written in every cycle."""
+"""Bandwidths in bytes per cycle: that of the paper's memory, and unlimited for a beat read and a beat written in every
+cycle."""
 
 FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
     "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
     "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
     "latency", "bytes_per_cycle", "cycles_per_s")
-"""What the reports keep of frame.json."""
+"""The fields of frame.json that the reports keep."""
 
 SYNTHESISED = (
     "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
     "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "warp_unit", "axi_master",
     "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed")
-"""Units of the area table."""
+"""The units of the area table."""
 
 SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps",
                   "memory_bits")
 
 
-def data_folder() -> Path:
-    """The folder of captured scenes."""
-    return Path(os.environ.get("MSV2_DATA", ROOT / ".." / "shared" / "data")) / "trained"
-
-
 def run(*command: str) -> None:
-    """Runs one of the project's commands, showing its output; InputError where it fails."""
+    """Runs one of the project's commands and shows its output. Raises InputError where it fails."""
     print(f"$ {' '.join(command)}", flush=True)
     if subprocess.run([sys.executable, *command], cwd=ROOT).returncode:
         raise InputError(f"{' '.join(command)} failed")
 
 
 def measure_frames() -> None:
-    """reports/frames.json: frames of every kind through the machine, every bit compared."""
-    wanted = [(scene, size, gaze, merge, pipeline) for scene, size, centre in EXACT_FRAMES for gaze in (None, centre)
+    """Writes reports/frames.json: frames of every kind on the machine, with every bit compared."""
+    wanted = [(of, merge, pipeline) for view in EXACT for of in (replace(view, gaze=None), view)
               for merge in "10" for pipeline in "10"]
-    wanted += [(scene, size, gaze, "1", "1") for scene, size, centre in LARGE_FRAMES for gaze in (None, centre)]
-    write_json(REPORTS / "frames.json", {"rows": frame_rows([
-        (scene, size, gaze, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
-        for scene, size, gaze, merge, pipeline in wanted])})
+    wanted += [(of, "1", "1") for view in EXACT_LARGE for of in (replace(view, gaze=None), view)]
+    rows = frame_rows([(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
+                       for view, merge, pipeline in wanted])
+    write_report(REPORTS / "frames.json", {"rows": rows}, [__name__, FRAME_COMMAND], {"config": PAPER},
+                 places((*EXACT, *EXACT_LARGE)))
 
 
 def measure_machine() -> None:
-    """reports/machine.json: cycles of the paper's machine, and of one that sees nothing, whose points are all culled."""
-    wanted = [(scene, size, gaze, "--config", "paper", "--pixels", "display", "--merge", switch, "--pipeline", switch,
+    """Writes reports/machine.json: cycles of the paper's machine, also for a camera that sees nothing, so that all points are
+    culled."""
+    wanted = [(view, "--config", "paper", "--pixels", "display", "--merge", switch, "--pipeline", switch,
                "--bandwidth", bandwidth)
-              for scene, size, gaze in SPEED_FRAMES for bandwidth in BANDWIDTHS for switch in "10"]
+              for view in SPEED for bandwidth in BANDWIDTHS for switch in "10"]
     away = ROOT / "build" / "results" / "away.json"
     camera = orbit_camera(load_scene("embedded").model, 0, 1, 128, 128)
-    behind = camera.translation - [0, 0, 1e3]  # far in front of the scene, looking away from it
+    behind = camera.translation - [0, 0, 1e3]  # far in front of the scene, and looking away from it
     save_camera(replace(camera, translation=behind, name="away"), away)
-    wanted += [("rock_sh3", "640x360", None, "--config", "paper", "--pixels", "display", "--bandwidth", bandwidth)
+    wanted += [(View("rock_sh3", "640x360"), "--config", "paper", "--pixels", "display", "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
-    wanted += [("embedded", "128x128", None, "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth)
+    wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
-    write_json(REPORTS / "machine.json", {"rows": frame_rows(wanted)})
-
-
-def scene_path(scene: str) -> str | None:
-    """Where a scene is; None, with a message, where it is not."""
-    path = scene if scene == "embedded" else str(data_folder() / scene)
-    if scene == "embedded" or Path(path).exists():
-        return path
-    print(f"skipped: {scene} (no such scene in MSV2_DATA)")
-    return None
+    write_report(REPORTS / "machine.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": PAPER},
+                 places(SPEED))
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
-    """`frame_row` of every frame whose scene is there, some at a time."""
+    """`frame_row` of every frame, a view and options, whose scene is there, some at a time."""
+    here = {view for view, _ in available(dict.fromkeys(view for view, *_ in wanted))}
     with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) // 2)) as pool:
-        return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if scene_path(frame[0])]))
+        return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if frame[0] in here]))
 
 
-def frame_row(scene: str, size: str | None, gaze: str | None, *options: str) -> dict[str, object]:
-    """What is kept of one frame through the machine; one that the same sources have given is not simulated again."""
-    view = [*(["--size", size] if size else []), *(["--gaze", gaze, "--levels", "4"] if gaze else [])]
-    row = kept_frame(ROOT / "build" / "results", scene_path(scene), ["--machine", "full", *view, *options])
-    return {"scene": Path(scene).stem, **{key: row[key] for key in FRAME_KEYS}}
+def frame_row(view: View, *options: str) -> dict[str, object]:
+    """The kept numbers of one frame on the machine. A frame is not simulated again if its sources have not changed."""
+    row = kept_frame(ROOT / "build" / "results", scene_argument(view.scene), ["--machine", "full", *view.arguments, *options])
+    return {"scene": view.scene, **{key: row[key] for key in FRAME_KEYS}}
 
 
 def measure_order() -> None:
-    """reports/order.json: inversions of the machine's order in every scene."""
+    """Writes reports/order.json: the inversions in the machine's order, for every scene."""
     rows, out = [], ROOT / "build" / "results" / "order"
-    for scene in ("embedded", "truck.splat", "rock_sh3", "garden_large"):
-        if scene_path(scene):
-            run("-m", "msv2.cases.inversions", scene_path(scene), "--size", "640x360", "--out", str(out))
-            rows.append({**json.loads((out / "order.json").read_text()), "scene": Path(scene).stem})
-    write_json(REPORTS / "order.json", {"rows": rows})
+    for view, path in available(ORDER):
+        run("-m", "msv2.cases.inversions", path, *view.arguments, "--out", str(out))
+        rows.append({**json.loads((out / "order.json").read_text()), "scene": view.scene})
+    write_report(REPORTS / "order.json", {"rows": rows}, [__name__, "msv2.cases.inversions"], {}, places(ORDER))
 
 
 def measure_synthesis(units: Sequence[str] = SYNTHESISED) -> None:
-    """reports/synthesis.json: area and slack of SYNTHESISED in ASAP7, those of `units` made anew; skipped without MSV2_PDK.
+    """Writes reports/synthesis.json: area and slack of SYNTHESISED in ASAP7. Only `units` are measured; skipped without
+    MSV2_PDK.
 
     Raises:
-        InputError: no row is kept of a unit, nor is it made.
+        InputError: a unit is neither measured nor in the report already.
     """
     if "MSV2_PDK" not in os.environ:
         print("skipped: synthesis (MSV2_PDK names no liberty folder)")
         return
     report, out = REPORTS / "synthesis.json", ROOT / "build" / "results" / "synth"
-    rows = {row["unit"]: row for row in json.loads(report.read_text())["rows"]} if report.exists() else {}
+    old = read_json(report) if report.exists() else {"rows": []}
+    rows = {row["unit"]: row for row in old["rows"]}
     missing = set(SYNTHESISED) - set(rows) - set(units)
     if missing:
         raise InputError(f"no area is known of {', '.join(sorted(missing))}: run the whole part")
     for unit in units:
         rows[unit] = synthesised(unit, out)
-    write_json(report, {"rows": [rows[unit] for unit in SYNTHESISED]})
+    write_report(report, {"rows": [rows[unit] for unit in SYNTHESISED]}, [__name__, "synth.__main__"], {"units": list(units)},
+                 liberties(), None if set(SYNTHESISED) <= set(units) else old)
 
 
 def synthesised(unit: str, out: Path) -> dict[str, object]:
-    """What is kept of a unit's synthesis; `out` keeps the rest."""
+    """The kept numbers of a unit's synthesis; other results stay in `out`."""
     run("-m", "synth", "--unit", unit, "--tech", "asap7", "--clock-ps", "1000", "--out", str(out))
     report = json.loads((out / f"{unit}-asap7.json").read_text())
     variants = {name: _numbers(variant) for name, variant in report["variants"].items()}
@@ -172,16 +154,15 @@ def _numbers(report: dict) -> dict:
 
 
 def measure_bench() -> None:
-    """reports/bench.json: the embedded scene, and the truck where it is there."""
-    truck = data_folder() / "truck.splat"
-    scenes = ["embedded", *([str(truck)] if truck.exists() else [])]
-    run("-m", "msv2.studies", "speed", *scenes, "--size", "640x360", "--repeat", "9", "--out", str(REPORTS))
+    """Writes reports/bench.json for the embedded scene, and for the truck if it is present."""
+    scenes = [path for _, path in available(BENCH)]
+    run("-m", "msv2.studies", "speed", *scenes, "--size", BENCH[0].size, "--repeat", "9", "--out", str(REPORTS))
 
 
 def measure_training() -> None:
-    """reports/training.json, .md and .png: the tables of training, of the embedded scene and of captured photographs."""
-    fern = data_folder().parent / "posed" / "fern"
-    scenes = ["embedded", *([str(fern)] if fern.exists() else [])]
+    """Writes reports/training.json, .md and .png: the tables of training for the embedded scene and for captured
+    photographs."""
+    scenes = filter(None, map(scene_argument, TRAINING))
     run("-m", "msv2.studies", "training", *scenes, "--out", str(REPORTS), "--name", "training")
 
 
@@ -190,21 +171,21 @@ PARTS = {
     "frames": measure_frames, "machine": measure_machine,
     "sorting": lambda: run("-m", "msv2.studies", "sorting"), "order": measure_order,
     "latencies": lambda: run("-m", "msv2.studies", "latencies"),
-    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies.area.culling"),
+    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area"),
     "colour": lambda: run("-m", "msv2.studies", "colour"), "bench": measure_bench, "tables": lambda: None,
 }
-"""Of everything, in this order."""
+"""The parts of everything, in this order."""
 
 ON_REQUEST = {"training": measure_training}
-"""What takes hours."""
+"""The parts that take hours, which run on request only."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README is stale")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
         raise InputError(f"--unit {args.unit} is of --only synthesis, not of {args.only or 'everything'}")
@@ -213,5 +194,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
+            record.begin("results", ["--only", name])
             (PARTS | ON_REQUEST)[name]()
-    return fill_readme(ROOT / "README.md", REPORTS, check=args.check)
+    return max(fill(path, REPORTS, check=args.check) for path in PAGES)

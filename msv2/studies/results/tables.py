@@ -1,53 +1,41 @@
-"""The README's tables, made of the numbers in reports/."""
+"""The generated tables of README.md, docs/results.md and docs/units.md, made of the numbers in reports/."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
+from msv2.studies import page
 from msv2.studies.accuracy.study import as_markdown
+from msv2.studies.results.headline import HEADLINE_TABLES
 from msv2.studies.results.report_tables import REPORT_TABLES
-from msv2.studies.training.readme_tables import TRAINING_TABLES
-from rtl.culling.colour import splat_interval
-from rtl.float.add import FloatAdd
-from rtl.float.convert import FixedToFloat, FloatToFixed
-from rtl.float.divide import FloatDivide, FloatReciprocal
-from rtl.float.multiply import FloatMul
-from rtl.float.roots import FloatRsqrt, FloatSqrt
-from rtl.vrc_array import blend, expand, row, setup, splat_fetch
-from spec.config import DEFAULT, PAPER
+from msv2.studies.results.units import units_table
+from msv2.studies.training.results_tables import TRAINING_TABLES
 from spec.constants import TILE
+from spec.paths import DOCS, ROOT
 
 AREA_7_TO_16_NM = 1 / 0.31
-"""Area of the same logic at 16 nm over 7 nm (Stillmaker & Baas 2017)."""
+"""Factor of area from 7 nm to 16 nm for the same logic (Stillmaker & Baas 2017)."""
 
 PAPER_CORE_UM2 = 2.74e6 * 0.63 / TILE**2
-"""The paper's array, 63 % of 2.74 mm^2 at 16 nm, per core."""
+"""Area of the paper's array per core: 63 % of 2.74 mm^2 at 16 nm."""
 
 PAPER_SIZE = (1237, 822)
-"""Frame of the paper's datasets at which it states the regions' shares."""
+"""Frame size of the paper's datasets, for which it states the regions' shares."""
 
 Reports = dict[str, dict]
 
 
 def load_reports(folder: Path) -> Reports:
-    """Every report by name."""
+    """All reports, by name."""
     return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
 
 
-def markdown(header: list[str], rows: list[list[str]]) -> str:
-    """A table; a message where there is nothing to show."""
-    if not rows:
-        return "(not measured yet)"
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, ["---"] * len(header), *rows])
-
-
 def results_table(reports: Reports) -> str:
-    """Paper, ours, and why they differ."""
+    """The paper's numbers, ours, and the reasons for the differences."""
     rows = []
     synthesis = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}
     if "vrc_row" in synthesis:
@@ -80,11 +68,11 @@ def results_table(reports: Reports) -> str:
         worst = min(r["psnr_vs_oracle_db"] for r in accuracy)
         rows.append(["integer datapath against float64", "-", f"{worst:.1f} dB or more in {len(accuracy)} views",
                      "budget 60 dB, before 8-bit rounding"])
-    return markdown(["quantity", "paper", "ours", "why they differ, notes"], rows)
+    return page.table(["quantity", "paper", "ours", "why they differ, notes"], rows)
 
 
 def _gains(machine: list[dict]) -> list[list[str]]:
-    """Merging and pipelining against the baseline, and how busy what limits a frame is."""
+    """The gain of merging and pipelining over the baseline, and the utilisation of what limits a frame."""
     rows, frames = [], [r for r in machine if r["gaze"]]
     for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
         ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
@@ -99,95 +87,13 @@ def _gains(machine: list[dict]) -> list[list[str]]:
     return rows
 
 
-UNITS = (
-    ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", "sim TEST=lists",
-     "memory's, 1 beat/cycle", ""),
-    ("near test, projection", "culling/projection_unit", "culling", "sim TEST=culling", "{projection} cycles, 1 point/cycle",
-     "near_test, projection"),
-    ("tile test, foveation filter", "culling/tile_test", "tiling", "sim TEST=culling",
-     "{tile_test} cycles, 1 run and 1 entry/cycle", "tile_test"),
-    ("colour unit", "culling/colour", "colour", "sim TEST=culling",
-     "{colour_unit} to {colour_unit_most} cycles, 1 SH-3 splat/{interval} cycles", "colour_unit"),
-    ("entry writer", "tile_lists/entry_writer", "tile_lists", "sim TEST=lists", "{entry_writer} cycles, 1 entry/cycle",
-     "entry_writer"),
-    ("tile merge unit", "sort_tmu/tile_merge", "sort_tmu", "sim TEST=tmu",
-     "{tile_merge_unit} cycles, 1 entry, 1 tile/cycle", "tile_merge_unit"),
-    ("list reader, header maker", "tile_lists/list_reader, header_maker", "tile_lists", "sim TEST=lists",
-     "{list_reader_request} + {list_reader_answer}, {header_maker_request} + {header_maker_answer} cycles and memory's, "
-     "1 entry, 1 tile/cycle", "list_reader"),
-    ("chunk sorter", "sort_tmu/chunk_sorter", "sort_tmu", "sim TEST=sort", "the chunk, 1 entry/cycle", "chunk_sorter"),
-    ("sorter of groups of any size", "sort_tmu/hierarchical_sorter", "sort_tmu", "sim TEST=sort", "the group, 1 entry/cycle",
-     ""),
-    ("line buffer, double buffer", "sort_tmu/handover", "-", "sim TEST=sort",
-     "{line_buffer}, the group and {double_buffer} cycles, 1 entry/cycle", ""),
-    ("splat fetch", "vrc_array/splat_fetch", "views", "sim TEST=vrc", "{splat_fetch} cycles, 1 entry/cycle", "splat_fetch"),
-    ("setup unit", "vrc_array/setup, polynomial", "array_kernel", "test_rtl_setup", "{setup} cycles, 1 op/cycle", "setup"),
-    ("expansion", "vrc_array/expand", "array_kernel", "test_rtl_expand", "{expand} cycles, 1 op/cycle", "expand"),
-    ("pixel core", "vrc_array/pixel_core", "array_kernel", "test_rtl_pixel_core", "{pixel_core} cycles, 1 op/cycle",
-     "pixel_core"),
-    ("row of 16 cores", "vrc_array/row", "array_kernel", "test_rtl_array", "{vrc_row} cycle to the next row", "vrc_row"),
-    ("level blending", "vrc_array/blend", "array_kernel", "test_rtl_blend", "{blend} cycles, 1 row/cycle", "blend"),
-    ("whole array", "vrc_array/array", "vrc_array", "sim TEST=vrc", "1 entry/cycle", ""),
-    ("pixel writer", "vrc_array/pixel_writer", "views", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle", "pixel_writer"),
-    ("warp unit (with `stereo`)", "warp_unit/", "warp_unit", "sim TEST=warp", "a ring of columns, 4 pixels/cycle", "warp_unit"),
-    ("AXI master, read queues", "axi/master, read_port", "-", "sim TEST=axi",
-     "{axi_master_request} + {axi_master_answer}, {read_queue} cycles, a read and a write/cycle", "axi_master"),
-    ("registers, counters", "axi/registers, counters", "-", "sim TEST=axi", "{register_file} cycles to start", "register_file"),
-    ("frame controller, machine", "top/controller, machine", "pipeline", "sim TEST=top, frame", "see frames", ""),
-    ("float add, multiply", "float/add, multiply", "rounding", "sim TEST=float", "{float_add}, {float_mul} cycles, 1/cycle",
-     "float_add, float_mul"),
-    ("float divide, 1/x", "float/divide", "rounding", "sim TEST=float",
-     "{float_divide}, {float_reciprocal} cycles, 1/cycle", "float_divide, float_reciprocal"),
-    ("float 1/sqrt, sqrt", "float/roots", "rounding", "sim TEST=float", "{float_rsqrt}, {float_sqrt} cycles, 1/cycle",
-     "float_rsqrt, float_sqrt"),
-    ("float from, to fixed", "float/convert", "rounding", "sim TEST=float",
-     "{fixed_to_float}, {float_to_fixed} cycles, 1/cycle", "fixed_to_float, float_to_fixed"),
-)
-"""Title, source, golden, tests, latency and throughput by the names of `unit_cycles`, names in synth/."""
-
-
-class _Cycles(dict):
-    """Numbers by name; what was not measured is shown as such."""
-
-    def __missing__(self, name: str) -> str:
-        return "?"
-
-
-def unit_cycles(reports: Reports) -> dict[str, int]:
-    """Latencies by name: those that the RTL states and its tests hold, those that reports/latencies.json measured; `interval`
-    is the colour unit's."""
-    stated = {
-        "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
-        "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
-        "float_add": FloatAdd.latency, "float_mul": FloatMul.latency, "float_divide": FloatDivide.latency,
-        "float_reciprocal": FloatReciprocal.latency, "float_rsqrt": FloatRsqrt.latency, "float_sqrt": FloatSqrt.latency,
-        "fixed_to_float": FixedToFloat.latency, "float_to_fixed": FloatToFixed.latency}
-    return _Cycles(stated | reports.get("latencies", {"cycles": {}})["cycles"])
-
-
-def units_table(reports: Reports) -> str:
-    """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
-    synthesis, cycles = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}, unit_cycles(reports)
-    rows = [[*unit[:4], unit[4].format_map(cycles), _areas(synthesis, unit[5])] for unit in UNITS]
-    header = ["unit", "rtl/", "golden/msv2_ref/", "tests", "latency, throughput", "logic in ASAP7 (slack at 1 ns)"]
-    return markdown(header, rows)
-
-
-def _areas(synthesis: dict[str, dict], names: str) -> str:
-    """Areas and slacks of the named units, as far as they were synthesised, and their memories."""
-    found = [synthesis[name] for name in names.split(", ") if name in synthesis]
-    bits = sum(r.get("memory_bits", 0) for r in found)
-    memories = f" and {bits / 8192:,.1f} KB" if bits else ""
-    return ", ".join(f"{r['area_um2']:,.0f} um² ({r['slack_ps']:+.0f} ps)" for r in found) + memories if found else "-"
-
-
 def accuracy_table(reports: Reports) -> str:
     """The table of reports/accuracy.md."""
-    return as_markdown(reports["accuracy"]["rows"]) if "accuracy" in reports else "(not measured yet)"
+    return as_markdown(reports["accuracy"]["rows"]) if "accuracy" in reports else page.ABSENT
 
 
 def frames_table(reports: Reports) -> str:
-    """Frames through the machine, a row for the four ways of merging and pipelining."""
+    """Frames on the machine, with a row for the four combinations of merging and pipelining."""
     kinds: dict[tuple, dict[tuple[bool, bool], dict]] = {}
     for r in reports.get("frames", {"rows": []})["rows"]:
         kinds.setdefault((r["scene"], *r["size"], r["levels"] > 1), {})[r["merge"], r["pipeline"]] = r
@@ -199,13 +105,13 @@ def frames_table(reports: Reports) -> str:
         exact = all(r["bit_exact"] and not r["counter_errors"] for r in ways.values())
         rows.append([f"{scene}, {width}x{height}", "4 levels" if foveated else "-", f"{both['entries']:,}", f"{both['ops']:,}",
                      f"{both['geometry_cycles']:,}", *cycles, f"yes, {len(ways)} of {len(ways)}" if exact else "NO"])
-    header = ["frame", "foveation", "entries", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining", "both",
-              "every bit and counter"]
-    return markdown(header, rows)
+    header = ["frame", "foveation", "intersections", "ops", "geometry cycles", "rendering: baseline", "merging", "pipelining",
+              "both", "every bit and counter"]
+    return page.table(header, rows)
 
 
 def machine_table(reports: Reports) -> str:
-    """Merging and pipelining against the baseline, by frame and memory."""
+    """The gain of merging and pipelining over the baseline, by frame and memory."""
     pairs: dict[tuple, dict[bool, dict]] = {}
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["camera"] != "away" and r["gaze"]:
@@ -220,23 +126,24 @@ def machine_table(reports: Reports) -> str:
             f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
             f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
             f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
-    header = ["foveated frame", "memory, a cycle", "entries", "spilled in sorting", "geometry cycles", "rendering: baseline",
-              "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame", "phases overlapped, at best"]
-    return markdown(header, rows)
+    header = ["foveated frame", "memory, a cycle", "intersections", "spilled in sorting", "geometry cycles",
+              "rendering: baseline", "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame",
+              "phases overlapped, at best"]
+    return page.table(header, rows)
 
 
 def sorting_table(reports: Reports) -> str:
-    """The sorter alone on scenes' frames: what of them is in groups larger than its buffer, and how fast entries are taken."""
+    """The sorter alone on real scenes' frames: the share of groups beyond its buffer, and how fast intersections are taken."""
     report = reports.get("sorting", {"rows": []})
     rows = [[r["frame"], f"{r['entries']:,}", f"{r['groups']:,}",
              f"{r['entries_in_large_groups']:,} ({100 * r['entries_in_large_groups'] / r['entries']:.0f} %)",
              f"{r['entries_written']:,}", f"{r['taken_per_cycle']:.3f}"] for r in report["rows"]]
-    return markdown(["frame", "entries", "groups", f"entries in groups beyond {report.get('buffer_entries', 0):,}",
-                     "entries written to memory", "entries taken a cycle"], rows)
+    return page.table(["frame", "intersections", "groups", f"of them in groups beyond {report.get('buffer_entries', 0):,}",
+                     "written to memory", "taken a cycle"], rows)
 
 
 def culling_table(reports: Reports) -> str:
-    """Points and splats a cycle in the paper's machine, by memory."""
+    """Points and splats per cycle in the paper's machine, by memory."""
     rows = []
     for r in reports.get("machine", {"rows": []})["rows"]:
         if r["pipeline"] and (r["camera"] == "away" or r["size"] == [640, 360]):
@@ -248,32 +155,32 @@ def culling_table(reports: Reports) -> str:
                 f"{r['bytes_per_cycle']} B" if r["bytes_per_cycle"] else "the bus's", f"{events['points']:,}", f"{culled:,}",
                 f"{events['survivors']:,}", f"{cycles:,}", f"{events['points'] / cycles:.3f}",
                 f"{cycles / events['survivors']:.2f}" if events["survivors"] else "-"])
-    header = ["frame", "memory, a cycle", "points", "culled", "with an entry", "geometry cycles", "points a cycle",
-              "cycles a splat with an entry"]
-    return markdown(header, rows)
+    header = ["frame", "memory, a cycle", "points", "culled", "visible", "geometry cycles", "points a cycle",
+              "cycles a visible splat"]
+    return page.table(header, rows)
 
 
 def order_table(reports: Reports) -> str:
-    """How far the machine's order is from the exact one."""
+    """The differences between the machine's order and the exact one."""
     rows = [[f"{r['scene']}, {'x'.join(map(str, r['size']))}", f"{r['neighbours']:,}", f"{r['machine_inversions']:,}",
              f"{r['equal_keys']:,}", f"{r['float64_inversions']:,}", f"{r['largest_gap']:.1e}", f"{r['changed_pixels']:,}",
              f"{r['max_abs_error']:.4f}"] for r in reports.get("order", {"rows": []})["rows"]]
     header = ["frame", "neighbours in lists", "inverted by the machine's z", "equal keys", "inverted by float64 z",
               "largest gap of these", "pixels changed by them", "largest change"]
-    return markdown(header, rows)
+    return page.table(header, rows)
 
 
 def shared_table(reports: Reports) -> str:
-    """One pipeline at full rate against several units that take turns; all of it is in docs/synthesis.md."""
+    """One pipeline at full rate, compared with several units that take turns. docs/synthesis.md has all details."""
     rows = [[r["part"].replace("_", " "), r["throughput"], f"{r['units']}", f"{r['interval']}", f"{r['operators']:,}",
              f"{r['register_bits']:,}", f"{r['mux_bits']:,}", f"{r['area_um2']:,.0f}"]
             for r in reports.get("culling_area", {"rows": []})["rows"] if r["units"] in (1, 8)]
     header = ["part", "throughput", "units", "cycles an item each", "operators", "register bits", "2:1 mux bits", "um², ASAP7"]
-    return markdown(header, rows)
+    return page.table(header, rows)
 
 
 def time_table(reports: Reports) -> str:
-    """Every renderer's time against its error, from the benchmark; the RTL's from the frames it simulated."""
+    """Time and error of every renderer from the benchmark, and the time of the RTL from the simulated frames."""
     rows = []
     for scene in reports.get("bench", {"scenes": []})["scenes"]:
         size = "x".join(map(str, scene["size"]))
@@ -286,27 +193,27 @@ def time_table(reports: Reports) -> str:
             milliseconds = 1e3 * r["frame_cycles"] / r["cycles_per_s"]
             rows.append([f"{r['scene']}, {size}", "RTL in Verilator", f"{milliseconds:,.0f} ms", "-",
                          "equal to the integer golden"])
-    return markdown(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
+    return page.table(["frame", "renderer", "time", "times the integer golden's", "against the oracle"], rows)
 
 
 TABLES: dict[str, Callable[[Reports], str | None]] = {
     "results": results_table, "units": units_table, "accuracy": accuracy_table, "frames": frames_table,
     "machine": machine_table, "sorting": sorting_table, "culling": culling_table,
     "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
+    **HEADLINE_TABLES,
 }
-"""By name; None where a table's report is not there: what the README has stays."""
+"""By name; None where a table's report is not there: what the page has stays."""
 
 
-def fill_readme(readme: Path, reports_folder: Path, *, check: bool = False) -> int:
-    """Rewrites the text between each `<!-- table:NAME -->` and `<!-- end -->`; with `check` returns 1 where it would change."""
-    reports, old = load_reports(reports_folder), readme.read_text()
+PAGES = (ROOT / "README.md", DOCS / "results.md", DOCS / "units.md")
+"""Pages with generated tables of these."""
 
-    def filled(match: re.Match[str]) -> str:
-        made = TABLES[match[2]](reports)
-        return match[0] if made is None else f"{match[1]}{made}\n{match[3]}"
 
-    new = re.sub(r"(<!-- table:(\w+) -->\n).*?(<!-- end -->)", filled, old, flags=re.S)
-    if not check and new != old:
-        with atomic_output(readme) as file:
-            file.write(new.encode())
-    return int(check and new != old)
+def fill(path: Path, reports_folder: Path, *, check: bool = False) -> int:
+    """Rewrites the generated tables of a page; with `check` nothing is written, and 1 is returned where it would change.
+
+    Raises:
+        InputError: the page has a marker of a table that there is not.
+    """
+    reports = load_reports(reports_folder)
+    return page.fill(path, {name: partial(table, reports) for name, table in TABLES.items()}, check=check)

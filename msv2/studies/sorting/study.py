@@ -1,9 +1,9 @@
-"""How fast scenes' frames are sorted, and what of them waits in memory: reports/sorting.json.
+"""Measures how fast real scenes' frames are sorted, and how much of them is written to memory, for reports/sorting.json.
 
-    python -m msv2.studies sorting          scenes in MSV2_DATA (minutes)
+    msv2 study run sorting          scenes in MSV2_DATA (minutes)
 
 The sorter of the paper's machine alone, from Verilog, every entry compared: its groups come as fast as it takes them, what it
-gives is taken at once, and its memory answers after `LATENCY` cycles. The README's table is made of it by
+gives is taken at once, and its memory answers after `LATENCY` cycles. The table of docs/results.md is made of it by
 msv2/studies/results/tables.py.
 """
 
@@ -14,29 +14,30 @@ from pathlib import Path
 
 import numpy as np
 
+from msv2.studies.record import write_report
+from msv2.studies.scenes import View, available, places
 from spec.config import PAPER, AcceleratorConfig
-from spec.paths import ROOT
-from synth.report import write_json
+from spec.paths import REPORTS, ROOT
 from tb.common.exact import Outcome, Planned, rate
 from tb.common.runner import SimulationError
-from tb.common.scenes import TRAINED, scene_path
+from tb.common.scenes import TRAINED
 from tb.sort_tmu.hierarchical_suite import LATENCY, run_plan, traced_plan
 
-REPORT = ROOT / "reports" / "sorting.json"
+REPORT = REPORTS / "sorting.json"
 
 SIZES = ("256x144", "640x360")
-"""Of the frames; each without a gaze and with one."""
+"""Sizes of the frames, each rendered without a gaze and with one."""
 
 
 def group_lengths(items: np.ndarray) -> np.ndarray:
-    """(groups,) entries of each group of ChunkEntry items."""
+    """(groups,) the number of intersections in each group of ChunkEntry items."""
     ends = np.flatnonzero(items["last"])
     counted = np.concatenate(([0], np.cumsum(items["empty"] == 0)))
     return np.diff(counted[ends + 1], prepend=0)
 
 
 def row_of(config: AcceleratorConfig, item: Planned, outcome: Outcome) -> dict[str, object]:
-    """A frame's numbers: `taken_per_cycle` is of the cycles in which an entry was offered."""
+    """The numbers of a frame. `taken_per_cycle` counts only cycles in which an intersection was offered."""
     recording, lengths = outcome.recordings[item.name], group_lengths(item.run.inputs["groups"])
     large = lengths[lengths > config.sort_chunk]
     return {
@@ -47,7 +48,7 @@ def row_of(config: AcceleratorConfig, item: Planned, outcome: Outcome) -> dict[s
 
 
 def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> dict[str, object]:
-    """The report. Raises SimulationError where an entry is wrong."""
+    """The content of the report. Raises SimulationError where the sorter's output is wrong."""
     rows = []
     for size in sizes:
         plan = traced_plan(config, size)
@@ -59,9 +60,9 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
-    for scene in TRAINED:
-        if scene_path(scene) is None:
-            print(f"skipped: {scene} (no such scene in MSV2_DATA)")
-    write_json(REPORT, measure(PAPER, SIZES, ROOT / "build" / "results"))
+    """Measures all frames and writes the report."""
+    views = [View(scene, SIZES[0]) for scene in TRAINED]
+    list(available(views))  # names what is not there
+    report = measure(PAPER, SIZES, ROOT / "build" / "results")
+    write_report(REPORT, report, [__name__], {"config": PAPER, "sizes": SIZES}, places(views))
     return 0

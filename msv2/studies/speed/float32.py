@@ -1,10 +1,11 @@
-"""The benchmark's opponent: the integer golden renderer's structure in float32, as fast as numba makes it.
+"""A renderer in float32 with the structure of the integer golden renderer, for speed comparisons, as fast as numba makes it.
 
-Same algorithm, stage for stage: camera depths, survivors in blocks of vectors, one pass over tile rows, count and scatter,
-pairs set up in blocks, rows of 16 pixels as vectors, the same tests that skip rows and stop tiles. What differs is only what
-integers force on the golden renderer: no rounding of intermediate results, a polynomial instead of a table for the exponential,
-`fastmath`.
-One level, depth included; constants are those of `spec.constants`.
+The algorithm is the same in every stage: camera depths, survivors in blocks of vectors, one pass over tile rows, count and
+scatter, intersections set up in blocks, rows of 16 pixels as vectors, and the same tests that skip rows and stop tiles. It
+differs only in what integer arithmetic forces on the golden renderer: intermediate results are not rounded, the exponential is
+a polynomial instead of a table, and `fastmath` is on.
+
+It renders one level, with depth. The constants are those of `spec.constants`.
 """
 
 from __future__ import annotations
@@ -36,21 +37,22 @@ _SH3 = tuple(map(F, (-C3_3, C3_2, -C3_1, C3_0, -C3_1, C3_2 / 2, -C3_3)))
 _EXP2 = tuple(map(F, (1.00000349, 0.69297292, 0.24160436, 0.051745, 0.01367031)))  # 2^f on [0, 1] to 3.5e-6
 
 _BLOCK = 64
-_PAIRS = 32  # pairs of a splat and a tile set up at once
+_PAIRS = 32  # intersections that are set up at once
 _MEAN, _AXIS, _QUAT, _CONIC, _MEAN2D, _EXTENT = (_BLOCK * row for row in (0, 3, 6, 10, 13, 15))
 _X, _Y, _Z, _BASIS = (_BLOCK * row for row in range(4))
 _T, _RED, _GREEN, _BLUE, _FAR = range(0, 5 * TILE, TILE)
 
 
 class FloatModel(NamedTuple):
-    """A model as the float32 renderer keeps it: all arrays float32, N rows, activated once a model.
+    """A model in the form that the float32 renderer keeps. All arrays are float32 with N rows; they are computed once per
+    model.
 
     Attributes:
         mean: (N, 3) relative to `origin`.
         axis: (N, 3) standard deviations.
         quat: (N, 4) normalised wxyz.
         log2_opacity: (N,).
-        limit: (N,) largest falloff exponent (log2 units) that shows; negative: never.
+        limit: (N,) largest falloff exponent (in log2 units) that is visible; negative if there is none.
         base: (N, 3) colour without its view-dependent part.
         rest: (N, 3 K) higher harmonics.
         origin: (3,) float64 world position.
@@ -67,7 +69,7 @@ class FloatModel(NamedTuple):
 
 
 class FloatFrame(NamedTuple):
-    """A frame: `image` (H, W, 3), `depth_sum` and `transmittance` (H, W), float32, and `seconds` by stage."""
+    """A frame: `image` (H, W, 3), `depth_sum` and `transmittance` (H, W), all float32, and the `seconds` of each stage."""
 
     image: np.ndarray
     depth_sum: np.ndarray
@@ -76,7 +78,7 @@ class FloatFrame(NamedTuple):
 
 
 def prepare(model: GaussianModel) -> FloatModel:
-    """The model's first level, ready for `render`."""
+    """The first level of the model, prepared for `render`."""
     origin = np.median(model.means, axis=0)
     log2_opacity = np.log2(np.maximum(model.opacity[:, 0], 2.0**-16)).astype(F)
     return FloatModel(
@@ -176,7 +178,7 @@ def _project(_slice, begin, end, rows, mean, axis, quat, limit, view, mean2d, co
 
 @inlined
 def _columns(mx, my, l1, l2, l3, limit, rim, steep, row, view):
-    """First and last tile column that the ellipse meets in tile row `row`; first > last: none."""
+    """The first and last tile column that the ellipse meets in tile row `row`; first > last if there is none."""
     low = max(F(row * TILE) + _HALF - my, -rim)
     high = min(F(min(row * TILE + TILE, view.height)) - _HALF - my, rim)
     if low > high:
@@ -217,7 +219,8 @@ def _scatter(part, begin, _end, room, passed, tile_of, splat_of, cursor, splat):
 
 @kernel
 def _basis(block, position):
-    """Directions from the camera to the positions in rows X, Y, Z; the harmonics beyond the first from row BASIS on."""
+    """Computes the directions from the camera to the positions in rows X, Y, Z, and the basis functions beyond the first, from
+    row BASIS on."""
     px, py, pz = position[0], position[1], position[2]
     (c20, c21, c22, c23, c24), (c30, c31, c32, c33, c34, c35, c36) = _SH2, _SH3
     for j in range(_BLOCK):
@@ -261,7 +264,7 @@ def _colours(_slice, begin, end, rows, mean, base, rest, position, colour):
 
 @inlined
 def _exp2(t):
-    """2^t for t in -126..127: the exponent's bits times a polynomial of the fraction."""
+    """2^t for t in -126..127, from the exponent's bits and a polynomial of the fraction."""
     whole = np.floor(t)
     f = t - whole
     c0, c1, c2, c3, c4 = _EXP2
@@ -270,7 +273,8 @@ def _exp2(t):
 
 @inlined
 def _composite(rows, y, u, l1, room, top, red, green, blue, depth):
-    """One splat over row `y`: u at its first pixel and l1 its step; `room` is what the row leaves of the falloff limit."""
+    """Blends one splat into row `y`. `u` is its value at the first pixel and `l1` its step; `room` is the part of the falloff
+    limit that remains in the row."""
     for x in range(TILE):
         before = rows[y, _T + x]
         at = u + F(x) * l1
@@ -286,7 +290,7 @@ def _composite(rows, y, u, l1, room, top, red, green, blue, depth):
 
 @kernel
 def _stopped(rows):
-    """Whether no pixel of the tile takes more light."""
+    """Whether every pixel of the tile has stopped."""
     for y in range(TILE):
         most = _ZERO
         for x in range(TILE):
@@ -298,7 +302,8 @@ def _stopped(rows):
 
 @kernel
 def _set_up(order, begin, count, left, top, mean2d, conic, log2_opacity, limits, colour, depth, pairs):
-    """Pairs begin.. of a tile, one a row of `pairs`: here no load waits for another, as they do between loops over pixels."""
+    """Sets up the intersections from `begin` on, one per row of `pairs`. Here no load waits for another, as loads would between
+    loops over pixels."""
     for j in range(count):
         i = order[begin + j]
         dx, dy, limit = left - mean2d[i, 0], top - mean2d[i, 1], limits[i]
@@ -344,7 +349,7 @@ def _tiles(_slice, begin, end, start, splat, tiles_x, mean2d, conic, log2_opacit
 
 
 def render(model: FloatModel, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> FloatFrame:
-    """One frame, stage by stage as `golden.msv2_ref.pipeline.render`."""
+    """Renders one frame, with the same stages as `golden.msv2_ref.pipeline.render`."""
     seconds, clock, count = {}, time.perf_counter, len(model.mean)
     tiles_x, tiles_y = -(-camera.width // TILE), -(-camera.height // TILE)
     tiles = tiles_x * tiles_y
@@ -366,7 +371,7 @@ def render(model: FloatModel, camera: Camera, background: tuple[float, float, fl
     begin = clock()
     met = (box[rows, 0] <= box[rows, 1]) & (box[rows, 2] <= box[rows, 3])
     order = rows[met].astype(np.int32)
-    order = order[np.argsort(depth[order].view(np.int32), kind="stable")]  # positive floats order as their bits do
+    order = order[np.argsort(depth[order].view(np.int32), kind="stable")]  # positive floats have the order of their bits
     seconds["sort"] = clock() - begin
 
     begin = clock()

@@ -1,9 +1,10 @@
-"""Speed of the renderers side by side: the integer golden, a float32 kernel of the same structure, plain torch.
+"""Compares the speed of three renderers: the integer golden renderer, a float32 kernel of the same structure, and plain torch.
 
-Then training iterations: the differentiable renderer against a plain one in torch.
+It then compares training iterations of the differentiable renderer with those of a plain one in torch.
 
-Everything is warm: kernels compiled, models in each renderer's own form (made once a model, timed apart). The renderers take
-turns, so that a busy machine slows all alike; medians and ratios are what to quote. Nothing is asserted.
+Everything is warm: kernels are compiled, and models are in each renderer's own form, which is made once per model and timed
+apart. The renderers take turns, so that a busy machine slows all of them alike. Medians and ratios are the numbers to quote.
+The study asserts nothing.
 """
 
 from __future__ import annotations
@@ -23,16 +24,19 @@ from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import Request, make_folder, resolve, write_json
+from golden.scenes.request import Request, make_folder, resolve
+from msv2.studies import page
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
 from msv2.studies.speed import float32
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 
 EXAMPLES = """examples:
-  python -m msv2.studies speed                                          the embedded scene
-  python -m msv2.studies speed truck.splat rock_sh3/ --size 640x360     several scenes in one report
+  msv2 study run speed                                          the embedded scene
+  msv2 study run speed truck.splat rock_sh3/ --size 640x360     several scenes in one report
 """
 
 TRAINING_SIZE = {EMBEDDED: "256x256"}
@@ -44,32 +48,31 @@ INTEGER, FLOAT, TORCH = "integer golden", "float32 kernel", "per-tile torch"
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies speed", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed command line."""
+    parser = command_parser("msv2 study run speed", __doc__, EXAMPLES)
     parser.add_argument("scenes", nargs="*", default=[EMBEDDED], metavar="SCENE",
                         help="model files or folders, or 'embedded' (default)")
-    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as golden/render.py (default: orbit)")
+    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="the camera (default: orbit)")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="frame size (default: 640x360)")
     parser.add_argument("--training-size", metavar="WxH", help="frame size of the training iterations "
                         f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
-    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default: 5)")
+    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="number of rounds (default: 5)")
     parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
-    # The opponents render one level on black, so that is what is compared.
+    # The other renderers draw one level on black, so all renderers are compared with that.
     parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)
     return parser.parse_args(argv)
 
 
 def timed(work: Callable[[], object]) -> tuple[float, object]:
-    """(seconds, result) of one call."""
+    """The seconds of a call, and its result."""
     begin = time.perf_counter()
     result = work()
     return time.perf_counter() - begin, result
 
 
 def compare(request: Request, rounds: int) -> dict[str, object]:
-    """One scene's numbers: per renderer seconds by round, PSNR against the oracle, preparation; stages where they exist."""
+    """The numbers of a scene: for each renderer the seconds of every round, the PSNR against the oracle, the preparation time,
+    and the stages where it has them."""
     import torch
 
     from golden.diff import reference
@@ -123,32 +126,31 @@ def compare(request: Request, rounds: int) -> dict[str, object]:
 
 
 def requested(args: argparse.Namespace, scene: str, size: str) -> Request:
-    """A scene's model and view at a frame size."""
+    """The model and the camera of a scene, at a frame size."""
     return resolve(argparse.Namespace(**{**vars(args), "scene": scene, "size": size}))
 
 
 def table(result: dict[str, object]) -> str:
-    """One scene's numbers as Markdown."""
+    """The numbers of a scene as Markdown."""
     width, height = result["size"]
     integer, single = result["stages_s"][INTEGER], result["stages_s"][FLOAT]
     stages = [stage for stage in integer if stage in single]
     return "\n".join([
         f"## {result['scene']}, {width}x{height}, {result['splats']:,} splats, {result['entries']:,} entries", "",
-        "| renderer | median ms | min..max ms | times the integer's | dB against the oracle |", "|---|---|---|---|---|",
-        *(f"| {name} | {1e3 * r['median_s']:.1f} | {1e3 * r['min_s']:.1f}..{1e3 * r['max_s']:.1f} | "
-          f"{r['times_integer']:.2f} | {r['psnr_vs_oracle_db']:.1f} |" for name, r in result["renderers"].items()),
-        "", "| median ms by stage | " + " | ".join(stages) + " |", "|---" * (len(stages) + 1) + "|",
-        *(f"| {name} | " + " | ".join(f"{1e3 * of[stage]:.1f}" for stage in stages) + " |"
-          for name, of in ((INTEGER, integer), (FLOAT, single))),
+        page.table(["renderer", "median ms", "min..max ms", "times the integer's", "dB against the oracle"], [
+            [name, f"{1e3 * r['median_s']:.1f}", f"{1e3 * r['min_s']:.1f}..{1e3 * r['max_s']:.1f}",
+             f"{r['times_integer']:.2f}", f"{r['psnr_vs_oracle_db']:.1f}"] for name, r in result["renderers"].items()]), "",
+        page.table(["median ms by stage", *stages], [
+            [name, *(f"{1e3 * of[stage]:.1f}" for stage in stages)] for name, of in ((INTEGER, integer), (FLOAT, single))]),
         ""])
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     if args.repeat < 1:
         raise InputError(f"repeat {args.repeat} is not accepted: 1 or more is")
-    import_torch()  # a missing package is told before the work, not after
+    import_torch()  # so that a missing package is reported before the work
     from msv2.studies.speed import training
 
     out = make_folder(args.out)
@@ -164,8 +166,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         "# Renderer speed", "", "Made by `make bench`; whole frames and iterations, warm, renderers in turn. Medians of "
         f"{args.repeat} rounds, {threads.threads} threads, load average {machine['load_average']:.1f}.", "",
         *("\n".join([table(result), training.table(result["training"])]) for result in results)])
-    write_json(out / "bench.json", {"machine": machine, "scenes": results})
-    with atomic_output(out / "bench.md") as file:
-        file.write(report.encode())
+    write_report(out / "bench.json", {"machine": machine, "scenes": results}, [__name__],
+                 {"arguments": args, "machine": PAPER}, args.scenes)
+    write_page(out / "bench.md", report)
     print(report)
     print(f"written: {out / 'bench.json'}, {out / 'bench.md'}")

@@ -1,9 +1,10 @@
-"""Training iterations a second: ours against a plain torch tile renderer, everything else the same.
+"""Compares training iterations per second of our renderer with those of a plain torch tile renderer, with all else equal.
 
-An iteration is what dense training does to a view: forward, 3DGS's loss, backward, a step of Adam on every field. All start
-from the same Gaussians, those of the model with dimmed colours, see the same camera, and train towards the oracle's picture of
-the model. Each works on one thread or on all, as was faster at first: torch's threads wait for each other after every
-operation, which on small tensors or shared cores costs more than it gains. Needs torch, which is an optional dependency.
+An iteration is that of dense training on one view: forward pass, the loss of 3DGS, backward pass, and a step of Adam on every
+field. All trainings start from the same Gaussians, which are those of the model with dimmed colours, see the same camera, and
+train towards the oracle's picture of the model. Each uses one thread or all threads, whichever was faster at first: torch's
+threads wait for each other after every operation, which costs more than it gains for small tensors or shared cores. The module
+needs torch, which is an optional dependency.
 """
 
 from __future__ import annotations
@@ -26,20 +27,21 @@ from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
+from msv2.studies import page
 
 OURS, PLAIN = "numba renderer", "plain torch tiles"
 
 TURN = {OURS: 5, PLAIN: 1}
-"""Iterations in a turn: one of ours is too short to be timed alone on a busy machine."""
+"""Iterations per turn. A single iteration of ours is too short to be timed on a busy machine."""
 
 DIMMED = 0.9
-"""Factor of the DC colours at the start, so that there is something to train."""
+"""Factor of the base colours at the start, so that there is something to train."""
 
 PARTS = ("forward", "loss", "backward", "step")
 
 
 class Training:
-    """One renderer's training of one view, on a number of threads; keeps the seconds of each part of an iteration."""
+    """A renderer's training of one view with a number of threads. It records the seconds of each part of an iteration."""
 
     def __init__(
         self, draw: Callable[..., object], threads: int, start: Gaussians, camera: Camera, target: torch.Tensor
@@ -49,10 +51,10 @@ class Training:
         self._optimiser = Optimiser(start, dense_rates(0.0, 1.0))
         self.seconds: dict[str, list[float]] = {part: [] for part in PARTS}
         self.image = self.first = None
-        """(H, W, 3), of the last and of the first iteration."""
+        """(H, W, 3) images of the last and of the first iteration."""
 
     def iterate(self) -> float:
-        """One iteration; its seconds."""
+        """Runs one iteration; returns its seconds."""
         torch.set_num_threads(self.threads)
         clock = [time.perf_counter()]
         self.image = self._draw(self._optimiser.gaussians, self._camera).image
@@ -71,7 +73,8 @@ class Training:
 
 
 def compare(model: GaussianModel, camera: Camera, rounds: int) -> dict[str, object]:
-    """One view's numbers: per renderer seconds an iteration by round, and PSNR of its first picture against the oracle."""
+    """The numbers of a view: for each renderer the seconds per iteration by round, and the PSNR of its first image against the
+    oracle."""
     threads = torch.get_num_threads()
     try:
         return _compare(model, camera, rounds)
@@ -80,7 +83,7 @@ def compare(model: GaussianModel, camera: Camera, rounds: int) -> dict[str, obje
 
 
 def _faster(draw: Callable[..., object], *view: object) -> Training:
-    """The training on one thread or on all: the one whose second iteration is shorter."""
+    """The training with one thread or with all threads, whichever has the shorter second iteration."""
     found = {}
     for threads in sorted({1, parallel.threads}):
         training = Training(draw, threads, *view)
@@ -127,7 +130,7 @@ def _compare(model: GaussianModel, camera: Camera, rounds: int) -> dict[str, obj
 
 
 def table(result: dict[str, object]) -> str:
-    """One view's numbers as Markdown."""
+    """The numbers of a view as Markdown."""
     width, height = result["size"]
     header = ["renderer", "iterations/s", "median ms", "min..max ms", "times ours", "threads",
               *(f"{part} ms" for part in PARTS), "dB against the oracle"]
@@ -137,4 +140,4 @@ def table(result: dict[str, object]) -> str:
             for name, r in result["renderers"].items()]
     return "\n".join([
         f"Training at {width}x{height}, {result['entries']:,} entries: forward, loss, backward and Adam's step.", "",
-        *(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *rows]), ""])
+        page.table(header, rows), ""])

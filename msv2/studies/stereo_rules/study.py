@@ -1,4 +1,5 @@
-"""Compare rules of filling a warped eye's holes; say why tiles are rendered again: reports/stereo_rules.json and .md."""
+"""Compares rules for filling the holes of a warped eye, and finds why tiles are rendered again: reports/stereo_rules.json and
+.md."""
 
 from __future__ import annotations
 
@@ -17,17 +18,18 @@ from golden.scenes.gaze import Display
 from golden.scenes.request import Request
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.accuracy.stereo import with_gaze
-from msv2.studies.accuracy.study import over_scenes, write_report
+from msv2.studies.accuracy.study import keep, over_scenes
+from msv2.studies.page import table
 from spec.config import PAPER, WARP_FILLS, AcceleratorConfig
 from spec.constants import MAX_LEVELS, TILE
 
 TRAINED = (Path("build/train/bonsai/model.ply"),)
-"""Models trained here, measured where they exist."""
+"""Models trained by this project, which are measured if they exist."""
 
 RULES = {"interior": {"warp_fill": "interior"}, "majority": {"warp_fill": "majority"},
          "interior, veiled": {"warp_fill": "interior", "warp_veiled": True},
          "majority, veiled": {"warp_fill": "majority", "warp_veiled": True}}
-"""Ways to fill and to warp that are compared, by changes of the configuration."""
+"""The compared rules of filling and warping, as changes of the configuration."""
 
 NOTE = """\
 Thresholds of 18 degrees around a gaze in the centre. Scenes whose scale is unknown at 1 unit per metre. Four levels are a
@@ -42,11 +44,12 @@ pixel would have come here; the row's run of holes reaches the frame's side; is 
 
 
 def causes(frame: StereoFrame, machine: AcceleratorConfig) -> dict[str, dict[str, float]]:
-    """Why tiles are rendered again: of those that are, the share with holes of each cause, and with holes of that one alone.
+    """The causes for which tiles are rendered again: the share of these tiles with holes of each cause, and with holes of that
+    cause alone.
 
     Args:
-        frame: of two eyes.
-        machine: of which rule of filling; its veiled pixels are not warped.
+        frame: the frame of two eyes.
+        machine: the configuration with a rule of filling; its veiled pixels are not warped.
     """
     registers, source = frame.registers, frame_pixels(frame.source)
     valid, seen = (
@@ -66,7 +69,7 @@ def causes(frame: StereoFrame, machine: AcceleratorConfig) -> dict[str, dict[str
 
 
 def _runs(holes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each hole, how long its row's run of holes is, and whether that reaches the frame's side; both (H, W)."""
+    """For each hole, the length of its run of holes in the row, and whether the run reaches the frame's side; both (H, W)."""
     length, side = np.zeros(holes.shape, int), np.zeros(holes.shape, bool)
     for y, row in enumerate(holes):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]]))).reshape(-1, 2)
@@ -76,11 +79,11 @@ def _runs(holes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rules(frame: StereoFrame, whole: np.ndarray, first: tuple[np.ndarray, np.ndarray]) -> dict[str, dict[str, float | None]]:
-    """What each way to fill and to warp makes of the target.
+    """The target eye's quality under each rule of filling and warping.
 
     Args:
-        frame: of two eyes.
-        whole: (H, W) DisplayPixel records of the target, rendered whole.
+        frame: the frame of two eyes.
+        whole: (H, W) DisplayPixel records of the target eye, rendered as a whole.
         first: both eyes in level 1 everywhere, source and target.
     """
     registers, source = frame.registers, frame.source_pixels["colour"].astype(np.uint8)
@@ -124,7 +127,7 @@ def _per_pixel(tiles: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def measure(request: Request, name: str) -> dict[str, object]:
-    """One row: a request with a gaze."""
+    """One row of the report, for a request with a gaze."""
     camera = request.camera
     pair = stereo_pair(camera, units_per_metre=scene_scale(name, None)[0])
     frame = render_stereo(request.model, pair, config=PAPER.with_(stereo=True), foveation=request.foveation)
@@ -142,7 +145,7 @@ def measure(request: Request, name: str) -> dict[str, object]:
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
     """The tables of reports/stereo_rules.md."""
-    lines = [f"| scene, view | levels | foveal tiles | {' | '.join(RULES)} |", "|---" * (3 + len(RULES)) + "|"]
+    lines = []
     for r in rows:
         base = r["rules"]["rendered"]["hvsq_level_1"]
         cells = []
@@ -150,28 +153,29 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
             judged = (f"{rule['hvsq_level_1'] / base - 1:+.2%}" if base else f"{1e5 * rule['hvsq_level_1']:.2f}e-5")
             cells.append(f"{rule['rerendered']:.1%}, {rule['psnr_target_db']:.1f} dB, {judged}")
         lines.append(_line(r, f"{r['shares']['tiles_foveal']:.1%}", *cells))
-    names = list(rows[0]["causes"][WARP_FILLS[0]])
+    tables, names = [table(["scene, view", "levels", "foveal tiles", *RULES], lines)], list(rows[0]["causes"][WARP_FILLS[0]])
     for fill in WARP_FILLS:
-        lines += ["", f"| {fill}: scene, view | levels | {' | '.join(names)} |", "|---" * (2 + len(names)) + "|"]
+        lines = []
         for r in rows:
             shares = r["causes"][fill]
             lines.append(_line(r, *(f"{shares[name]['any']:.0%}, {shares[name]['alone']:.0%}" for name in names)))
-    return "\n".join([*lines, "", NOTE, ""])
+        tables.append(table([f"{fill}: scene, view", "levels", *names], lines))
+    return "\n\n".join([*tables, NOTE]) + "\n"
 
 
-def _line(row: dict[str, object], *cells: str) -> str:
-    return f"| {row['scene']}, {row['camera']} | {row['levels']} | {' | '.join(cells)} |"
+def _line(row: dict[str, object], *cells: str) -> list[object]:
+    return [f"{row['scene']}, {row['camera']}", row["levels"], *cells]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
-    rows, out = over_scenes("stereo_rules", __doc__, argv, lambda request, scene: [
+    """Runs the command line."""
+    rows, args = over_scenes("stereo_rules", __doc__, argv, lambda request, scene: [
         measure(with_gaze(request, levels), named(request, scene)) for levels in (1, MAX_LEVELS)], TRAINED)
-    write_report(out, "stereo_rules", {"rows": rows}, as_markdown(rows))
+    keep(args, "stereo_rules", __name__, {"rows": rows}, as_markdown(rows))
     return 0
 
 
 def named(request: Request, scene: str) -> str:
-    """A scene's name, a trained model's by its folder."""
+    """A scene's name. A trained model is named after its folder."""
     path = Path(str(request.record["scene"]))
     return path.parent.name if path.name == "model.ply" else scene

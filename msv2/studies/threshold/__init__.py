@@ -1,1 +1,1 @@
-"""What selective warping is worth: the threshold's table, its plot, and what warping costs."""
+"""The value of selective warping: the table of thresholds, its plot, and the cost of warping."""

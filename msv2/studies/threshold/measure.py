@@ -1,4 +1,4 @@
-"""What a pose says of every threshold: tiles, entries, cycles, and HVSQ of both eyes against their references."""
+"""Measures a pose at every threshold: tiles, intersections, cycles, and the HVSQ of both eyes against their references."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
 from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 
 CONFIG = PAPER.with_(stereo=True)
-"""The machine."""
+"""The machine's configuration."""
 
 ALL = 180.0
-"""A threshold beyond which no tile lies: both eyes are rendered."""
+"""A threshold in degrees beyond which no tile lies, so that both eyes are rendered."""
 
 EyeJudge = Callable[[np.ndarray], float]
-"""HVSQ of an eye's frame against that eye's reference."""
+"""A function that gives the HVSQ of an eye's frame against that eye's reference."""
 
 Judge = tuple[float, EyeJudge]
-"""The source eye's HVSQ, and what gives the target's."""
+"""The HVSQ of the source eye, and the function for the target eye."""
 
 
 @dataclass(frozen=True)
 class TableWords:
-    """A scene's models in the machine's words: its own, the dense one, v1's or None."""
+    """A scene's models, quantised for the machine: the scene's own, the dense one, and the v1 model or None."""
 
     ours: GaussianWords
     dense: GaussianWords
@@ -48,20 +48,21 @@ class TableWords:
 
     @classmethod
     def of(cls, scene: TableScene) -> TableWords:
-        """Quantised once for all poses."""
+        """The quantised models of a scene, which serve all poses."""
         return cls(*(model and quantise_model(CONFIG, model) for model in (scene.model, scene.reference, scene.v1)))
 
 
 def measure_pose(
     words: TableWords, camera: Camera, thresholds: Sequence[float], *, units_per_metre: float, ipd_metres: float = IPD_METRES,
 ) -> dict[str, object]:
-    """A pose's row, ready for JSON: `rendered` (both eyes rendered), `v1` (the same of v1, or None) and `thresholds`.
+    """A pose's row as JSON-ready values: `rendered` (both eyes rendered), `v1` (the same of the v1 model, or None),
+    `thresholds`.
 
     Args:
-        words: of the scene.
-        camera: of the source eye, which looks at the frame's centre.
-        thresholds: degrees.
-        units_per_metre, ipd_metres: of the pair.
+        words: the scene's quantised models.
+        camera: the source eye's camera, which looks at the centre of the frame.
+        thresholds: the thresholds in degrees.
+        units_per_metre, ipd_metres: the scale of the scene, and the distance between the eyes.
     """
     pair = stereo_pair(camera, units_per_metre=units_per_metre, ipd_metres=ipd_metres)
     centre = camera.width / 2, camera.height / 2
@@ -84,12 +85,12 @@ def measure_pose(
 
 
 def at_threshold(whole: StereoFrame, words: GaussianWords, threshold_deg: float) -> StereoFrame:
-    """A frame at another threshold: its source eye and what is warped of it are the same.
+    """A frame at another threshold. Its source eye, and what is warped from it, stay the same.
 
     Args:
-        whole: at any threshold.
+        whole: the frame at any threshold.
         words: its model.
-        threshold_deg: the other.
+        threshold_deg: the other threshold.
     """
     display = Display(whole.pair.source.width, whole.pair.source.height)
     warp = warpable_tiles(display, whole.gaze[1], threshold_deg).reshape(-1).astype(np.int64)
@@ -100,12 +101,13 @@ def at_threshold(whole: StereoFrame, words: GaussianWords, threshold_deg: float)
 
 
 def eyes_of(frame: StereoFrame) -> EyePair:
-    """(H, W, 3) uint8 of source and target."""
+    """(H, W, 3) uint8 images of source and target eye."""
     return tuple(pixels["colour"].astype(np.uint8) for pixels in (frame.source_pixels, frame.target_pixels))
 
 
 def _eye_judge(reference: np.ndarray, gaze: tuple[float, float]) -> EyeJudge:
-    """One eye at a time: the source eye of a pose is the same at every threshold, and judging takes longer than rendering."""
+    """The judge of one eye. Eyes are judged one at a time, because the source eye of a pose is the same at every threshold and
+    judging takes longer than rendering."""
     judge = BinocularReference((reference,), (gaze,))
     return lambda image: judge((image,)).eyes[0]
 
@@ -121,18 +123,19 @@ def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
 
 
 def eye_cycles(eye: Frame) -> int:
-    """Cycles of an eye rendered alone, as a whole, by a machine that warps nothing."""
-    return simulate(trace_of(eye), PAPER, display=True).total
+    """Cycles of an eye that is rendered as a whole by a machine for one eye."""
+    return simulate(trace_of(eye), eye.config.with_(stereo=False), display=True).total
 
 
 def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
-    """Cycles of a frame of two eyes by the cycle model, ready for JSON.
+    """Cycles of a frame of two eyes by the cycle model, as JSON-ready values.
 
-    `source`, `target` and `total`: of the eyes and of the frame; `geometry`, `render`: of both eyes by phase; `stages`: the
-    work of the rendering stages on what is rendered, `busiest` the most of it; `overhead`: all cycles over those that the
-    frame would take if warping were free, which are `geometry` and `busiest`. All as in frame.json of `python -m tb.frame`.
+    `source`, `target` and `total` are the cycles of the eyes and of the frame; `geometry` and `render` are those of both eyes
+    by phase. `stages` is the work of the rendering stages for what is rendered, and `busiest` the largest of it. `overhead` is
+    the ratio of all cycles to those that the frame would take if warping were free, which are `geometry` and `busiest`. All are
+    defined as in frame.json of `python -m tb.frame`.
     """
-    found = simulate(trace_of(frame), CONFIG)
+    found = simulate(trace_of(frame), frame.source.config)
     render = found.phases["render"]
     geometry = found.total - render
     beats = (sum(moved[name] for name in names) // BEAT_BYTES
@@ -149,7 +152,7 @@ def _hvsq(target: np.ndarray, judge: Judge) -> dict[str, float]:
 
 
 def _rendered(frame: StereoFrame, judge: Judge) -> dict[str, object]:
-    """Both eyes rendered, by a machine that warps nothing."""
+    """The numbers of both eyes, rendered by a machine that warps nothing."""
     one, other = eye_cycles(frame.source), eye_cycles(frame.target)
     return {"hvsq": {"dense": _hvsq(eyes_of(frame)[1], judge)}, "entries": {"source": len(frame.source.entries.splat),
             "target": len(frame.target.entries.splat)}, "cycles": {"source": one, "target": other, "total": one + other}}
@@ -158,7 +161,7 @@ def _rendered(frame: StereoFrame, judge: Judge) -> dict[str, object]:
 def _row(
     frame: StereoFrame, whole: StereoFrame, judges: dict[str, Judge], alone: dict[str, int],
 ) -> dict[str, object]:
-    """A threshold's row; `alone`: the cycles of both eyes, each rendered by itself."""
+    """The row of a threshold; `alone` holds the cycles of both eyes, each rendered by itself."""
     entries, foveal = np.diff(whole.target.entries.start), frame.registers.warp == 0
     again, cost = frame.rendered & ~foveal, stereo_cycles(frame)
     all_entries = max(int(entries.sum()), 1)

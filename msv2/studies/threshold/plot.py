@@ -1,7 +1,7 @@
-"""The paper's figure: binocular HVSQ against frames per second, a point a threshold.
+"""Draws the paper's figure: binocular HVSQ against frames per second, with a point per threshold.
 
-Against the dense model where levels are trained; untrained ones are so far from it that warping does not show: against the
-rendered pair.
+HVSQ is measured against the dense model where levels are trained. Untrained levels are so far from it that warping would not
+show, so that HVSQ is then measured against the rendered pair.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from msv2.studies.threshold.summary import over_poses, rendered
 
 
 def save_plot(scenes: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """A PNG with a panel a scene: our points a threshold, and both eyes rendered by ours and by v1-H."""
+    """Draws a PNG with a panel per scene: our thresholds as points, and both eyes rendered by our model and by v1-H."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""A pose through the machine: both eyes, one of them warped, and each eye rendered alone."""
+"""Simulates a pose on the machine: both eyes with one of them warped, and each eye rendered alone."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Gazes = tuple[tuple[float, float], tuple[float, float]]
 
 KEPT = ("bit_exact", "cycles", "table_cycles", "geometry_cycles", "render_cycles", "bound_cycles", "bounds", "entries",
         "stereo_overhead", "source_cycles", "target_cycles", "source_entries", "target_entries", "dram_bytes")
-"""What is kept of frame.json."""
+"""The fields of frame.json that are kept."""
 
 
 def rtl_pose(
     model: GaussianModel, camera: Camera, gazes: Gazes, threshold_deg: float, folder: Path, *, units_per_metre: float,
     ipd_metres: float = IPD_METRES, alone: bool = False, step: Callable[[str], None] = lambda what: None,
 ) -> dict[str, object]:
-    """Cycles of a pose by the RTL of the paper's machine: `stereo`, and, if asked for, `source` and `target`: each eye alone.
+    """Cycles of a pose from the RTL of the paper's machine: `stereo` and, if requested, `source` and `target`, each eye alone.
 
     Args:
-        model: with its levels.
-        camera: of the source eye.
-        gazes: of source and target.
-        threshold_deg: of the stereo frame.
-        folder: for models, cameras and what was measured before.
-        units_per_metre, ipd_metres: of the pair.
-        alone: each eye rendered alone as well, by the machine without stereo.
-        step: told what is simulated next.
+        model: the model with its levels.
+        camera: the source eye's camera.
+        gazes: the gazes of source and target eye.
+        threshold_deg: the threshold of the frame of two eyes.
+        folder: the folder for models, cameras and earlier measurements.
+        units_per_metre, ipd_metres: the scale of the scene, and the distance between the eyes.
+        alone: whether to render each eye alone as well, on the machine without stereo.
+        step: is called with the name of what is simulated next.
 
     Raises:
         InputError: a simulation fails, or a bit differs.
@@ -49,7 +49,7 @@ def rtl_pose(
     for name, (seen, gaze, more) in frames.items():
         step(name)
         options = ["--machine", "full", "--gaze", _point(gaze), "--levels", str(model.levels), "--config", "paper", *more]
-        found = rtl_frame.model_frame(folder, model, replace(seen, name=name), options)  # named alike wherever it comes from
+        found = rtl_frame.model_frame(folder, model, replace(seen, name=name), options)  # the key must not contain other names
         rows[name] = {key: found[key] for key in KEPT if key in found}
     return rows
 

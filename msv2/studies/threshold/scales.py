@@ -1,7 +1,7 @@
-"""Units per metre of scenes whose scale nobody measured: assumed from the size of a known thing in them.
+"""Assumed units per metre of scenes whose scale was never measured, from the size of a known object in them.
 
-Structure from motion has no scale, and disparities follow from it alone. `msv2/studies/metric_scale/study.py` computes it
-where a metric depth map is there; where none is, the table takes these, by the scene's name, and its JSON says so.
+Structure from motion gives no scale, but disparities depend on it. `msv2/studies/metric_scale/study.py` computes the scale if
+there is a metric depth map. Otherwise the table uses the values here, by the scene's name, and its JSON says so.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ ASSUMED = {
     "bonsai": (6.0, "the bicycle's wheel, 0.67 m, is 2.5 units from view 216 and 6.3 from view 0: the reconstruction has no "
                     "one scale; between 3.8 and 9.4 units per metre"),
 }
-"""By name: units per metre, and what they rest on."""
+"""By the scene's name, the units per metre and the reason for the value."""
 
 
 def table_scale(scene: str, given: float | None) -> dict[str, object]:
-    """Units per metre of a scene and where they come from: "given", "known" or "assumed", and why.
+    """The units per metre of a scene and their origin: "given", "known" or "assumed", with the reason.
 
     Args:
-        scene: its name.
-        given: what the user says, if anything.
+        scene: the scene's name.
+        given: the value from the user, or None.
     """
     if given is None and scene in ASSUMED:
         units, reason = ASSUMED[scene]

@@ -1,4 +1,5 @@
-"""The scenes of the table: a foveated model, the poses it is seen from, what it is judged by, and the v1 model beside it."""
+"""The scenes of the table: a foveated model, the poses from which it is seen, its reference, and the v1 model if there is
+one."""
 
 from __future__ import annotations
 
@@ -31,17 +32,16 @@ TRAINED, UNTRAINED = "trained levels", "untrained levels"
 @dataclass(frozen=True)
 class TableScene:
     """A scene of the table.
-
     Attributes:
-        name: of its folder or file.
-        model: with its levels.
-        levels: what they are: TRAINED or UNTRAINED.
-        reference: the dense model of one level that quality is judged by.
-        judged_by: what that is, in words.
-        v1: the v1 model (no opacity enhancement), or None.
-        cameras: the poses, of the source eye, at the frame's size.
-        units: of `scales.table_scale`.
-        run: folder of the training run, or None.
+        name: the name of its folder or file.
+        model: the model with its levels.
+        levels: TRAINED or UNTRAINED.
+        reference: the dense model of one level, which is the reference of quality.
+        judged_by: a description of the reference.
+        v1: the v1 model, which has no opacity enhancement, or None.
+        cameras: the poses of the source eye, at the frame's size.
+        units: the result of `scales.table_scale`.
+        run: the folder of the training run, or None.
     """
 
     name: str
@@ -61,29 +61,29 @@ class TableScene:
 
 
 def named(text: str, size: str) -> tuple[str, tuple[int, int]]:
-    """Path and frame size of `PATH` or `PATH@WxH`.
+    """Path and frame size of an argument `PATH` or `PATH@WxH`.
 
     Raises:
-        InputError: a size that is none.
+        InputError: the size is not valid.
     """
     path, at, own = text.rpartition("@")
     return (path, parse_size(own)) if at and own[:1].isdigit() else (text, parse_size(size))
 
 
 def table_scene(path: str, size: tuple[int, int], poses: int, units: float | None, v1: str | None = None) -> TableScene:
-    """A scene by the path of a model, of the folder of a finished training run, or `embedded`.
+    """A scene, from the path of a model, from the folder of a finished training run, or `embedded`.
 
     Args:
-        path: a run's folder or its model.ply gives trained levels, its dense model and the cameras of its test views; any other
-            model gets untrained levels where it has none, is judged by itself without them, and is seen from its cameras, or
-            from an orbit.
-        size: of the frames.
-        poses: how many, evenly spread over the views.
+        path: the folder of a run, or its model.ply, gives trained levels, the run's dense model and the cameras of its test
+            views. Any other model gets untrained levels if it has none. It is judged by itself without levels, and is seen from
+            its own cameras or from an orbit.
+        size: the size of the frames.
+        poses: the number of poses, which are evenly spread over the views.
         units: units per metre, or None.
-        v1: file of the v1 model; None: RUN-v1/model.ply where it is there.
+        v1: the file of the v1 model; None for RUN-v1/model.ply if it exists.
 
     Raises:
-        InputError: nothing that can be loaded, or fewer views than poses.
+        InputError: nothing can be loaded from the path, or there are fewer views than poses.
     """
     if poses < 1:
         raise InputError(f"poses {poses} is not accepted: 1 or more is")
@@ -118,7 +118,7 @@ def _of_run(folder: Path, size: tuple[int, int], poses: int, units: float | None
 
 
 def _test_views(scene: str, size: tuple[int, int]) -> list[Camera]:
-    """A data set's test views whose poses are not in doubt, at a size."""
+    """The test views of a data set without those whose poses are doubtful, at a size."""
     if scene == EMBEDDED:
         return embedded_cameras(*size)[::8]
     data = load_dataset(scene)
@@ -127,10 +127,10 @@ def _test_views(scene: str, size: tuple[int, int]) -> list[Camera]:
 
 
 def spread(views: Sequence[int], count: int) -> list[int]:
-    """`count` of the views, evenly spread, the first one among them.
+    """`count` of the views, evenly spread and beginning with the first.
 
     Raises:
-        InputError: fewer views than that.
+        InputError: there are fewer views.
     """
     if count > len(views):
         raise InputError(f"poses {count} is not accepted: the scene has {len(views)} views to take them from")

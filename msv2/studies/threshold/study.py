@@ -1,4 +1,5 @@
-"""The threshold of selective warping: quality, tiles, entries and cycles of frames of two eyes, and which one is picked."""
+"""Measures the threshold of selective warping: quality, tiles, intersections and cycles of frames of two eyes, and the
+threshold that follows from them."""
 
 from __future__ import annotations
 
@@ -12,20 +13,22 @@ from typing import Any
 from tqdm import tqdm
 
 from golden.diff import import_torch
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import make_folder, write_json
+from golden.scenes.request import make_folder
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, REGION_START_DEG
 from spec.errors import InputError
 
 THRESHOLDS = tuple(float(start) for start in REGION_START_DEG)
-"""Where the paper looks: the starts of the regions, 0, 18, 27 and 33 degrees."""
+"""The thresholds of the paper: the starts of the regions, 0, 18, 27 and 33 degrees."""
 
 EXAMPLES = """examples:
-  python -m msv2.studies threshold                                        the embedded scene
-  python -m msv2.studies threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
+  msv2 study run threshold                                        the embedded scene
+  msv2 study run threshold build/train/bonsai@640x426 --train-v1  a finished run of golden/train.py, and v1's levels
   beside it
-  python -m msv2.studies threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
+  msv2 study run threshold truck.splat --units-per-metre 0.15 --rtl all   cycles of the first pose by the RTL too
 
 A run's folder or model.ply is judged by the run's dense model and seen from its test views; the v1 model that picks the
 threshold is RUN-v1/model.ply, as golden/train.py --no-opacity-enhancement writes it; --train-v1 makes it of the run's own L1.
@@ -35,33 +38,33 @@ OUT/NAME.json, NAME.md and NAME.png.
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies threshold", description=__doc__, epilog=EXAMPLES,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed command line."""
+    parser = command_parser("msv2 study run threshold", __doc__, EXAMPLES)
     add = parser.add_argument
-    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, runs' folders, or embedded (default: embedded)")
-    add("--size", default="640x360", metavar="WxH", help="of scenes without a size of their own (default: 640x360)")
-    add("--poses", type=int, default=2, metavar="N", help="of each scene, evenly over its views (default: 2)")
+    add("scenes", nargs="*", metavar="SCENE[@WxH]", help="models, folders of training runs, or embedded (default: embedded)")
+    add("--size", default="640x360", metavar="WxH", help="frame size of scenes that are given without one (default: 640x360)")
+    add("--poses", type=int, default=2, metavar="N",
+        help="number of poses of each scene, spread evenly over its views (default: 2)")
     add("--thresholds", default=",".join(f"{t:g}" for t in THRESHOLDS), metavar="DEG,DEG",
-        help="eccentricities (default: %(default)s)")
-    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="between the eyes in metres (default: %(default)s)")
-    add("--units-per-metre", type=float, metavar="S", help="of all scenes (default: known or assumed, by name)")
-    add("--v1", metavar="MODEL", help="the v1 model of the one scene (default: RUN-v1/model.ply)")
+        help="eccentricity thresholds (default: %(default)s)")
+    add("--ipd", type=float, default=IPD_METRES, metavar="M", help="distance between the eyes in metres (default: %(default)s)")
+    add("--units-per-metre", type=float, metavar="S", help="scale of all scenes (default: known or assumed, by name)")
+    add("--v1", metavar="MODEL", help="the v1 model, if there is only one scene (default: RUN-v1/model.ply)")
     add("--train-v1", action="store_true", help="train the v1 model where a run has none (as long as three levels of the run)")
     add("--rtl", default="none", metavar="all|NAME,NAME",
-        help="scenes whose first pose goes through the RTL as well, at 18 degrees (minutes)")
-    add("--rtl-eyes", action="store_true", help="and each of its eyes alone (more minutes)")
-    add("--work", default="build/table-ecc/kept", metavar="DIR", help="what was measured before")
-    add("--out", default="build/table-ecc", metavar="DIR", help="of NAME.json, NAME.md and NAME.png")
-    add("--name", default="table_ecc", help="of those files (default: table_ecc)")
+        help="scenes whose first pose is also simulated in RTL, at 18 degrees (minutes)")
+    add("--rtl-eyes", action="store_true", help="simulate also each eye of that pose alone (more minutes)")
+    add("--work", default="build/table-ecc/kept", metavar="DIR", help="cache of measurements")
+    add("--out", default="build/table-ecc", metavar="DIR", help="folder of NAME.json, NAME.md and NAME.png")
+    add("--name", default="table_ecc", help="name of those files (default: table_ecc)")
     return parser.parse_args(argv)
 
 
 def chosen_thresholds(text: str) -> tuple[float, ...]:
-    """Ascending degrees.
+    """The thresholds in degrees, in ascending order.
 
     Raises:
-        InputError: a number that is none, or not in 0..180.
+        InputError: a part is not a number in 0..180.
     """
     try:
         values = [float(part) for part in text.split(",")]
@@ -74,7 +77,7 @@ def chosen_thresholds(text: str) -> tuple[float, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; its exit status."""
+    """Runs the command line; returns its exit status."""
     args = parse_arguments(argv)
     thresholds = chosen_thresholds(args.thresholds)
     for name, value in (("IPD", args.ipd), ("units per metre", args.units_per_metre)):
@@ -100,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -> dict[str, Any]:
-    """A scene's record; poses that were measured before are not measured again."""
+    """The record of a scene. Poses that were measured earlier are not measured again."""
     from msv2.studies.kept import fingerprint, kept
     from msv2.studies.threshold.measure import TableWords, measure_pose
     from msv2.studies.threshold.rtl import rtl_pose
@@ -139,14 +142,16 @@ def measured(args: argparse.Namespace, text: str, thresholds: Sequence[float]) -
 
 
 def write(out: Path, args: argparse.Namespace, records: list[dict[str, Any]]) -> None:
-    """The files, of the scenes so far; the plot where matplotlib is installed."""
+    """Writes the files for the scenes so far; the plot only where matplotlib is installed."""
     from msv2.studies.threshold.plot import save_plot
     from msv2.studies.threshold.summary import over_poses, picked, rendered
     from msv2.studies.threshold.text import markdown
 
     summaries = [{**record, "means": over_poses(record["poses"]), "both_rendered": rendered(record["poses"], "rendered"),
                   "v1_rendered": rendered(record["poses"], "v1"), "picked": picked(record["poses"])} for record in records]
-    write_json(out / f"{args.name}.json", {"scenes": summaries})
-    with atomic_output(out / f"{args.name}.md") as file:
-        file.write(markdown(records, f"{args.name}.png").encode())
+    scenes = [text.partition("@")[0] for text in args.scenes]
+    write_report(out / f"{args.name}.json", {"scenes": summaries},
+                 [__name__, "msv2.studies.threshold.measure", *["tb.frame.__main__"] * (args.rtl != "none")],
+                 {"arguments": args}, scenes)
+    write_page(out / f"{args.name}.md", markdown(records, f"{args.name}.png"))
     save_plot(records, out / f"{args.name}.png")

@@ -1,4 +1,4 @@
-"""Means over poses, and the threshold that is picked."""
+"""Means over poses, and the choice of the threshold."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 CLOCK_HZ = 1e9
-"""For frames per second; the source's clock."""
+"""Clock of the machine, for frames per second; it is the paper's."""
 
 Pose = Mapping[str, Any]
 
 
 def mean_of(rows: Sequence[Mapping[str, Any]], *path: str) -> float:
-    """The mean of a nested number."""
+    """The mean of a number that is nested in the rows under these names."""
     values = []
     for row in rows:
         for name in path:
@@ -24,7 +24,7 @@ def mean_of(rows: Sequence[Mapping[str, Any]], *path: str) -> float:
 
 
 def over_poses(poses: Sequence[Pose]) -> list[dict[str, float]]:
-    """A row a threshold, means over the poses."""
+    """One row per threshold, with means over the poses."""
     found = []
     for index, first in enumerate(poses[0]["thresholds"]):
         rows = [pose["thresholds"][index] for pose in poses]
@@ -43,7 +43,7 @@ def over_poses(poses: Sequence[Pose]) -> list[dict[str, float]]:
 
 
 def rendered(poses: Sequence[Pose], which: str) -> dict[str, float] | None:
-    """Both eyes rendered, `which` of "rendered" and "v1": means over the poses; None where there is no such model."""
+    """Means over the poses with both eyes rendered, for `which` of "rendered" and "v1"; None where there is no such model."""
     rows = [pose[which] for pose in poses]
     if any(row is None for row in rows):
         return None
@@ -55,7 +55,7 @@ def rendered(poses: Sequence[Pose], which: str) -> dict[str, float] | None:
 def picked(poses: Sequence[Pose]) -> dict[str, Any]:
     """The lowest threshold whose binocular HVSQ against the dense model is not above that of the v1 model's rendered pair.
 
-    `threshold_deg` is None where none is, or where there is no v1 model; `verdict` says it in words.
+    `threshold_deg` is None if no threshold qualifies or if there is no v1 model; `verdict` states the result in words.
     """
     target, rows = rendered(poses, "v1"), over_poses(poses)
     if target is None:

@@ -1,4 +1,4 @@
-"""The table's page."""
+"""The page with the tables, as Markdown."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from msv2.studies.cycles import cycles_by, cycles_of, explained
+from msv2.studies.page import table
 from msv2.studies.threshold.summary import CLOCK_HZ, over_poses, picked, rendered
 from spec.constants import ECC_THRESHOLD_DEG
 
 OVERHEAD_GOAL = 1.05
-"""Most cycles of a frame of two eyes over both eyes' geometry and the busiest stage's work on what is rendered."""
+"""The largest accepted ratio of a frame's cycles to those of both eyes' geometry and of the busiest stage's rendering work."""
 
 INTRODUCTION = f"""# Selective warping: the threshold
 
@@ -26,19 +27,18 @@ and the busiest stage's work on what is rendered. Depth costs no cycles: it is s
 
 HEAD = ("threshold", "HVSQ vs rendered pair", "HVSQ vs dense", "tiles foveal", "holes", "warped", "entries: floor", "holes",
         "rendered in all", "{cycles}", "frames/s", "of one eye", "of two eyes", "warping costs")
-"""Columns of a scene's table; `cycles`: how the cycles are called."""
+"""The columns of a scene's table; `cycles` stands for the name of the cycles' source."""
 
 
 def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
-    """The page of scenes' records."""
+    """The page for the scenes' records."""
     parts = [INTRODUCTION, explained(scene["poses"][0] for scene in scenes) + "\n",
              f"![HVSQ against frames per second]({picture})\n", _picks(scenes), _costs(scenes)]
     return "\n".join([*filter(None, parts), *map(_scene, scenes)])
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(row)} |" for row in rows)]
-    return "\n".join(lines) + "\n"
+    return f"{table(head, rows)}\n"
 
 
 def _title(scene: Mapping[str, Any]) -> str:

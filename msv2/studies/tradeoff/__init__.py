@@ -1,1 +1,1 @@
-"""What accuracy costs in time: settings of machine, simulation and training swept, drawn, and chosen from."""
+"""The cost of accuracy in time: sweeps over settings of machine, simulation and training, with plots and recommendations."""

@@ -1,4 +1,4 @@
-"""What follows from the points: losses, the Pareto frontier, the fastest setting within a budget."""
+"""Conclusions from the measured points: losses, the Pareto frontier, and the fastest setting within a budget."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from msv2.studies.tradeoff.knobs import BOTH_RENDERED, DEFAULT, PRESET
 Row = dict[str, Any]
 
 ASSUMED_PSNR_DB = 30.0
-"""Of a model against photographs that are not there: better models notice errors of arithmetic sooner."""
+"""Assumed PSNR of a model against photographs where there are none. Better models are more sensitive to errors of
+arithmetic."""
 
 SAME_SPEED = 0.002
-"""Relative difference of cycles below which two settings are as fast: orders of equal depths alone move so many."""
+"""Relative difference of cycles below which two settings count as equally fast. The order of equal depths alone causes this
+much."""
 
 SAME_HVSQ = 0.001
 """Relative difference below which HVSQ counts as equal."""
@@ -23,7 +25,7 @@ SAME_HVSQ = 0.001
 
 @dataclass(frozen=True)
 class Budget:
-    """What may be lost: decibels against the photographs, or a share of HVSQ, which may not be better by more, either."""
+    """An accepted loss: decibels against the photographs, or a relative change of HVSQ in either direction."""
 
     name: str
     preset: str = ""
@@ -31,7 +33,7 @@ class Budget:
     hvsq: float | None = None
 
     def holds(self, row: Mapping[str, Any]) -> bool:
-        """Whether a row stays within it and no hard case breaks."""
+        """Whether a row stays within the budget and breaks no hard case."""
         if row.get("error") or row["broken"]:
             return False
         if self.decibels is not None:
@@ -39,7 +41,7 @@ class Budget:
         return row["hvsq_change"] is not None and abs(row["hvsq_change"]) <= self.hvsq
 
     def loss(self, row: Mapping[str, Any]) -> float:
-        """The row's share of it."""
+        """The loss of a row, in the budget's terms."""
         value = row["loss_db"] if self.decibels is not None else row["hvsq_change"]
         return math.inf if value is None else abs(value)
 
@@ -50,17 +52,18 @@ BUDGETS = (
 
 
 def uncorrelated_psnr(psnr_oracle_db: float, model_db: float = ASSUMED_PSNR_DB) -> float:
-    """PSNR against a photograph from which the float64 renderer is `model_db` away, where errors are not correlated."""
+    """PSNR against a photograph for which the float64 renderer has `model_db`, if both errors are uncorrelated."""
     return -10 * math.log10(10 ** (-psnr_oracle_db / 10) + 10 ** (-model_db / 10))
 
 
 def with_losses(rows: Sequence[Row], *, psnr_photo: str = "psnr_photo_db") -> None:
-    """Adds loss_db, loss_assumed, hvsq_change and speedup to every row, counted from what it is a change of.
+    """Adds loss_db, loss_assumed, hvsq_change and speedup to every row, relative to the row's baseline.
 
-    That is the default's row, for frames of two eyes the one with both rendered. The loss is the larger one of what is measured
-    against the photographs and what the distance from the float64 renderer would cost if it were not correlated with the
-    model's error: a setting that happens to hide an error of one model is not better for it. Variants are other models: what
-    is measured counts. HVSQ to the float64 renderer is next to nothing by default: without photographs it has no change.
+    The baseline is the default's row, and for frames of two eyes the row with both eyes rendered. The loss is the larger of two
+    values: the loss measured against the photographs, and the loss that follows from the distance to the float64 renderer if
+    that is not correlated with the model's error. So a setting gains nothing if it happens to hide an error of one model.
+    Variants are other models, for which the measured loss counts. HVSQ against the float64 renderer is almost zero for the
+    default, so that without photographs there is no relative change.
     """
     default = next(row for row in rows if row["knob"] == DEFAULT)
     both = next((row for row in rows if row.get("threshold_deg") == BOTH_RENDERED), None)
@@ -81,14 +84,14 @@ def with_losses(rows: Sequence[Row], *, psnr_photo: str = "psnr_photo_db") -> No
 
 
 def _moved(base: Row, row: Row, model_db: float) -> float:
-    """Decibels that the distance from the float64 renderer costs."""
+    """The loss in decibels that follows from the distance to the float64 renderer."""
     return uncorrelated_psnr(base["psnr_oracle_db"], model_db) - uncorrelated_psnr(row["psnr_oracle_db"], model_db)
 
 
 def pareto(points: Iterable[tuple[float, float]]) -> list[int]:
-    """Indices of points (cost, loss), both better when smaller, that no other point beats; by ascending cost.
+    """Indices of the points (cost, loss) that no other point beats, by ascending cost; smaller is better in both.
 
-    Of equal points the first is taken; one that is no better than another in either is left out.
+    Of equal points the first is taken. A point that is better than another one in neither value is left out.
     """
     points = list(points)
     order = sorted(range(len(points)), key=lambda i: (*points[i], i))
@@ -101,9 +104,10 @@ def pareto(points: Iterable[tuple[float, float]]) -> list[int]:
 
 
 def frontier(rows: Sequence[Row]) -> None:
-    """Marks `pareto` in rows of one eye of the scene's model that break no hard case: cycles against loss in decibels.
+    """Sets `pareto` in the rows: whether a row is on the frontier of cycles against loss in decibels.
 
-    In steps of SAME_SPEED and a thousandth of a decibel; of equal rows the first, so the default is.
+    Only rows of one eye and of the scene's own model that break no hard case can be. Values are rounded to steps of SAME_SPEED
+    and of a thousandth of a decibel. Of equal rows the first is taken, which favours the default.
     """
     for row in rows:
         row["pareto"] = False
@@ -120,7 +124,7 @@ def _comparable(row: Row) -> bool:
 
 
 def _faster(row: Row, other: Row) -> bool:
-    """Fewer cycles; of as many, fewer bits; of as many, fewer harmonics."""
+    """Whether a row has fewer cycles; if both are equally fast, fewer bits, and then fewer basis functions."""
     ratio = row["cycles"] / other["cycles"]
     if abs(ratio - 1) > SAME_SPEED:
         return ratio < 1
@@ -132,7 +136,7 @@ def _size(row: Row) -> tuple[float, ...]:
 
 
 def candidate_parts(rows: Sequence[Row], budget: Budget) -> list[tuple[str, str]]:
-    """Of every knob its fastest setting within the budget, where that beats the default; the largest loss last."""
+    """For every knob its fastest setting within the budget that beats the default, ordered by ascending loss."""
     default = next(row for row in rows if row["knob"] == DEFAULT)
     best: dict[str, Row] = {}
     for row in rows:
@@ -144,7 +148,7 @@ def candidate_parts(rows: Sequence[Row], budget: Budget) -> list[tuple[str, str]
 
 
 def recommended(rows: Sequence[Row], budget: Budget) -> Row | None:
-    """The fastest row of one eye within the budget; the default is always within, if it breaks no hard case."""
+    """The fastest row of one eye within the budget. The default is within every budget, if it breaks no hard case."""
     found = None
     for row in rows:
         if _comparable(row) and budget.holds(row) and (found is None or _faster(row, found)):

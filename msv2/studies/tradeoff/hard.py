@@ -1,4 +1,5 @@
-"""The hard cases of docs/stability.md by the integer renderer, at a setting's formats: its worst error, and what breaks."""
+"""Runs the hard cases of docs/stability.md on the integer renderer with a setting's formats: finds its worst error, and which
+cases break."""
 
 from __future__ import annotations
 
@@ -20,23 +21,23 @@ _GOLDEN = RENDERERS["golden"]
 
 
 def machine_of(setting: Setting) -> AcceleratorConfig:
-    """The machine of the hard cases with the setting's numbers."""
+    """The configuration of the hard cases with the setting's formats."""
     config = setting.config
     return MACHINE.with_(
         name="tradeoff", formats=config.formats, support_sigma=config.support_sigma, sh_degree=config.sh_degree)
 
 
 def identity(setting: Setting) -> tuple[object, ...]:
-    """What of a setting the hard cases depend on."""
+    """The parts of a setting on which the hard cases depend."""
     return machine_of(setting), setting.sh_degree, setting.obb
 
 
 def hard_cases(setting: Setting) -> dict[str, object]:
-    """Every case with shots: the worst error of an image (of 255) and its case, and what fails, with the reason.
+    """Runs every case with shots. Returns the worst error of an image (of 255), its case, and the failing cases with reasons.
 
-    A case fails where what it expects does not come, or where an image is farther from the float64 renderer's than the shot
-    allows. Both are what the default machine is held to; but the float64 renderer has the setting's support radius, and what a
-    shot allows for rims of footprints is what a rim of that radius shows.
+    A case fails if its expectation is not met, or if an image is farther from the float64 renderer's than its shot allows. The
+    default machine is held to the same rules. However, the float64 renderer uses the setting's support radius, and the error
+    that a shot allows at the rims of footprints is adapted to that radius.
     """
     broken, worst, where = {}, 0.0, ""
     for case in CASES:
@@ -59,13 +60,13 @@ def hard_cases(setting: Setting) -> dict[str, object]:
             case.expect(seen, _GOLDEN, shots)
         except CaseFailure as failure:
             broken[case.id] = str(failure)
-        except Exception as failure:  # a crash of a setting is a finding about it, and the other cases still run
+        except Exception as failure:  # a crash is a finding about the setting; the other cases still run
             broken[case.id] = f"{type(failure).__name__}: {failure}"
     return {"worst_error_255": 255 * worst, "worst_case": where, "broken": broken}
 
 
 def see(shot: Shot, setting: Setting) -> Seen:
-    """A shot by the integer renderer at a setting."""
+    """A shot, rendered by the integer renderer with a setting."""
     config, model = machine_of(setting), shot.model
     if setting.sh_degree is not None and setting.sh_degree < model.sh_degree:
         model = model.with_sh_degree(setting.sh_degree)
@@ -79,7 +80,7 @@ def see(shot: Shot, setting: Setting) -> Seen:
 
 
 def rim_of(allowed: float, setting: Setting) -> float:
-    """A shot's bound for footprints that end elsewhere: an alpha of 1 is exp(-r^2 / 2) on its rim."""
+    """A shot's bound, adapted to another support radius r: an alpha of 1 is exp(-r^2 / 2) at the rim."""
     sigma = setting.config.support_sigma
     if allowed < RIM or sigma is None or sigma >= SUPPORT_SIGMA:
         return allowed
@@ -88,7 +89,7 @@ def rim_of(allowed: float, setting: Setting) -> float:
 
 @cache
 def _exact(case_id: str, name: str, support_sigma: float | None) -> np.ndarray:
-    """The float64 renderer's image; one process asks for it at every setting."""
+    """The float64 renderer's image. It is cached because a process needs it for every setting."""
     shot = next(case for case in CASES if case.id == case_id).shots(_GOLDEN)[name]
     return oracle.render(shot.model, shot.camera, foveation=shot.foveation, weights=_GOLDEN.weights,
                          background=shot.background, support_sigma=support_sigma).image

@@ -1,4 +1,4 @@
-"""Independent pieces of work over processes of this machine, or over a Dask cluster."""
+"""Distributes independent pieces of work over processes of this machine, or over a Dask cluster."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from spec.errors import InputError
 def run_all(
     work: Callable[..., Any], calls: Sequence[tuple[object, ...]], *, jobs: int = 1, scheduler: str | None = None,
 ) -> Iterator[tuple[int, Any]]:
-    """(index, result) of `work(*call)` for every call, as they are done.
+    """Yields (index, result) of `work(*call)` for every call, in the order in which they finish.
 
     Args:
-        work: importable wherever it runs; on a cluster the workers need this project and see the same paths.
-        calls: arguments.
-        jobs: processes; 1 works in this one.
-        scheduler: address of a Dask scheduler, as tcp://HOST:PORT; then `jobs` means nothing.
+        work: a function that can be imported wherever it runs. On a cluster, the workers need this project and the same paths.
+        calls: the arguments of the calls.
+        jobs: the number of processes; with 1 the work is done in this process.
+        scheduler: the address of a Dask scheduler, such as tcp://HOST:PORT; `jobs` then has no effect.
 
     Raises:
-        InputError: a scheduler without Dask installed, or one that does not answer; not that many processes.
+        InputError: Dask is not installed, the scheduler does not answer, or `jobs` is below 1.
     """
     if jobs < 1:
         raise InputError(f"jobs {jobs} is not accepted: 1 or more is")
@@ -48,12 +48,12 @@ def run_all(
 
 @cache
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    """Processes that stay: what they have loaded and compiled serves the next calls."""
+    """A pool of processes that is kept, so that what a process has loaded and compiled serves later calls."""
     return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_with_one_thread)
 
 
 def _with_one_thread() -> None:
-    """Of a process beside others: as many threads each would wait for each other."""
+    """Limits a process to one thread, since the threads of several processes would wait for each other."""
     numba.set_num_threads(1)
 
 

@@ -1,7 +1,7 @@
-"""The settings that are swept: one knob at a time around the default machine, and combinations of them.
+"""The settings of the sweep: changes of one knob at a time from the default machine, and combinations of them.
 
-Not among them, because they are constants of the semantics (`spec.constants`) and no parameters of a machine: ALPHA_MIN, the
-alpha below which a pixel skips a splat, and T_STOP, the transmittance below which it stops.
+ALPHA_MIN, the alpha below which a pixel skips a splat, and T_STOP, the transmittance below which a pixel stops, are not swept.
+They are constants of the semantics (`spec.constants`) and no parameters of a machine.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from spec.constants import MAX_LEVELS, REGION_START_DEG
 from spec.formats import UQ
 
 CONSTANTS = ("ALPHA_MIN", "T_STOP")
-"""Thresholds that no machine can change."""
+"""Thresholds that a machine cannot change."""
 
 DEFAULT = "default"
 PRESET = "preset"
-"""Knobs of those names are no changes: of a machine of `spec.config`, the paper's and the presets."""
+"""Knobs with these names change nothing: they stand for the paper's machine and for the presets in `spec.config`."""
 
 BOTH_RENDERED = 180.0
-"""A threshold beyond which no tile lies: nothing is warped."""
+"""A threshold in degrees beyond which no tile lies, so that nothing is warped."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,13 @@ class Setting:
     """A point of the sweep.
 
     Attributes:
-        knob, value: its name; of the default machine DEFAULT and "".
-        config: the machine.
-        sh_degree: highest degree in use; None: the model's.
-        levels: foveation, gazed at the frame's middle; 1: none.
-        obb: bounding boxes instead of the exact tile test; in the golden renderer and the cycle model, not in the RTL.
-        threshold_deg: of a frame of two eyes; None: one eye.
-        variant: name of the model in use; "": the scene's.
-        parts: (knob, value) of a combination.
+        knob, value: the setting's name; for the default machine DEFAULT and "".
+        config: the machine's configuration.
+        sh_degree: the highest SH degree in use; None for the model's.
+        levels: the number of levels, with the gaze in the middle of the frame; 1 for no foveation.
+        obb: whether bounding boxes replace the exact tile test. The golden renderer and the cycle model can do so, the RTL
+            cannot. threshold_deg: the threshold of a frame of two eyes; None for one eye. variant: the name of the model in
+            use; "" for the scene's own. parts: (knob, value) of a combination's parts.
     """
 
     knob: str = DEFAULT
@@ -51,23 +50,23 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """Knob and value."""
+        """The knob with its value."""
         return f"{self.knob} {self.value}".strip()
 
     @property
     def in_rtl(self) -> bool:
-        """Whether the RTL has it: bounding boxes it has not."""
+        """Whether the RTL supports the setting; it does not support bounding boxes."""
         return not self.obb
 
     @property
     def functions(self) -> int:
-        """Basis functions of the largest SH degree in use, the first one left out."""
+        """Number of basis functions up to the largest SH degree in use, without the first."""
         degree = self.config.sh_degree if self.sh_degree is None else min(self.sh_degree, self.config.sh_degree)
         return (degree + 1) ** 2 - 1
 
 
 def word_bits(config: AcceleratorConfig) -> int:
-    """Bits of all formats, and the segments: the smaller of two machines that are as fast has fewer."""
+    """The bits of all formats plus the number of segments. Of two equally fast machines, the smaller one has fewer."""
     return sum(value if isinstance(value, int) else value.width
                for value in (getattr(config.formats, f.name) for f in fields(NumberFormats)))
 
@@ -77,7 +76,7 @@ def _formats(setting: Setting, **changes: object) -> Setting:
 
 
 def _work(setting: Setting, bits: int) -> Setting:
-    """Scales enter it as they are, and an extent, a root, has at least half of its bits."""
+    """Changes the work format. Scales enter it without conversion, and an extent, a root, has at least half of its bits."""
     formats = setting.config.formats
     scale = replace(formats.scale, sig_bits=min(bits, formats.scale.sig_bits))
     extent = replace(formats.extent, sig_bits=max((bits + 1) // 2, formats.extent.sig_bits))
@@ -85,7 +84,8 @@ def _work(setting: Setting, bits: int) -> Setting:
 
 
 def _conic(setting: Setting, bits: int) -> Setting:
-    """The factor is the conic's significand; exponents have no more fraction bits than it, and more than the cut."""
+    """Changes the conic format. The factor is the conic's significand. The formats on the exponent grid have no more fraction
+    bits than it."""
     formats, fraction = setting.config.formats, bits - 1
     grid = {name: replace(getattr(formats, name), frac_bits=min(fraction, getattr(formats, name).frac_bits))
             for name in ("exponent", "slope", "curvature")}
@@ -94,7 +94,8 @@ def _conic(setting: Setting, bits: int) -> Setting:
 
 
 def _view(setting: Setting, bits: int) -> Setting:
-    """What enters it cannot be longer; the sort key counts its ulps, in no more bits than an entry has for it."""
+    """Changes the view format. Inputs cannot have longer significands. The sort key counts ulps of the view format, in no more
+    bits than an intersection has for it."""
     formats = setting.config.formats
     position = replace(formats.position, sig_bits=min(bits, formats.position.sig_bits))
     key = UQ(min(bits + 4, NumberFormats().depth_key.int_bits), 0)
@@ -117,11 +118,11 @@ WORDS: dict[str, dict[str, Change]] = {
     "work significand": {str(n): lambda s, n=n: _work(s, n) for n in (10, 12, 14, 16, 20)},
     "conic significand": {str(n): lambda s, n=n: _conic(s, n) for n in (12, 13, 14, 15, 18)},
 }
-"""Word lengths by knob; those of the default are left out."""
+"""Word lengths by knob, without those of the default."""
 
 
 def changes(sh_degree: int, levels_named: str) -> dict[str, dict[str, Change]]:
-    """Every knob of one eye's machine for a model of an SH degree."""
+    """All knobs of a machine for one eye, for a model of this SH degree."""
     return {
         "levels": {levels_named: lambda s: replace(s, levels=MAX_LEVELS)},
         "support radius": {name: lambda s, r=r: _support(s, r)
@@ -133,13 +134,13 @@ def changes(sh_degree: int, levels_named: str) -> dict[str, dict[str, Change]]:
 
 
 def applied(knob: str, value: str, change: Change, to: Setting | None = None) -> Setting:
-    """One change of the default or of another setting."""
+    """A setting with one change from the default, or from another setting."""
     made = change(to or Setting())
     return replace(made, knob=knob, value=value, config=made.config.with_(name="tradeoff"))
 
 
 def single(sh_degree: int, levels_named: str, variants: Iterable[str]) -> list[Setting]:
-    """The default, the presets and every knob's settings; of two eyes, both rendered first."""
+    """The default, the presets and every setting of each knob. Those of two eyes begin with both eyes rendered."""
     out = [Setting(), *(Setting(PRESET, name, config) for name, config in PRESETS.items())]
     for knob, settings in changes(sh_degree, levels_named).items():
         out += [applied(knob, value, change) for value, change in settings.items()]
@@ -150,7 +151,7 @@ def single(sh_degree: int, levels_named: str, variants: Iterable[str]) -> list[S
 
 
 def combined(name: str, parts: Iterable[tuple[str, str]], sh_degree: int, levels_named: str) -> Setting:
-    """Several knobs' settings at once."""
+    """A setting that combines settings of several knobs."""
     known, made, parts = changes(sh_degree, levels_named), Setting(), tuple(parts)
     for knob, value in parts:
         made = applied(knob, value, known[knob][value], made)

@@ -1,4 +1,4 @@
-"""A setting on a scene: quality of its frames, cycles by the model, energy."""
+"""Measures a setting on a scene: quality of its frames, cycles by the model, and energy."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ CLOCK_HZ = 1e9
 
 
 def measure(request: SceneRequest, setting: Setting) -> dict[str, object]:
-    """A setting's means over the request's views.
+    """The means of a setting over the request's cameras.
 
     Returns:
-        psnr_oracle_db, max_abs_error: against the float64 renderer's level 1 (of two eyes: the second eye's alone).
-        psnr_photo_db, ssim_photo: against the photographs, None without.
-        hvsq, hvsq_regions: of the frame and by region around its middle, against the photographs, else the float64 renderer;
-            None without torch.
+        psnr_oracle_db, max_abs_error: against the float64 renderer's level 1; for two eyes, of the second eye alone.
+        psnr_photo_db, ssim_photo: against the photographs; None without them.
+        hvsq, hvsq_regions: of the frame, and by region around its middle, against the photographs, or else against the float64
+            renderer; None without torch.
         ring_psnr_db, ring_max_error: by eccentricity, against the float64 renderer.
-        cycles, entries, fps, chip_mj, dram_mj: of a frame, by the model.
+        cycles, entries, fps, chip_mj, dram_mj: of a frame, by the cycle model.
     """
     scene = load(request)
     rows = [_view(scene, view, setting) for view in range(len(scene.cameras))]
@@ -40,10 +40,10 @@ def measure(request: SceneRequest, setting: Setting) -> dict[str, object]:
 
 
 def tried(request: SceneRequest, setting: Setting) -> dict[str, object]:
-    """`measure`, or the reason why a setting cannot be."""
+    """The result of `measure`, or the reason why the setting cannot be measured."""
     try:
         return measure(request, setting)
-    except (ValueError, AssertionError, OverflowError) as failure:  # formats that do not fit together are a finding
+    except (ValueError, AssertionError, OverflowError) as failure:  # formats that do not fit together are a result, too
         return {"error": f"{type(failure).__name__}: {failure}"}
 
 
@@ -82,7 +82,7 @@ def _view(scene: TradeoffScene, view: int, setting: Setting) -> dict[str, object
 def quality(
     image: np.ndarray, ideal: np.ndarray, photograph: np.ndarray | None, eccentricity_deg: np.ndarray,
 ) -> dict[str, object]:
-    """What a picture is worth; keys as `measure`. All (H, W, 3) floats of range 1, the eccentricities (H, W)."""
+    """The quality of an image, under the keys of `measure`. Images are (H, W, 3) floats in 0..1, eccentricities (H, W)."""
     shown = np.clip(image, 0.0, 1.0)
     rings = ring_errors(image, ideal, eccentricity_deg)
     out = {

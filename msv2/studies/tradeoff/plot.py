@@ -1,4 +1,4 @@
-"""Work-precision diagrams: cost to the right, loss upwards; the lower left is better."""
+"""Work-precision diagrams: the cost increases to the right and the loss upwards, so that the lower left is best."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from msv2.studies.tradeoff.knobs import DEFAULT, WORDS
 matplotlib.use("Agg")
 
 LEAST_LOSS = 1e-5
-"""Decibels below which losses are drawn as this: the scale is logarithmic, and some settings are better by chance."""
+"""Losses below this many decibels are drawn at this value, because the scale is logarithmic and some settings gain by
+chance."""
 
 _MARKS = "os^vD<>pPX*hd"
 
 
 def save(picture: str, content: Mapping[str, Any], path: Path) -> None:
-    """A PNG of one of `report.PICTURES`."""
+    """Draws one of `report.PICTURES` as a PNG."""
     from matplotlib import pyplot
 
     count = 3 if picture == "machine" else 2
@@ -63,7 +64,7 @@ def _machine(axes: list[Axes], content: Mapping[str, Any]) -> None:
 def _scatter(
     axis: Axes, rows: list[Mapping[str, Any]], knobs: list[str], cost: str, loss: Callable[[Mapping[str, Any]], float],
 ) -> None:
-    """A mark a knob; what breaks a hard case hollow with a red cross on it."""
+    """Draws a marker per knob. Settings that break a hard case have hollow markers with a red cross."""
     for number, knob in enumerate(knobs):
         own = [row for row in rows if row["knob"] == knob]
         mark, colour = _MARKS[number % len(_MARKS)], f"C{number % 10}"

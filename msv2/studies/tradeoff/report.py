@@ -1,10 +1,8 @@
-"""The points as JSON, CSV beside every picture, Markdown and one HTML page."""
+"""Writes the results as JSON, as CSV for every picture, as Markdown and as one HTML page."""
 
 from __future__ import annotations
 
-import base64
 import csv
-import html
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -12,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output
-from golden.scenes.request import write_json
+from msv2.studies.page import table, write_html, write_page
+from msv2.studies.record import write_report
 from msv2.studies.tradeoff.choose import ASSUMED_PSNR_DB, BUDGETS
 from msv2.studies.tradeoff.knobs import CONSTANTS, DEFAULT, PRESET
 from spec.config import PAPER, PRESETS, AcceleratorConfig
@@ -28,22 +26,30 @@ COSTS = ("cycles", "times the default's speed", "frames/s at 1 GHz", "chip, mJ",
 
 
 BUILDS = {"1ghz": PAPER.with_(stereo=True), "mono": PAPER, **PRESETS}
-"""Machines whose areas are in reports/area.json, by their builds there."""
+"""Machines whose areas are in reports/area.json, by the names of their builds there."""
 
 
 def known_areas(path: Path) -> dict[AcceleratorConfig, float]:
-    """mm^2 at 16 nm of the machines of BUILDS that reports/area.json has, all named as PAPER is; none where it is not there."""
+    """Area in mm^2 at 16 nm of the machines of BUILDS in reports/area.json, all named as PAPER is. Empty if the report is
+    missing."""
     builds = json.loads(path.read_text())["builds"] if path.is_file() else {}
     return {config.with_(name=PAPER.name): builds[name]["mm2_16nm"] for name, config in BUILDS.items() if name in builds}
 
 
-def write(content: Content, out: Path, name: str) -> None:
-    """NAME.json, NAME.md, NAME.html, and of each of PICTURES a CSV and, where matplotlib is installed, a PNG."""
-    write_json(out / f"{name}.json", dict(content))
-    tables = {"machine": machine_table(content["machine"]), "simulation": [dict(r) for r in content["simulation"]["rows"]],
-              "training": training_table(content["training"])}
+def write(content: Content, out: Path, name: str, configuration: object = None, inputs: Sequence[Path | str] = ()) -> None:
+    """NAME.json, NAME.md, NAME.html, and of each of PICTURES a CSV and, where matplotlib is installed, a PNG.
+
+    Args:
+        content: of the report.
+        out: an existing folder.
+        name: of the files.
+        configuration, inputs: of the provenance.
+    """
+    write_report(out / f"{name}.json", content, ["msv2.studies.tradeoff.study"], configuration, inputs)
+    tables = {"machine": machinetable(content["machine"]), "simulation": [dict(r) for r in content["simulation"]["rows"]],
+              "training": trainingtable(content["training"])}
     for picture in PICTURES:
-        _write_text(out / f"{name}_{picture}.csv", as_csv(tables[picture]))
+        write_page(out / f"{name}_{picture}.csv", as_csv(tables[picture]))
     drawn = {}
     if find_spec("matplotlib") is not None:
         from msv2.studies.tradeoff import plot
@@ -52,17 +58,12 @@ def write(content: Content, out: Path, name: str) -> None:
             if tables[picture]:
                 drawn[picture] = out / f"{name}_{picture}.png"
                 plot.save(picture, content, drawn[picture])
-    page = as_markdown(content, {picture: path.name for picture, path in drawn.items()})
-    _write_text(out / f"{name}.md", page)
-    _write_text(out / f"{name}.html", as_html(content, page, drawn))
+    text = as_markdown(content, {picture: path.name for picture, path in drawn.items()})
+    write_page(out / f"{name}.md", text)
+    write_html(out / f"{name}.html", f"What accuracy costs: {content['scene']}", text, drawn.values())
 
 
-def _write_text(path: Path, text: str) -> None:
-    with atomic_output(path) as file:
-        file.write(text.encode())
-
-
-def machine_table(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def machinetable(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Flat rows, a column a number."""
     out = []
     for row in rows:
@@ -77,14 +78,14 @@ def machine_table(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def training_table(runs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def trainingtable(runs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A row a stage."""
     return [{"scene": run["scene"], "variant": run["variant"], "size": "x".join(map(str, run["size"])), **stage}
             for run in runs for stage in run["stages"]]
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The rows; columns in the order in which they first appear."""
+    """The rows as CSV, with columns in the order in which they first appear."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
@@ -101,10 +102,6 @@ def _area(row: Mapping[str, Any]) -> str:
     return "unknown" if row["area_mm2"] is None else f"{row['area_mm2']:.2f}"
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return ["| " + " | ".join(header) + " |", "|---" * len(header) + "|", *("| " + " | ".join(row) + " |" for row in rows)]
-
-
 def _what(row: Mapping[str, Any]) -> str:
     if row["knob"] == DEFAULT:
         return "the default"
@@ -112,7 +109,7 @@ def _what(row: Mapping[str, Any]) -> str:
 
 
 def recommendation(content: Content) -> str:
-    """The fastest setting for each budget, as a table."""
+    """A table of the fastest setting for each budget."""
     rows = []
     for budget in BUDGETS:
         row = content["recommended"][budget.name]
@@ -120,28 +117,28 @@ def recommendation(content: Content) -> str:
             rows.append([budget.name, "none", *["-"] * 8])
             continue
         rows.append([budget.name, _what(row), *_costs(row)])
-    return "\n".join(_table(["loss accepted", "fastest setting", *COSTS], rows))
+    return table(["loss accepted", "fastest setting", *COSTS], rows)
 
 
 def presets(content: Content) -> str:
-    """The default machine and the presets, as a table."""
+    """A table of the default machine and the presets."""
     rows = []
     for row in content["machine"]:
         if row["knob"] in (DEFAULT, PRESET) and not row.get("error"):
             worst = f"{row['worst_error_255']:.2f}" + (f" **breaks {len(row['broken'])}**" if row["broken"] else "")
             rows.append(["the default" if row["knob"] == DEFAULT else f"`{row['value']}`", *_costs(row),
                          f"{row['psnr_oracle_db']:.2f}", worst])
-    return "\n".join(_table(["machine", *COSTS, "PSNR oracle, dB", "worst hard case, /255"], rows))
+    return table(["machine", *COSTS, "PSNR oracle, dB", "worst hard case, /255"], rows)
 
 
 def _costs(row: Mapping[str, Any]) -> list[str]:
-    """The cells of COSTS."""
+    """The cells for the columns COSTS."""
     return [f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}",
             f"{row['dram_mj']:.4f}", _area(row), str(row["word_bits"]), _cell(row["loss_db"], "+.4f"),
             _cell(row["hvsq_change"], "+.2%")]
 
 
-def _machine_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _machine_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     cells = []
     for row in rows:
         name = (("**" if row["pareto"] else "") + _what(row) + ("**" if row["pareto"] else ""))
@@ -153,43 +150,43 @@ def _machine_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             name, f"{row['cycles']:,.0f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}", f"{row['dram_mj']:.4f}", _area(row),
             _cell(row["psnr_photo_db"], ".3f"), _cell(row["ssim_photo"], ".4f"), _cell(row["loss_db"], "+.4f"),
             f"{row['psnr_oracle_db']:.2f}", _cell(row["hvsq"], ".3f", 1e5), _cell(row["hvsq_change"], "+.2%"), stable])
-    return _table(["setting", "cycles", "frames/s", "chip, mJ", "DRAM, mJ", "area, mm²", "PSNR photo, dB", "SSIM", "loss, dB",
+    return table(["setting", "cycles", "frames/s", "chip, mJ", "DRAM, mJ", "area, mm²", "PSNR photo, dB", "SSIM", "loss, dB",
                    "PSNR oracle, dB", "HVSQ, 1e-5", "HVSQ change", "worst hard case, /255"], cells)
 
 
-def _ring_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _ring_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     names = [f"from {start:g}°" for start in REGION_START_DEG]
     cells = [[_what(row), *(_cell(v, ".2f") for v in row["ring_psnr_db"]), *(_cell(v, ".3f", 1e5) for v in row["hvsq_regions"])]
              for row in rows if not row.get("error")]
-    return _table(["setting", *(f"PSNR oracle {n}" for n in names), *(f"HVSQ {n}" for n in names)], cells)
+    return table(["setting", *(f"PSNR oracle {n}" for n in names), *(f"HVSQ {n}" for n in names)], cells)
 
 
 def _broken_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"- {_what(row)}: {name}: {why}" for row in rows for name, why in list(row["broken"].items())[:3]]
 
 
-def _simulation_lines(content: Content) -> list[str]:
+def _simulation_lines(content: Content) -> str:
     cells = []
     for row in content["simulation"]["rows"]:
         error = _cell(row["cycle_error"], "+.2%") + (f" ({row['cycle_error_of']})" if row.get("cycle_error_of") else "")
         cells.append([row["name"], row["what"], f"{1e3 * row['wall_s']:,.1f}", f"{row['psnr_oracle_db']:.2f}",
                       f"{255 * row['max_abs_error']:.2f}", _cell(row["cycles"], ",.0f"), error])
-    return _table(["renderer", "what it is", "wall time, ms", "PSNR oracle, dB", "worst error, /255", "cycles", "cycle error"],
+    return table(["renderer", "what it is", "wall time, ms", "PSNR oracle, dB", "worst error, /255", "cycles", "cycle error"],
                   cells)
 
 
-def _training_lines(content: Content) -> list[str]:
+def _training_lines(content: Content) -> str:
     cells = [[f"{row['scene']}-{row['variant']}, {row['size']}", row["stage"], f"{row['iterations']:,}",
               f"{row['seconds']:,.0f}", f"{row['points']:,}", f"{row['entries']:,.0f}", f"{row['psnr']:.2f}",
-              f"{row['ssim']:.4f}", _cell(row["hvsq"], ".3f", 1e5)] for row in training_table(content["training"])]
+              f"{row['ssim']:.4f}", _cell(row["hvsq"], ".3f", 1e5)] for row in trainingtable(content["training"])]
     if not cells:
-        return ["No finished run was found."]
-    return _table(["run", "stage", "iterations so far", "seconds so far", "points", "entries", "PSNR, dB", "SSIM",
+        return "No finished run was found."
+    return table(["run", "stage", "iterations so far", "seconds so far", "points", "entries", "PSNR, dB", "SSIM",
                    "HVSQ, 1e-5"], cells)
 
 
 def as_markdown(content: Content, pictures: Mapping[str, str]) -> str:
-    """The page; every number is of `content`."""
+    """The page as Markdown; every number in it comes from `content`."""
     judged = ("the photographs" if content["photographs"] else
               f"assumed photographs from which the float64 renderer is {ASSUMED_PSNR_DB:g} dB away (there are none here; "
               "errors of arithmetic are taken as uncorrelated with the model's)")
@@ -216,47 +213,9 @@ def as_markdown(content: Content, pictures: Mapping[str, str]) -> str:
         "both rendered. A setting **breaks** a hard case where the case's expectation or bound, which the default meets, is "
         "missed. "
         f"Not swept, as they are constants of the semantics and no machine's parameters: {', '.join(CONSTANTS)}.", "",
-        *_machine_lines(rows), "", "By eccentricity ring:", "", *_ring_lines(rows), "",
+        _machine_lines(rows), "", "By eccentricity ring:", "", _ring_lines(rows), "",
         "What breaks (at most three of a setting):", "", *(_broken_lines(rows) or ["nothing"]), "",
         "## The simulation", *shown("simulation"), "",
-        f"{content['simulation']['size']}, {content['simulation']['config']}.", "", *_simulation_lines(content), "",
-        "## The training", *shown("training"), "", *_training_lines(content), ""]
+        f"{content['simulation']['size']}, {content['simulation']['config']}.", "", _simulation_lines(content), "",
+        "## The training", *shown("training"), "", _training_lines(content), ""]
     return "\n".join(lines)
-
-
-def as_html(content: Content, page: str, pictures: Mapping[str, Path]) -> str:
-    """The page on its own, pictures inside."""
-    inside = {path.name: base64.b64encode(path.read_bytes()).decode() for path in pictures.values()}
-    body, table = [], False
-    for line in page.splitlines():
-        if line.startswith("|") and not line.startswith("|---"):
-            cells = "".join(f"<{'td' if table else 'th'}>{_inline(cell)}</{'td' if table else 'th'}>"
-                            for cell in line.strip("| ").split(" | "))
-            body.append(("" if table else "<table>") + f"<tr>{cells}</tr>")
-            table = True
-            continue
-        if line.startswith("|---"):
-            continue
-        if table:
-            body.append("</table>")
-            table = False
-        if line.startswith("!["):
-            name = line[line.index("(") + 1 : -1]
-            body.append(f'<img alt="{html.escape(name)}" src="data:image/png;base64,{inside[name]}">')
-        elif line.startswith("#"):
-            depth = len(line) - len(line.lstrip("#"))
-            body.append(f"<h{depth}>{_inline(line.lstrip('# '))}</h{depth}>")
-        elif line:
-            body.append(f"<p>{_inline(line)}</p>")
-    if table:
-        body.append("</table>")
-    style = ("body{font:14px sans-serif;margin:2em}table{border-collapse:collapse}td,th{border:1px solid #ccc;padding:2px 6px;"
-             "text-align:right}td:first-child,th:first-child{text-align:left}img{max-width:100%}")
-    title = f"What accuracy costs: {html.escape(content['scene'])}"
-    return (f"<!doctype html><html lang=en><meta charset=utf-8><title>{title}</title>"
-            f"<style>{style}</style><body>{''.join(body)}</body></html>\n")
-
-
-def _inline(text: str) -> str:
-    parts = html.escape(text).split("**")
-    return "".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts))

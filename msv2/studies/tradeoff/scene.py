@@ -1,4 +1,4 @@
-"""What settings are measured on: a model, its views, and what these should look like."""
+"""The scene on which settings are measured: a model, its cameras, and the images that the frames should show."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ TEST_EVERY = 8
 
 @dataclass(frozen=True)
 class SceneRequest:
-    """What names a scene, small enough to travel to a worker.
+    """The name of a scene with its parameters, small enough to be sent to a worker.
 
     Attributes:
         path: a model, the folder of a finished training run, or `embedded`.
-        size: WxH.
-        views: how many, evenly over the test views.
-        variants: (name, path) of models of the same world.
-        units_per_metre: of two eyes.
-        work: folder of what is kept.
+        size: the frame size, WxH.
+        views: the number of cameras, evenly spread over the test views.
+        variants: (name, path) of further models of the same world.
+        units_per_metre: the scale, for frames of two eyes.
+        work: the folder of kept results.
     """
 
     path: str
@@ -46,14 +46,14 @@ class SceneRequest:
 
 @dataclass(frozen=True)
 class TradeoffScene:
-    """A loaded request.
+    """A loaded scene.
 
     Attributes:
-        request: it.
-        leveled: the models with levels by variant; "" is the scene's.
-        cameras: the views.
-        photographs: (H, W, 3) float64 in 0..1 of each view; None: there are none.
-        levels_named: whether levels are trained.
+        request: the request that names it.
+        leveled: the models with levels, by variant; "" is the scene's own.
+        cameras: the cameras.
+        photographs: (H, W, 3) float64 in 0..1 for each camera; None if there are none.
+        levels_named: a description of the levels, which tells whether they are trained.
     """
 
     request: SceneRequest
@@ -63,18 +63,18 @@ class TradeoffScene:
     levels_named: str
 
     def model(self, variant: str, levels: int, sh_degree: int | None) -> GaussianModel:
-        """A variant as a setting wants it."""
+        """The model of a variant with the levels and the SH degree of a setting."""
         model = self.leveled[variant]
         if levels == 1:
             model = first_level(model)
         return model if sh_degree is None or sh_degree >= model.sh_degree else model.with_sh_degree(sh_degree)
 
     def identity(self, variant: str = "") -> str:
-        """Of a variant's model, cameras and photographs."""
+        """A hash of a variant's model, the cameras and the photographs."""
         return fingerprint((), self.leveled[variant], *self.cameras, *(p.tobytes() for p in self.photographs or ()))
 
     def ideal(self, camera: Camera, variant: str = "") -> np.ndarray:
-        """(H, W, 3) float64: the float64 renderer's image of level 1, kept."""
+        """(H, W, 3) float64 the float64 renderer's image of level 1, which is kept."""
         model = self.model(variant, 1, None)
         folder = Path(self.request.work) / "oracle"
         folder.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ class TradeoffScene:
         return np.load(path)
 
     def photograph(self, view: int, camera: Camera) -> np.ndarray | None:
-        """The view's photograph; of another camera (a second eye) the embedded scene alone has one."""
+        """The photograph of a view. For another camera, such as a second eye's, only the embedded scene has one."""
         if self.photographs is None:
             return None
         if camera is self.cameras[view]:
@@ -95,19 +95,19 @@ class TradeoffScene:
 
     @cached_property
     def world(self) -> str:
-        """What the run was trained on, or the path itself."""
+        """The scene on which the run was trained, or the path itself."""
         return run_scene(self.request.path) or self.request.path
 
 
 def first_level(model: GaussianModel) -> GaussianModel:
-    """Level 1 alone."""
+    """The model reduced to level 1."""
     if model.levels == 1:
         return model
     return replace(model, opacity=model.opacity[:, :1], sh_dc=model.sh_dc[:, :1], quality_bound=np.ones(len(model), np.uint8))
 
 
 def run_scene(path: str) -> str | None:
-    """The scene that a finished run in a folder was trained on."""
+    """The scene on which the finished run in a folder was trained; None if there is no finished run."""
     report = Path(path) / "report.json"
     return str(read_json(report)["options"]["scene"]) if report.exists() and (Path(path) / "model.ply").exists() else None
 
@@ -126,10 +126,10 @@ def _spread(count: int, wanted: int) -> list[int]:
 
 @cache
 def load(request: SceneRequest) -> TradeoffScene:
-    """The scene of a request, once a process.
+    """The scene of a request; each process loads it once.
 
     Raises:
-        InputError: nothing that can be loaded, fewer views than asked for.
+        InputError: nothing can be loaded from the path, or there are fewer views than requested.
     """
     world, size = run_scene(request.path), parse_size(request.size)
     photographs = None
@@ -157,7 +157,7 @@ def load(request: SceneRequest) -> TradeoffScene:
 
 
 def _of_data(world: str, size: tuple[int, int], count: int) -> tuple[tuple[Camera, ...], tuple[np.ndarray, ...]]:
-    """Cameras and photographs of a data set's test views; needs the extra `train`."""
+    """Cameras and photographs of a data set's test views. This needs the extra `train`."""
     try:
         from golden.training.scene import load_training_scene
     except ImportError as error:

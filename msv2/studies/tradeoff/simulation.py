@@ -1,4 +1,4 @@
-"""What simulating costs: oracle, float32 kernel, integer renderer, cycle model and RTL on the same frame."""
+"""Measures the cost of simulation: oracle, float32 kernel, integer renderer, cycle model and RTL on the same frame."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from perf.model import simulate
 from perf.trace import trace_of
 from spec.config import CONFIGS
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
 Row = dict[str, object]
 REPEATS = 3
 
 def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
-    """Least wall time in seconds of some calls, and the last result; a call before them compiles."""
+    """The least wall time of several calls in seconds, and the last result. A first call, which compiles, is not timed."""
     result, best = work(), float("inf")
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -40,13 +40,15 @@ def best_of(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, 
 
 
 def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object] | None = None) -> list[Row]:
-    """A row for each way to render camera 0, level 1.
+    """A row for each way to render level 1 with camera 0.
 
-    Wall times are of this machine as it is: beside other work they are upper bounds. `cycle_error` is relative to the RTL's
-    cycles on this frame; without `rtl`, to those of the frames of reports/model.json, the worst of them.
+    Wall times are upper bounds if the machine does other work. `cycle_error` is relative to the RTL's cycles for this frame.
+    Without `rtl` it is the worst error of the frames in reports/model.json.
 
     Args:
-        rtl: `played` of the same request and machine.
+        request: the scene.
+        config_name: the machine.
+        rtl: the result of `played` for the same request and machine, or None.
     """
     config, (model, camera) = CONFIGS[config_name], _frame(request)
     rows: list[Row] = []
@@ -63,7 +65,7 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
 
     more, frame = best_of(lambda: simulate(trace_of(golden), config))
     row = _row("cycle model", "golden, its trace, and the model", seconds + more, golden.image, ideal)
-    row["cycles"] = frame.total - frame.phases["clear"]  # tb.frame's phases are without it
+    row["cycles"] = frame.total - frame.phases["clear"]  # the phases in frame.json do not include it
     rows.append(row)
     if rtl:
         other = _row("RTL", f"Verilator, bit exact: {rtl['bit_exact']}", rtl["wall_s"], golden.image, ideal)
@@ -77,7 +79,8 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
 
 
 def _frame(request: SceneRequest) -> tuple[GaussianModel, Camera]:
-    """Level 1 and the camera that command lines call 0, so that the RTL's has the same; of a run's folder its first view."""
+    """Level 1, and the camera that command lines call 0, so that the RTL gets the same one. For a run's folder it is the first
+    view."""
     if run_scene(request.path):
         scene = load(request)
         return scene.model("", 1, None), scene.cameras[0]
@@ -92,7 +95,7 @@ def _row(name: str, what: str, seconds: float, image: np.ndarray, ideal: np.ndar
 
 
 def _worst_known() -> float | None:
-    path = ROOT / "reports" / "model.json"
+    path = REPORTS / "model.json"
     if not path.exists():
         return None
     rows = json.loads(path.read_text()).get("rows", [])
@@ -100,11 +103,11 @@ def _worst_known() -> float | None:
 
 
 def played(request: SceneRequest, config_name: str) -> Row:
-    """frame.json of the first view through the RTL (minutes, and a build at the first time).
+    """The frame.json of the first view on the RTL (minutes, and at the first time a build).
 
     Raises:
-        InputError: the RTL did not give the golden renderer's bits, or did not finish; a run's folder, whose views the RTL's
-            command line cannot name.
+        InputError: the RTL's bits differ from the golden renderer's, or it did not finish; or the request is the folder of a
+            run, whose views the RTL's command line cannot name.
     """
     if run_scene(request.path):
         raise InputError(f"{request.path} is not accepted with --rtl: a model is, or embedded")

@@ -1,4 +1,4 @@
-"""`python -m msv2.studies tradeoff`: what accuracy costs in time; pictures, tables and recommendations."""
+"""`msv2 study run tradeoff`: the cost of accuracy in time, with plots, tables and recommendations."""
 
 from __future__ import annotations
 
@@ -20,53 +20,55 @@ from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, rec
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
+from spec.command_line import command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
-from spec.paths import ROOT
+from spec.paths import REPORTS
 
 EPILOG = """\
 Writes OUT/NAME.md, NAME.json, NAME.html, and a PNG with a CSV beside it of machine, simulation and training. What was measured
 is kept in WORK by settings and sources: after Ctrl-C the same command goes on. docs/tradeoff.md explains the columns.
 
 examples:
-  python -m msv2.studies tradeoff                                                 the embedded scene
-  python -m msv2.studies tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
-  python -m msv2.studies tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
-  python -m msv2.studies tradeoff truck.splat --size 320x180 --jobs 4
-  python -m msv2.studies tradeoff --knob "support radius" --knob "SH degree"      only some knobs
-  python -m msv2.studies tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
-  python -m msv2.studies tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
+  msv2 study run tradeoff                                                 the embedded scene
+  msv2 study run tradeoff build/train/fern --size 252x189                 a finished run, against its photographs
+  msv2 study run tradeoff build/train/fern --variant M=build/train/fern-M    and another variant of it
+  msv2 study run tradeoff truck.splat --size 320x180 --jobs 4
+  msv2 study run tradeoff --knob "support radius" --knob "SH degree"      only some knobs
+  msv2 study run tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
+  msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
 """
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies tradeoff", description=__doc__, epilog=EPILOG,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed command line."""
+    parser = command_parser("msv2 study run tradeoff", __doc__, EPILOG)
     add = parser.add_argument
-    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE", help="a model, a finished run's folder, or embedded (default)")
-    add("--size", default="192x108", metavar="WxH", help="of the frames (default: 192x108)")
-    add("--views", type=int, default=2, metavar="N", help="over the test views (default: 2)")
+    add("scene", nargs="?", default=EMBEDDED, metavar="SCENE",
+        help="a model, the folder of a finished training run, or embedded (default)")
+    add("--size", default="192x108", metavar="WxH", help="size of the frames (default: 192x108)")
+    add("--views", type=int, default=2, metavar="N", help="number of views, spread over the test views (default: 2)")
     add("--variant", action="append", default=[], metavar="NAME=PATH", help="another model of the same world with four levels")
-    add("--knob", action="append", default=[], metavar="KNOB", help="only this one; may be given again (default: all)")
-    add("--units-per-metre", type=float, default=1.0, metavar="S", help="of two eyes (default: 1)")
+    add("--knob", action="append", default=[], metavar="KNOB", help="measure only this knob; can be repeated (default: all)")
+    add("--units-per-metre", type=float, default=1.0, metavar="S", help="scale of the scene for two eyes (default: 1)")
     add("--runs", default="build/train", metavar="DIR,DIR", help="folders of finished training runs (default: build/train)")
-    add("--rtl", action="store_true", help="the first view through the RTL, too (minutes; take a small size)")
-    add("--rtl-config", default="tiny", metavar="NAME", help="machine of the simulation's picture (default: tiny)")
-    add("--rtl-size", default="64x48", metavar="WxH", help="frame of the simulation's picture with --rtl (default: 64x48)")
-    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
-    add("--scheduler", metavar="ADDRESS", help="of a Dask cluster to work on instead")
-    add("--work", default="build/tradeoff/kept", metavar="DIR", help="what was measured before")
+    add("--rtl", action="store_true", help="also simulate the first view in RTL (minutes; choose a small size)")
+    add("--rtl-config", default="tiny", metavar="NAME",
+        help="configuration for the picture of the RTL simulation (default: tiny)")
+    add("--rtl-size", default="64x48", metavar="WxH", help="frame size for that picture (default: 64x48)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="number of processes (default: one per core)")
+    add("--scheduler", metavar="ADDRESS", help="address of a Dask cluster to use instead of local processes")
+    add("--work", default="build/tradeoff/kept", metavar="DIR", help="cache of measurements")
     add("--out", default="build/tradeoff", metavar="DIR", help="output folder (default: build/tradeoff)")
-    add("--name", default="tradeoff", help="of the files (default: tradeoff)")
+    add("--name", default="tradeoff", help="name of the output files (default: tradeoff)")
     return parser.parse_args(argv)
 
 
 def scene_request(args: argparse.Namespace) -> SceneRequest:
-    """What the command line asks to measure on.
+    """The scene on which the command line asks to measure.
 
     Raises:
-        InputError: a size, variant or scale that is none.
+        InputError: a size, a variant or a scale is not valid.
     """
     if args.rtl_config not in CONFIGS:
         raise InputError(f"config {args.rtl_config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
@@ -84,7 +86,7 @@ def sweep(
     work: Callable[..., dict[str, Any]], calls: Sequence[tuple[object, ...]], keys: Sequence[str], args: argparse.Namespace,
     what: str,
 ) -> list[dict[str, Any]]:
-    """`work` of every call, from what is kept or made and kept: results in order."""
+    """The results of `work` for every call, in order. Kept results are read; others are computed and kept."""
     folder = make_folder(Path(args.work) / what)
     found: dict[str, dict[str, Any]] = {}
     for key in dict.fromkeys(keys):
@@ -92,7 +94,7 @@ def sweep(
         try:
             found[key] = read_json(path)
         except InputError:
-            pass  # not measured, or torn
+            pass  # not measured yet, or damaged
     todo = [key for key in dict.fromkeys(keys) if key not in found]
     missing = [calls[keys.index(key)] for key in todo]
     results = run_all(work, missing, jobs=args.jobs, scheduler=args.scheduler)
@@ -104,7 +106,7 @@ def sweep(
 
 
 def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Settings with what they are worth, what they cost, and what they break."""
+    """The rows of settings, with their quality, their costs and the hard cases that they break."""
     scene = load(request)
     made = fingerprint([measure.__name__]), fingerprint([hard.__name__])
     measured = sweep(measure.tried, [(request, s) for s in settings],
@@ -112,7 +114,7 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
                       for s in settings], args, "frames")
     cases = sweep(hard.hard_cases, [(s,) for s in settings], [fingerprint((), made[1], hard.identity(s)) for s in settings],
                   args, "hard")
-    areas = report.known_areas(ROOT / "reports" / "area.json")
+    areas = report.known_areas(REPORTS / "area.json")
     rows = []
     for setting, quality, stable in zip(settings, measured, cases, strict=True):
         rows.append({
@@ -125,7 +127,7 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
 
 
 def marked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows, with losses, and what the default breaks itself taken out of what settings break."""
+    """The rows with losses. Hard cases that the default breaks itself do not count for other settings."""
     default = next(row for row in rows if row["knob"] == DEFAULT)
     for row in rows:
         row["broken"] = {name: why for name, why in row["broken"].items() if row is default or name not in default["broken"]}
@@ -135,7 +137,8 @@ def marked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, Any]]:
-    """All single settings, and for every budget the combination of the best, less its worst part while it is beyond."""
+    """All single settings and, for every budget, a combination of the best ones. While a combination exceeds its budget, its
+    part with the largest loss is removed."""
     scene = load(request)
     model = scene.leveled[""]
     settings = single(model.sh_degree, scene.levels_named, [name for name, _ in request.variants])
@@ -150,7 +153,7 @@ def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, A
         more = [combined(f"for {b.name}, {len(parts[b.name])}", parts[b.name], model.sh_degree, scene.levels_named)
                 for b in open_budgets]
         known_parts = {s.parts for s in settings}
-        settings += {s.parts: s for s in reversed(more) if s.parts not in known_parts}.values()  # named for the strictest
+        settings += {s.parts: s for s in reversed(more) if s.parts not in known_parts}.values()  # the strictest name
         rows = marked(machine_rows(request, settings, args))
         by_parts = {tuple(map(tuple, row["parts"])): row for row in rows if row["parts"]}
         open_budgets = [b for b in open_budgets if not b.holds(by_parts[tuple(parts[b.name])])]
@@ -161,7 +164,7 @@ def machine(request: SceneRequest, args: argparse.Namespace) -> list[dict[str, A
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line."""
     args = parse_arguments(argv)
     request, out = scene_request(args), make_folder(args.out)
     rows = machine(request, args)
@@ -177,6 +180,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "presets": {b.preset: b.name for b in BUDGETS if b.preset},
         "simulation": {"size": small.size, "config": args.rtl_config, "rows": simulated},
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}
-    report.write(content, out, args.name)
+    inputs = [args.scene, *(path for _, path in request.variants), REPORTS / "area.json"]
+    report.write(content, out, args.name, {"arguments": args, "machine": PAPER}, inputs)
     print(report.recommendation(content))
     return 0

@@ -1,4 +1,4 @@
-"""What training costs: iterations, points and seconds against quality, from the logs of finished runs."""
+"""The cost of training: iterations, points and seconds against quality, from the logs of finished runs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Row = dict[str, object]
 
 
 def runs(folders: Sequence[Path]) -> list[Row]:
-    """Finished runs in folders of runs: one row each, with `stages` and a `curve` of the dense stage.
+    """One row for each finished run in folders of runs, with its `stages` and a `curve` of the dense stage.
 
-    The curve's PSNR is of training views as the run went by; a stage's is of the test views at its end.
+    The PSNR of the curve is that of training views during the run; the PSNR of a stage is that of the test views at its end.
     """
     found, seen = [], set()
     for folder in folders:
@@ -23,7 +23,7 @@ def runs(folders: Sequence[Path]) -> list[Row]:
                 report = read_json(path)
                 row = _run(path.parent, report)
             except (InputError, KeyError, TypeError):
-                continue  # of another kind or version: not a run that can be compared
+                continue  # the report is of another kind or version, so that the run cannot be compared
             key = repr((row["scene"], row["variant"], row["size"], row["stages"]))
             if key not in seen:
                 seen.add(key)

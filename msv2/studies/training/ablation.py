@@ -1,4 +1,4 @@
-"""The paper's ablation: what each technique leaves of points, intersections and quality, from the dense model on."""
+"""The paper's ablation: points, intersections and quality after each technique, beginning with the dense model."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Step:
-    """A row.
+    """A row of the ablation.
 
     Attributes:
-        name: what was added.
-        points: of L1.
-        storage_mb: 10^6 bytes, of all levels.
-        psnr, ssim: of L1 on the test views; foveated frames have the same L1 in the fovea.
-        frame: mean frame of the test views; foveated, with the gaze in the centre, where the model has levels.
+        name: the technique that was added.
+        points: the number of points of L1.
+        storage_mb: the storage of all levels in 10^6 bytes.
+        psnr, ssim: of L1 on the test views. A foveated frame shows the same L1 in the fovea.
+        frame: the mean frame of the test views; it is foveated, with the gaze in the centre, if the model has levels.
     """
 
     name: str
@@ -35,12 +35,12 @@ class Step:
     frame: FrameWork
 
     def record(self) -> dict[str, object]:
-        """Ready for JSON."""
+        """The row as JSON-ready values."""
         return asdict(self) | {"frame": self.frame.record()}
 
 
 def ablate(scene: TrainingScene, models: Sequence[tuple[str, Gaussians | FoveatedModel]]) -> list[Step]:
-    """The rows of models, given by name in the order in which techniques are added; the scene's test views judge."""
+    """The rows of models, which are named and in the order in which techniques are added. Quality is measured on test views."""
     rows = []
     for name, model in models:
         foveated = isinstance(model, FoveatedModel)

@@ -1,4 +1,4 @@
-"""The paper's comparison of foveated representations: storage, HVSQ of each level, and what a foveated frame costs."""
+"""The paper's comparison of foveated representations: storage, HVSQ of each level, and the cost of a foveated frame."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Compared:
-    """A method's row.
+    """The row of a method.
 
     Attributes:
-        method: its name.
-        points: of each level.
-        storage_mb: 10^6 bytes, of all levels.
-        over_l1_percent: what the levels add to L1's storage.
-        hvsq, hvsq_validation: of each level at its own pooling, means over test views and over validation views.
-        frame: mean foveated frame of the test views, gaze in the centre.
-        seconds: what training it took beyond its L1.
+        method: the method's name.
+        points: the number of points of each level.
+        storage_mb: the storage of all levels in 10^6 bytes.
+        over_l1_percent: the storage that the levels add to that of L1.
+        hvsq, hvsq_validation: for each level at its own pooling, the mean HVSQ over test views and over validation views.
+        frame: the mean foveated frame of the test views, with the gaze in the centre.
+        seconds: the time of the training beyond L1.
     """
 
     method: str
@@ -38,21 +38,21 @@ class Compared:
 
     @property
     def points_percent(self) -> tuple[float, ...]:
-        """Points of each level, percent of L1's."""
+        """The points of each level in percent of L1's."""
         return tuple(100.0 * count / self.points[0] for count in self.points)
 
     def record(self) -> dict[str, object]:
-        """Ready for JSON."""
+        """The row as JSON-ready values."""
         return asdict(self) | {"points_percent": self.points_percent, "frame": self.frame.record()}
 
 
 def compare(scene: TrainingScene, methods: Mapping[str, Levels], seconds: Mapping[str, float]) -> list[Compared]:
-    """The rows, in the methods' order.
+    """The rows of the methods, in their order.
 
     Args:
-        scene: its test views judge; its validation views are measured too.
-        methods: models by name.
-        seconds: of training, by name.
+        scene: the scene. Quality is measured on its test views and on its validation views.
+        methods: the models by the method's name.
+        seconds: the seconds of training by the method's name.
     """
     rows = []
     for name, levels in methods.items():
@@ -66,5 +66,5 @@ def compare(scene: TrainingScene, methods: Mapping[str, Levels], seconds: Mappin
 
 
 def fewer_percent(ours: Compared, plain: Compared) -> tuple[float, ...]:
-    """Points of each level that opacity enhancement saves, percent of those without it."""
+    """The points of each level that opacity enhancement saves, in percent of those without it."""
     return tuple(100.0 * (1 - a / b) for a, b in zip(ours.points, plain.points, strict=True))

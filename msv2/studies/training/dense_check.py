@@ -1,9 +1,8 @@
-"""Dense training's defaults against what they were chosen over, on validation views: python -m
+"""Compares the defaults of dense training with their alternatives, on validation views: python -m
 msv2.studies.training.dense_check."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from golden.scenes.files import atomic_output
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.request import make_folder, parse_size
 from golden.training.dense import DenseOptions, DenseStage
 from golden.training.evaluate import evaluate
 from golden.training.scene import load_training_scene
+from msv2.studies.page import table, write_page
+from msv2.studies.record import write_report
+from spec.command_line import command_parser
 from spec.errors import run_command_line
 
 VARIANTS: dict[str, dict[str, float]] = {
     "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0},
     "no fading": {"opacity_decay": 1.0}}
-"""What differs from the defaults of `DenseOptions`."""
+"""The differences of each variant from the defaults of `DenseOptions`."""
 
 
 def measure(scene: str, size: tuple[int, int] | None, options: DenseOptions, seeds: int) -> list[dict[str, Any]]:
@@ -41,27 +42,28 @@ def measure(scene: str, size: tuple[int, int] | None, options: DenseOptions, see
 
 
 def page(report: dict[str, Any]) -> str:
-    """The table."""
+    """The report as Markdown."""
     lines = [
         "# Dense training's defaults", "",
         f"{report['scene']} at {report['size']}, {report['iterations']:,} iterations, at most {report['max_points']:,} points; "
         "means over the validation views, which neither train nor test; one column for each seed.", "",
-        "| variant | PSNR dB by seed | mean | SSIM, mean |", "|---|---|---|---|"]
+    ]
+    cells = []
     for row in report["rows"]:
         psnr = [each["psnr"] for each in row["seeds"]]
-        lines.append(f"| {row['variant']} | {', '.join(f'{value:.2f}' for value in psnr)} | {np.mean(psnr):.2f} | "
-                     f"{np.mean([each['ssim'] for each in row['seeds']]):.4f} |")
-    return "\n".join([*lines, ""])
+        cells.append([row["variant"], ", ".join(f"{value:.2f}" for value in psnr), f"{np.mean(psnr):.2f}",
+                      f"{np.mean([each['ssim'] for each in row['seeds']]):.4f}"])
+    return "\n".join([*lines, table(["variant", "PSNR dB by seed", "mean", "SSIM, mean"], cells), ""])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Trains, and writes dense_check.json and dense_check.md; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies.training.dense_check", description=__doc__)
+    """Trains, and writes dense_check.json and dense_check.md; returns the exit status."""
+    parser = command_parser("python -m msv2.studies.training.dense_check", __doc__)
     add = parser.add_argument
-    add("scene", nargs="?", default="embedded", metavar="SCENE", help="as of golden/train.py (default: embedded)")
+    add("scene", nargs="?", default="embedded", metavar="SCENE", help="a scene that can be trained (default: embedded)")
     add("--size", metavar="WxH", help="size to train at")
-    add("--iterations", type=int, default=1000, help="of each dense training (default: 1000)")
-    add("--max-points", type=int, default=10_000, help="cap on the points (default: 10000)")
+    add("--iterations", type=int, default=1000, help="iterations of each dense training (default: 1000)")
+    add("--max-points", type=int, default=10_000, help="largest number of points (default: 10000)")
     add("--seeds", type=int, default=2, help="number of seeds (default: 2)")
     add("--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (default: reports)")
     args = parser.parse_args(argv)
@@ -70,9 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     report = {"scene": Path(args.scene).name, "size": args.size or "its own size", "iterations": args.iterations,
               "max_points": args.max_points, "rows": rows}
     out = make_folder(args.out)
-    write_json(out / "dense_check.json", report)
-    with atomic_output(out / "dense_check.md") as file:
-        file.write(page(report).encode())
+    write_report(out / "dense_check.json", report, [__name__], {"arguments": args}, [args.scene])
+    write_page(out / "dense_check.md", page(report))
     print(page(report))
     return 0
 

@@ -1,4 +1,4 @@
-"""What a frame of trained models costs the machine: intersections by the golden renderer, cycles by the cycle model."""
+"""The work of the machine for a frame of trained models: intersections by the golden renderer, cycles by the cycle model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UP = np.array([0.0, -1.0, 0.0])
 
 @dataclass(frozen=True)
 class FrameWork:
-    """What a frame costs the machine, or the mean of several frames.
+    """The work of the machine for a frame, or the mean of several frames.
 
     Attributes:
         points: Gaussians that are read.
@@ -55,7 +55,7 @@ class FrameWork:
         return self.entries / self.tiles
 
     def record(self) -> dict[str, Any]:
-        """The frame as JSON-ready values, with the name of what estimated the cycles."""
+        """The frame as JSON-ready values, with the source of the cycles."""
         return asdict(self) | {"cycles": self.cycles, "entries_per_tile": self.entries_per_tile, "cycles_by": MODEL}
 
     @classmethod
@@ -65,7 +65,7 @@ class FrameWork:
 
     @classmethod
     def total(cls, works: Sequence[FrameWork]) -> FrameWork:
-        """The parts of one frame that the machine makes one after the other. The tiles are those of the one frame."""
+        """The sum of the parts of one frame that the machine makes one after the other. The tiles are counted once."""
         sums = {f.name: float(sum(getattr(work, f.name) for work in works)) for f in fields(cls)}
         return cls(**sums | {"tiles": works[0].tiles})
 
@@ -85,8 +85,8 @@ def whole_frame_work(gaussians: Gaussians, camera: Camera, config: AcceleratorCo
 def foveated_frame_work(levels: Levels, camera: Camera, config: AcceleratorConfig = PAPER) -> FrameWork:
     """The work of a foveated frame with the gaze in its centre.
 
-    Separate models are projected each, each lists its Gaussians in the tiles that show its level, and a tile that blends two
-    levels is made twice.
+    Of separate models, each is projected, and lists its Gaussians in the tiles that show its level. A tile that blends two
+    levels is rendered twice.
     """
     foveation = centre_foveation(camera, levels.levels)
     if isinstance(levels, FoveatedModel):

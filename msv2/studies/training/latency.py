@@ -1,7 +1,7 @@
-"""Latency of a frame against points and against tile-ellipse intersections (the paper's motivation, section 3.1).
+"""The latency of a frame against its points and against its intersections (the paper's motivation, section 3.1).
 
-Versions of one dense model with more and more of its points removed, by LightGaussian's importance as the paper does and by CE;
-none is retrained, so that only the number and the choice of points differ.
+The study uses versions of one dense model with more and more of its points removed, by LightGaussian's importance as in the
+paper and by CE. None is retrained, so that only the number and the choice of points differ.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 CRITERIA = ("importance", "ce")
-"""What chooses the points that go; names as in `golden.training.efficiency`."""
+"""The criteria that choose the points to remove, named as in `golden.training.efficiency`."""
 
 REMOVED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.97)
-"""Shares of the points removed; the paper shows 75 to 97 %."""
+"""The shares of points that are removed; the paper shows 75 to 97 %."""
 
 EDGE = 256
-"""Longest edge of the frames, in pixels: what the RTL can be simulated at in seconds."""
+"""Longest edge of the frames in pixels, a size at which simulating the RTL takes seconds."""
 
 
 @dataclass(frozen=True)
 class Version:
-    """A pruned version and what its frame costs.
+    """A pruned version of the model, and the cost of its frame.
 
     Attributes:
         criterion: one of CRITERIA.
-        removed: share of the dense model's points.
-        points: that are left.
-        work: of the frame, by the golden renderer and the cycle model.
-        rtl: measured, or None.
+        removed: the share of the dense model's points that was removed.
+        points: the number of remaining points.
+        work: the work for the frame, by the golden renderer and the cycle model.
+        rtl: the cycles of the RTL, or None.
     """
 
     criterion: str
@@ -51,19 +51,20 @@ class Version:
     rtl: RtlCycles | None
 
     def record(self) -> dict[str, Any]:
-        """Ready for JSON."""
+        """The version as JSON-ready values."""
         rtl = None if self.rtl is None else asdict(self.rtl) | {"cycles": self.rtl.cycles}
         return asdict(self) | {"work": self.work.record(), "rtl": rtl}
 
 
 def frame_camera(camera: Camera, edge: int = EDGE) -> Camera:
-    """The camera at a size no longer than `edge`, of its proportions."""
+    """The camera with the same proportions, at a size of at most `edge`."""
     scale = min(1.0, edge / max(camera.width, camera.height))
     return camera.resized(max(1, round(scale * camera.width)), max(1, round(scale * camera.height)))
 
 
 def pruned(dense: Gaussians, scene: TrainingScene, criterion: str, removed: Sequence[float] = REMOVED) -> list[Gaussians]:
-    """The dense model without the shares `removed` of its points, the lowest scores on the training views first."""
+    """The dense model without the shares `removed` of its points. Those with the lowest scores on the training views go
+    first."""
     scores = Scores(criterion, [scene.cameras[view] for view in scene.train]).measure(dense)
     counts = [min(round(share * len(dense)), len(dense) - 1) for share in removed]
     return [dense.select(without_lowest(scores, count)) for count in counts]
@@ -73,12 +74,15 @@ def measure(
     dense: Gaussians, scene: TrainingScene, *, edge: int = EDGE, removed: Sequence[float] = REMOVED,
     rtl: Callable[[Gaussians, Camera], RtlCycles] | None = None, progress: Callable[[], object] | None = None,
 ) -> list[Version]:
-    """The versions by both criteria; what removes nothing is measured once and stands in both.
+    """The versions by both criteria. The version from which nothing is removed is measured once and appears under both.
 
     Args:
-        edge: longest edge of the frame, of the scene's first test view.
-        rtl: cycles of a frame of a model, or None: cycles by the model alone.
-        progress: called after each version.
+        dense: the dense model.
+        scene: the scene; the frame is that of its first test view.
+        edge: the longest edge of the frame in pixels.
+        removed: the shares of points to remove.
+        rtl: a function that gives the RTL's cycles of a frame of a model; None for cycles by the model alone.
+        progress: is called after each version.
     """
     camera, versions, whole = frame_camera(scene.cameras[scene.test[0]], edge), [], None
     for criterion in CRITERIA:
@@ -95,7 +99,7 @@ def measure(
 
 
 def series(versions: Sequence[Version]) -> dict[str, np.ndarray]:
-    """(V,) float64 of each quantity: points, entries, cycles by the model, and RTL cycles where all were measured."""
+    """(V,) float64 of each quantity: points, intersections, cycles by the model, and RTL cycles if all were measured."""
     result = {
         "points": [v.points for v in versions], "entries": [v.work.entries for v in versions],
         MODEL: [v.work.cycles for v in versions]}
@@ -105,10 +109,10 @@ def series(versions: Sequence[Version]) -> dict[str, np.ndarray]:
 
 
 def proportionality(versions: Sequence[Version]) -> dict[str, dict[str, dict[str, float]]]:
-    """How latency follows points and entries: by latency (model, rtl), then by points or entries.
+    """How latency follows points and intersections: by the source of the latency (model, rtl), then by points or entries.
 
-    `pearson`: correlation. `off`: mean over versions of |ln(latency / dense's) - ln(quantity / dense's)|: 0 where both fall at
-    the same rate, 0.69 where one falls to half of what the other does.
+    `pearson` is the correlation. `off` is the mean over versions of |ln(latency / dense's) - ln(quantity / dense's)|. It is 0
+    if both fall at the same rate, and 0.69 if one falls to half of what the other does.
     """
     data, result = series(versions), {}
     for latency in CYCLES:

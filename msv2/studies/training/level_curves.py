@@ -1,4 +1,4 @@
-"""HVSQ of a level against its points, as the gate saw it while the level was made: what opacity enhancement buys."""
+"""HVSQ of a level against its points during its training, which shows the gain of opacity enhancement."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class LevelCurve:
     """The lowest HVSQ that training reached at each number of points.
 
     Attributes:
-        level: 1-based, 2 to 4.
-        points: fewest first.
-        hvsq: on the gate's validation views, over its target: at most 1 passes.
-        kept: points of the level that came out.
+        level: the level, 2 to 4, where L1 is 1.
+        points: the numbers of points, in ascending order.
+        hvsq: the ratio of HVSQ on the gate's validation views to its target; at most 1 passes.
+        kept: the number of points of the final level.
     """
 
     level: int
@@ -25,15 +25,15 @@ class LevelCurve:
 
 
 def level_curves(records: Iterable[Mapping[str, Any]], counts: Sequence[int], suffix: str = "") -> tuple[LevelCurve, ...]:
-    """The curves of levels 2 on, from a chain's log.
+    """The curves of the levels from 2 on, from the log of a chain.
 
-    A look at the gate is logged with the iteration after it, which may have pruned: what was looked at are the points of the
-    iteration before. The last look is at the result.
+    An evaluation at the gate is logged with the iteration after it, which may have pruned. So it belongs to the points of the
+    iteration before. The last evaluation is that of the result.
 
     Args:
-        records: of the log, in order.
-        counts: points of each level that came out, L1 first.
-        suffix: of the stages' names.
+        records: the records of the log, in order.
+        counts: the points of each final level, L1 first.
+        suffix: the suffix of the stages' names.
     """
     by_stage: dict[str, list[Mapping[str, Any]]] = {}
     for record in records:

@@ -1,6 +1,6 @@
-"""What the display's pixels do to the levels: runs of golden/train.py of one scene with and without --pooling-width.
+"""The effect of the display's pixels on the levels: compares runs of golden/train.py with and without --pooling-width.
 
-    python msv2/studies/training/pooling.py build/train/fern build/train/fern-pooled     writes reports/pooling.json
+    msv2 study run pooling build/train/fern build/train/fern-pooled     writes reports/pooling.json
 """
 
 from __future__ import annotations
@@ -9,20 +9,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from spec.paths import ROOT
-
-sys.path.insert(0, str(ROOT))
-
 from golden.scenes.files import read_json
-from golden.scenes.request import write_json
+from msv2.studies.record import write_report
 from spec.errors import InputError, run_command_line
+from spec.paths import REPORTS
 
 
 def row(folder: Path) -> dict[str, object]:
-    """What is kept of a run's report.
+    """The kept numbers of a run's report.
 
     Raises:
-        InputError: it has none.
+        InputError: the run has no report.
     """
     report = read_json(folder / "report.json")
     return {
@@ -32,11 +29,12 @@ def row(folder: Path) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command line's work."""
+    """Runs the command line."""
     folders = [Path(text) for text in (sys.argv[1:] if argv is None else argv)]
     if not folders:
         raise InputError("no run is not accepted: name folders of finished runs of golden/train.py")
-    write_json(ROOT / "reports" / "pooling.json", {"rows": [row(folder) for folder in folders]})
+    write_report(REPORTS / "pooling.json", {"rows": [row(folder) for folder in folders]}, [__name__, "golden.train"],
+                 {"runs": folders}, [folder / "report.json" for folder in folders])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pruning compared: from one dense model, by the same loop, what each gate and each criterion leaves of intersections."""
+"""Compares pruning: the intersections that each gate and each criterion leaves of one dense model, with the same loop."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 OURS = "ce"
-"""The criterion of our loops."""
+"""The criterion of our pruning loops."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """A loop's look at its gate.
+    """An evaluation of a pruning loop's model at its gate.
 
     Attributes:
-        psnr: dB, on the gate's validation views.
-        entries: (splat, tile) pairs listed per frame of these.
-        passed: whether it passed.
+        psnr: PSNR in dB on the gate's validation views.
+        entries: intersections per frame of these views.
+        passed: whether the model passed.
     """
 
     psnr: float
@@ -36,12 +36,12 @@ class Look:
 
 @dataclass(frozen=True)
 class EqualQuality:
-    """A baseline's result beside the looks of our loop with the same gate, on the gate's validation views.
+    """A baseline's result compared with the evaluations of our loop with the same gate, on the gate's validation views.
 
     Attributes:
-        psnr: dB, of the baseline's result.
-        entries: per frame, of the baseline's result.
-        ours: fewest entries that our loop had at no less PSNR; None: it never had that PSNR.
+        psnr: PSNR in dB of the baseline's result.
+        entries: intersections per frame of the baseline's result.
+        ours: the fewest intersections of our loop at no less PSNR; None if it never had that PSNR.
     """
 
     psnr: float
@@ -51,16 +51,16 @@ class EqualQuality:
 
 @dataclass(frozen=True)
 class Pruned:
-    """A row.
+    """A row of the table.
 
     Attributes:
-        criterion: one of efficiency.CRITERIA, or None: the dense model.
-        variant: of the gate, or None: the dense model.
-        tuned: whether it was fine-tuned after the loop: the L1 of a finished run.
-        points: Gaussians.
+        criterion: one of efficiency.CRITERIA; None for the dense model.
+        variant: the variant of the gate; None for the dense model.
+        tuned: whether the model was fine-tuned after the loop, which makes it the L1 of a finished run.
+        points: the number of Gaussians.
         psnr, ssim: on the test views.
-        frame: mean frame of the test views.
-        equal: of baselines, how our loop compares.
+        frame: the mean frame of the test views.
+        equal: for baselines, the comparison with our loop.
     """
 
     criterion: str | None
@@ -73,7 +73,7 @@ class Pruned:
     equal: EqualQuality | None = None
 
     def record(self, dense: Pruned) -> dict[str, Any]:
-        """Ready for JSON, with shares of the dense model's."""
+        """The row as JSON-ready values, with shares of the dense model's."""
         return asdict(self) | {
             "frame": self.frame.record(), "points_percent": 100 * self.points / dense.points,
             "psnr_percent": 100 * self.psnr / dense.psnr,
@@ -81,7 +81,8 @@ class Pruned:
 
 
 def pruning_rows(scene: TrainingScene, trained: Trained) -> list[Pruned]:
-    """The dense model's row, then ours gate by gate, then the baselines'; the scene's test views judge."""
+    """The row of the dense model, then ours for each gate, then the baselines'. Quality is measured on the scene's test
+    views."""
     results, recipe, views = trained.results, trained.recipe, gate_views(scene, trained.recipe.prune_options())
     dense = evaluate(results["dense"], scene, views)
     first = Look(dense.psnr, dense.entries, True)
@@ -106,13 +107,13 @@ def _row(scene: TrainingScene, model: Gaussians, criterion: str | None, variant:
 
 
 def looks(records: Iterable[Mapping[str, Any]], stage: str, dense: Look) -> list[Look]:
-    """A loop's looks from its chain's log: the dense model's, which comes before the first iteration, and the logged ones."""
+    """The evaluations of a loop from its chain's log, preceded by that of the dense model, which the log does not contain."""
     return [dense, *(Look(record["psnr"], record["entries"], bool(record["passed"]))
                      for record in records if record["stage"] == stage and "passed" in record)]
 
 
 def equal_quality(baseline: Sequence[Look], ours: Sequence[Look]) -> EqualQuality:
-    """The baseline's result, which is its passing look with the fewest entries, against all looks of ours."""
+    """Compares the baseline's result, which is its passing evaluation with the fewest intersections, with all of ours."""
     kept = min((look for look in baseline if look.passed), key=lambda look: look.entries)
     return EqualQuality(
         kept.psnr, kept.entries, min((look.entries for look in ours if look.psnr >= kept.psnr), default=None))

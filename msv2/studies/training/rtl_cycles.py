@@ -1,4 +1,4 @@
-"""Cycles of the RTL: a frame of a model, simulated once and kept by what it was made of."""
+"""Cycles of the RTL for a frame of a model. A frame is simulated once and kept under a key of its inputs."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from golden.scenes.model import GaussianModel
 from msv2.studies import rtl_frame
 
 OPTIONS = ("--config", "paper", "--machine", "full")
-"""Options of every frame: the machine whose cycles by the model stand beside."""
+"""Options of every frame. The machine is the one whose cycles the model gives for comparison."""
 
 
 @dataclass(frozen=True)
 class RtlCycles:
-    """Cycles of a frame, bit-exact against the golden renderer.
+    """Cycles of a frame that is bit-exact against the golden renderer.
 
     Attributes:
-        geometry: of the tile table and the geometry phase.
-        render: of the rendering phase.
-        entries: intersections of tiles and splats.
+        geometry: the cycles of the tile table and the geometry phase.
+        render: the cycles of the rendering phase.
+        entries: the intersections.
     """
 
     geometry: int
@@ -29,7 +29,7 @@ class RtlCycles:
 
     @property
     def cycles(self) -> int:
-        """Cycles of the frame, without what the machine clears once after a reset."""
+        """Cycles of the frame, without the clearing that follows a reset."""
         return self.geometry + self.render
 
 
@@ -37,10 +37,12 @@ def rtl_cycles(model: GaussianModel, camera: Camera, folder: Path) -> RtlCycles:
     """Cycles of a frame of level 1.
 
     Args:
-        folder: for what was simulated before.
+        model: the model.
+        camera: the camera.
+        folder: the folder of earlier simulations.
 
     Raises:
-        InputError: the simulation fails or a bit differs.
+        InputError: the simulation fails, or a bit differs.
     """
     found = rtl_frame.model_frame(folder, model, camera, OPTIONS)
     return RtlCycles(found["table_cycles"] + found["geometry_cycles"], found["render_cycles"], found["entries"])

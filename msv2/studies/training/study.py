@@ -1,4 +1,4 @@
-"""The paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
+"""Makes the paper's tables of training: foveated representations and points per level, the ablation, pruning, and latency."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 from golden.diff import import_torch
 from msv2.studies.training.labels import TABLES
+from spec.command_line import command_parser
 from spec.errors import InputError
 
 EXAMPLES = """examples:
-  python -m msv2.studies training                                     the embedded scene
-  python -m msv2.studies training embedded fern@504x378 --no-rtl      several scenes, own sizes, no simulation of the RTL
-  python -m msv2.studies training fern --tables pruning               one table alone; later ones find what it has trained
-  python -m msv2.studies training --out reports --name training      training.json, training.md and training.png in reports/
+  msv2 study run training                                     the embedded scene
+  msv2 study run training embedded fern@504x378 --no-rtl      several scenes, own sizes, no simulation of the RTL
+  msv2 study run training fern --tables pruning               one table alone; later ones find what it has trained
+  msv2 study run training --out reports --name training      training.json, training.md and training.png in reports/
 
 A finished run of golden/train.py in build/train that fits what is asked for is not trained again; what the tables need beside
 it (scale decay alone, levels without opacity enhancement, MMFR, pruning by other gates and criteria) is, once. After Ctrl-C the
@@ -23,38 +24,37 @@ same command goes on.
 
 
 PLOTTED = {"representations", "latency"}
-"""Tables with a plot."""
+"""The tables that have a plot."""
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m msv2.studies training", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+    """The parsed command line."""
+    parser = command_parser("msv2 study run training", __doc__, EXAMPLES)
     add = parser.add_argument
     add("scenes", nargs="*", metavar="SCENE[@WxH]",
-        help="as golden/train.py takes them, each with a size of its own or --size's (default: embedded)")
-    add("--variant", metavar="H|M|L", help="as golden/train.py (default: a finished run's, else H)")
-    add("--size", metavar="WxH", help="size to train at (default: a finished run's, else that of golden/train.py)")
-    add("--iterations", type=int, metavar="N", help="of the recipe's own chain; all tables take 2.2 times as many more")
-    add("--max-points", type=int, metavar="N", help="cap on the dense model's points")
-    add("--seed", type=int, metavar="N", help="of everything drawn at random")
+        help="scenes that can be trained, each with a size of its own or that of --size (default: embedded)")
+    add("--variant", metavar="H|M|L", help="training variant (default: that of a finished run, else H)")
+    add("--size", metavar="WxH", help="size to train at (default: that of a finished run, else that of the training)")
+    add("--iterations", type=int, metavar="N",
+        help="iterations of the recipe; all tables together need 2.2 times as many in addition")
+    add("--max-points", type=int, metavar="N", help="largest number of points of the dense model")
+    add("--seed", type=int, metavar="N", help="seed of all random numbers")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--tables", default=",".join(TABLES), metavar="NAME,NAME", help=f"some of {', '.join(TABLES)} (default: all)")
     add("--edge", type=int, metavar="PX", help="longest edge of the latency plot's frames (default: 256)")
-    add("--no-rtl", dest="rtl", action="store_false", help="cycles by the model alone: no simulation of the RTL")
-    add("--runs", default="build/train", metavar="DIR", help="where finished runs are (default: build/train)")
-    add("--work", default="build/tables-training/kept", metavar="DIR", help="checkpoints and simulated frames")
-    add("--out", default="build/tables-training", metavar="DIR", help="of NAME.md, NAME.json and NAME.png")
-    add("--name", default="tables", help="of those files (default: tables)")
+    add("--no-rtl", dest="rtl", action="store_false", help="take cycles from the cycle model only, without an RTL simulation")
+    add("--runs", default="build/train", metavar="DIR", help="folder of finished training runs (default: build/train)")
+    add("--work", default="build/tables-training/kept", metavar="DIR", help="folder of checkpoints and simulated frames")
+    add("--out", default="build/tables-training", metavar="DIR", help="folder of NAME.md, NAME.json and NAME.png")
+    add("--name", default="tables", help="name of those files (default: tables)")
     return parser.parse_args(argv)
 
 
 def chosen_tables(text: str) -> tuple[str, ...]:
-    """The tables that a list with commas names, each once, in the order of TABLES.
+    """The tables that a comma-separated list names, each once, in the order of TABLES.
 
     Raises:
-        InputError: a name that none has, or no name.
+        InputError: a name is not that of a table, or there is none.
     """
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names or [""]:
@@ -64,7 +64,7 @@ def chosen_tables(text: str) -> tuple[str, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; its exit status."""
+    """Runs the command line; returns its exit status."""
     args = parse_arguments(argv)
     if args.edge is not None and args.edge < 16:
         raise InputError(f"edge {args.edge} is not accepted: 16 pixels or more are")

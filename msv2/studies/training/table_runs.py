@@ -1,8 +1,8 @@
-"""The models that the tables compare, made by the stages of `golden/train.py` and what the comparisons need beside them.
+"""Trains the models that the tables compare: with the stages of `golden/train.py`, and with further ones for comparisons.
 
-Parts, each a chain of its own that can be made alone and goes on where it was interrupted: L1 and the levels (or what a
-finished run of `golden/train.py` left of them), scale decay without pruning, levels without opacity enhancement, the separate
-models of MMFR, and pruning by other gates and criteria.
+The work is split into parts. Each part is a chain of its own, which can be made alone and continues where it was interrupted.
+The parts are L1 and the levels (or what a finished run of `golden/train.py` left of them), scale decay without pruning, levels
+without opacity enhancement, the separate models of MMFR, and pruning by other gates and criteria.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from msv2.studies.training.level_curves import LevelCurve, level_curves
 from spec.constants import MAX_LEVELS
 
 SCALE_DECAY = "scale-decay"
-"""Name of the stage that controls scale decay and prunes nothing."""
+"""Name of the stage with scale decay and without pruning."""
 
 PLAIN = "-plain"
-"""Ends the names of levels without opacity enhancement."""
+"""Suffix of the names of levels without opacity enhancement."""
 
 LEVELS = tuple(f"level{level + 1}" for level in range(1, MAX_LEVELS))
 SEPARATE = tuple(f"separate{level + 1}" for level in range(1, MAX_LEVELS))
@@ -34,27 +34,27 @@ SEPARATE = tuple(f"separate{level + 1}" for level in range(1, MAX_LEVELS))
 NEEDED = {
     "representations": ("level1", "levels", "plain", "mmfr"), "ablation": ("level1", "levels", SCALE_DECAY, "plain"),
     "pruning": ("level1", "pruning"), "latency": ("level1",)}
-"""Parts that each table needs, by the names of `labels.TABLES`."""
+"""The parts that each table needs, by the names of `labels.TABLES`."""
 
 PARTS = ("level1", "levels", SCALE_DECAY, "plain", "mmfr", "pruning")
-"""In the order in which they are made."""
+"""The parts, in the order in which they are made."""
 
 
 def parts_of(tables: Iterable[str]) -> tuple[str, ...]:
-    """The parts that some tables need, in order."""
+    """The parts that the tables need, in order."""
     needed = {part for table in tables for part in NEEDED[table]}
     return tuple(part for part in PARTS if part in needed)
 
 
 @dataclass(frozen=True)
 class Trained:
-    """What a scene's tables are about.
+    """The trained models of a scene.
 
     Attributes:
-        recipe: of the chain.
-        results: what stages left, by name.
-        seconds: of training, by stage.
-        records: of the chains' logs.
+        recipe: the recipe of the chain.
+        results: the results of the stages, by name.
+        seconds: the seconds of training, by stage.
+        records: the records of the chains' logs.
     """
 
     recipe: Recipe
@@ -64,7 +64,7 @@ class Trained:
 
     @property
     def ours(self) -> FoveatedModel:
-        """Four levels, opacities enhanced."""
+        """Four levels with opacity enhancement."""
         return self.results[LEVELS[-1]]
 
     @property
@@ -74,38 +74,38 @@ class Trained:
 
     @property
     def smfr(self) -> FoveatedModel:
-        """Random subsets with the points of `ours`."""
+        """Random subsets with as many points as `ours`."""
         return smfr(self.results["finetune"], self.ours.counts, self.recipe.seed)
 
     @property
     def mmfr(self) -> SeparateModels:
-        """Separate models with the points of `ours`."""
+        """Separate models with as many points as `ours`."""
         return SeparateModels((self.results["finetune"], *(self.results[name] for name in SEPARATE)))
 
     @property
     def curves(self) -> tuple[LevelCurve, ...]:
-        """HVSQ of levels against their points while they were made."""
+        """HVSQ of the levels against their points during training."""
         return level_curves(self.records, self.ours.counts)
 
     @property
     def plain_curves(self) -> tuple[LevelCurve, ...]:
-        """The same without opacity enhancement."""
+        """HVSQ of the levels without opacity enhancement against their points during training."""
         return level_curves(self.records, self.plain.counts, PLAIN)
 
     def seconds_of(self, stages: Sequence[str]) -> float:
-        """Of several stages."""
+        """The seconds of several stages together."""
         return sum(self.seconds.get(name, 0.0) for name in stages)
 
 
 def part_plan(part: str, recipe: Recipe, scene: TrainingScene, device: str, before: Mapping[str, Any]) -> list[Planned]:
-    """The stages of a part in order, but for those whose results are there.
+    """The stages of a part in order, without those that have results already.
 
     Args:
         part: one of PARTS.
-        recipe: with opacity enhancement and no baseline, as the tables have both.
-        scene: what is trained on and judged by.
-        device: where to train.
-        before: what the stages of earlier parts left, by name.
+        recipe: the recipe, with opacity enhancement and no baseline, since the tables contain both.
+        scene: the scene for training and evaluation.
+        device: the device on which to train.
+        before: the results of the stages of earlier parts, by name.
     """
     own = {stage.name: stage for stage in plan(recipe, scene, device)}
     if part == "level1":
@@ -126,18 +126,19 @@ def part_plan(part: str, recipe: Recipe, scene: TrainingScene, device: str, befo
 
 
 def prune_stages(recipe: Recipe) -> dict[tuple[str, str], str]:
-    """Names of the loops of pruning by criterion and variant: the recipe's is `prune`, the others' follow from both."""
+    """Names of the pruning loops by criterion and variant. The recipe's loop is `prune`; other names follow from both."""
     ours = {("ce", variant): "prune" if variant == recipe.variant else f"prune-{variant}" for variant in VARIANTS}
     return ours | {(criterion, recipe.variant): f"prune-{criterion}" for criterion in BASELINES}
 
 
 def tuned_stage(prune: str) -> str:
-    """Name of the stage that fine-tunes what a loop of ours left."""
+    """Name of the stage that fine-tunes the result of one of our loops."""
     return prune.replace("prune", "finetune")
 
 
 def _pruning(recipe: Recipe, scene: TrainingScene, device: str) -> list[Planned]:
-    """From the recipe's dense model: its loop by other criteria, and the loop and fine-tuning by other gates."""
+    """The stages that start from the recipe's dense model: its loop with other criteria, and loop and fine-tuning with other
+    gates."""
     options, baselines, ours = recipe.prune_options(), [], []
 
     def baseline(criterion: str) -> Planned:
@@ -155,18 +156,19 @@ def _pruning(recipe: Recipe, scene: TrainingScene, device: str) -> list[Planned]
 
 
 def _scale_decay(recipe: Recipe, scene: TrainingScene, device: str) -> Planned:
-    """Pruning's loop, gate and budget with nothing pruned."""
+    """The loop, the gate and the budget of pruning, but without pruning."""
     options = replace(recipe.prune_options(), criterion=None)
     return Planned(SCALE_DECAY, options.iterations, lambda results: PruneStage(
         scene, results["dense"].to(device), recipe.variant, options, seed=recipe.seed, name=SCALE_DECAY))
 
 
 def _renamed(stage: Planned, name: str, given: Mapping[str, str]) -> Planned:
-    """A recipe's stage under another name, which gets other stages' results, where there are any, for those it asks for."""
+    """A recipe's stage under another name. `given` maps names of results that it asks for to those that it gets, if they
+    exist."""
     return Planned(name, stage.total, lambda results: stage.make(
         results | {asked: results[other] for asked, other in given.items() if other in results}))
 
 
 def _after(stage: Planned, before: Mapping[str, Any]) -> Planned:
-    """A stage that gets copies of what earlier parts left, beside what its own chain did."""
+    """A stage that gets copies of the results of earlier parts, besides those of its own chain."""
     return Planned(stage.name, stage.total, lambda results: stage.make({**copy.deepcopy(dict(before)), **results}))

@@ -1,4 +1,4 @@
-"""The paper's tables for scenes: representations compared, techniques ablated, pruning by gate and criterion, latency."""
+"""Makes the paper's tables for scenes: compared representations, ablated techniques, pruning by gate and criterion, latency."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from tqdm import tqdm
 
 from golden.diff.gaussians import Gaussians, to_model
 from golden.scenes.camera import Camera
-from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import make_folder, parse_size, write_json
+from golden.scenes.request import make_folder, parse_size
 from golden.training.chain import Chain
 from golden.training.finished_runs import FinishedRun, find_run
 from golden.training.plots import read_log
 from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
 from golden.training.run import chosen_recipe, chosen_scene, run_options
 from golden.training.scene import TrainingScene
+from msv2.studies.page import write_page
+from msv2.studies.record import write_report
 from msv2.studies.training import ablation, comparison, labels, latency
 from msv2.studies.training.pruning_table import pruning_rows
 from msv2.studies.training.rtl_cycles import RtlCycles, rtl_cycles
@@ -39,7 +40,8 @@ class Wanted:
 
     Attributes:
         path: 'embedded' or a folder of photographs.
-        options: of `golden/train.py` by the attributes of its parsed arguments; None: a finished run's, else the default.
+        options: options of `golden/train.py` by the attributes of its parsed arguments; None stands for the value of a finished
+            run, or else for the default.
     """
 
     path: str
@@ -47,17 +49,17 @@ class Wanted:
 
     @property
     def keys(self) -> dict[str, Any]:
-        """The same by the names that runs record, what was not asked for None."""
+        """The options under the names that runs record; None for those that were not given."""
         place = self.path if self.path == EMBEDDED else str(Path(self.path).resolve())
         names = {"variant": "variant", "size": "size", "iterations": "iterations", "max_points": "max-points", "seed": "seed"}
         return {"scene": place, **{key: self.options[name] for name, key in names.items()}}
 
 
 def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
-    """The scenes of the command line; `PATH@WxH` has a size of its own.
+    """The scenes of the command line. An argument `PATH@WxH` has a size of its own.
 
     Raises:
-        InputError: a size that is none.
+        InputError: a size is not valid.
     """
     result = []
     for text in args.scenes or [EMBEDDED]:
@@ -72,16 +74,16 @@ def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scene ready to train.
+    """A scene that is ready for training.
 
     Attributes:
         scene: photographs and cameras.
-        references: what the photographs are.
-        recipe: of the tables' chain.
-        ready: what the finished run left, by stage.
-        spent: what its stages took.
+        references: a description of the photographs.
+        recipe: the recipe of the tables' chain.
+        ready: the results of the finished run, by stage.
+        spent: the time of its stages.
         records: its log.
-        options: of the chain.
+        options: the options of the chain.
     """
 
     scene: TrainingScene
@@ -94,10 +96,10 @@ class Prepared:
 
 
 def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
-    """The scene, and what a finished run in `runs` has of it.
+    """The scene, with the results of a finished run in `runs` if there is one.
 
     Raises:
-        InputError: an option or a scene that nothing can be trained from.
+        InputError: an option is not accepted, or nothing can be trained from the scene.
     """
     run = find_run(runs, wanted.keys)
     if run is not None:
@@ -113,12 +115,12 @@ def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
 
 
 def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
-    """Of a finished run; None where nothing is left of it, or it went by other stages than today's."""
+    """The scene with a finished run's results; None if nothing is left of the run, or if its stages differ from today's."""
     options, last = run.options, run.last()
     if last is None:
         return None
     dense = last.results["dense"] if options["from"] else None
-    points = options["max-points"] or DEFAULTS["max_points"]  # none where the dense model was given: nothing to cap
+    points = options["max-points"] or DEFAULTS["max_points"]  # a run from a given dense model has no cap
     recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"])
     scene, references = chosen_scene(wanted.path, parse_size(options["size"]), dense)
     if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
@@ -128,20 +130,23 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
 
 
 def train_scene(
-    prepared: Prepared, device: str, work: Path, tables: Sequence[str], note: Callable[[str], None],
+    prepared: Prepared, device: str, work: Path, parts: Sequence[str], note: Callable[[str], None],
 ) -> Trained:
-    """The models of some of a scene's tables; a chain that was interrupted goes on, a finished one is not made again.
+    """Trains some parts of a scene's models. An interrupted chain continues, and a finished one is not made again.
 
     Args:
-        work: folder of the chains, a folder for each scene and set of options with one chain for each part.
-        tables: of labels.TABLES.
+        prepared: the scene.
+        device: the device on which to train.
+        work: the folder of the chains: a folder per scene and set of options, with one chain per part.
+        parts: names of table_runs.PARTS.
+        note: is called with messages.
     """
     key = hashlib.sha256(json.dumps(prepared.options, sort_keys=True).encode()).hexdigest()[:8]
     folder = work / f"{prepared.scene.name}-{key}"
     results, spent, records = dict(prepared.ready), dict(prepared.spent), list(prepared.records)
     if prepared.ready:
         note(f"{prepared.scene.name}: from a finished run")
-    for part in parts_of(tables):
+    for part in parts:
         stages = part_plan(part, prepared.recipe, prepared.scene, device, dict(results))
         if not stages:
             continue
@@ -160,7 +165,7 @@ def measure_scene(
     prepared: Prepared, trained: Trained, tables: Sequence[str], *, edge: int,
     rtl: Callable[[Gaussians, Camera], RtlCycles] | None,
 ) -> tuple[dict[str, Any], Shown]:
-    """Everything that the tables asked for say of a scene, ready for JSON, and what the plots show of it."""
+    """The scene's results for the requested tables as JSON-ready values, and the data for its plots."""
     scene = prepared.scene
     record = {
         "scene": scene.name, "size": list(scene.size), "references": prepared.references,
@@ -213,41 +218,47 @@ def _latency(
 
 
 def simulate(scene: TrainingScene, folder: Path) -> Callable[[Gaussians, Camera], RtlCycles]:
-    """What gives the cycles of a model's frame by the RTL; frames are kept in `folder`."""
+    """A function that gives the RTL's cycles of a model's frame. Simulated frames are kept in `folder`."""
     return lambda gaussians, camera: rtl_cycles(to_model(gaussians, up=scene.up, name=scene.name), camera, folder)
 
 
 def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) -> dict[str, Any]:
-    """Trains what is missing, measures, writes NAME.json, NAME.md and, where there is anything to plot, NAME.png.
+    """Trains what is missing, measures, and writes NAME.json, NAME.md and, if there is anything to plot, NAME.png.
 
     Args:
-        tables: of labels.TABLES.
+        args: the parsed command line.
+        tables: names of labels.TABLES.
+        device: the device on which to train.
 
-    Returns what the JSON holds.
+    Returns:
+        The content of the JSON file.
 
     Raises:
-        InputError: an option or a scene that nothing can be trained from, or an RTL frame that is not bit-exact.
-        Interrupted: after SIGINT; the same command goes on.
+        InputError: an option is not accepted, nothing can be trained from a scene, or an RTL frame is not bit-exact.
+        Interrupted: SIGINT was received; the same command continues.
     """
     out, work = make_folder(args.out), make_folder(args.work)
     scenes, shown = [], []
     for wanted in wanted_scenes(args):
         begin = time.monotonic()
         prepared = prepare(wanted, Path(args.runs), device)
-        trained = train_scene(prepared, device, work, tables, lambda text: print(text, file=sys.stderr))
+        trained = train_scene(prepared, device, work, parts_of(tables), lambda text: print(text, file=sys.stderr))
         rtl = simulate(prepared.scene, work / "rtl") if args.rtl else None
         record, plots = measure_scene(prepared, trained, tables, edge=args.edge or latency.EDGE, rtl=rtl)
         print(f"{prepared.scene.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
         scenes.append(record)
         shown.append(plots)
-        write(out, args.name, scenes, shown)
+        write(out, args.name, scenes, shown, args)
     return {"scenes": scenes}
 
 
-def write(folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown]) -> None:
-    """The files, of the scenes so far."""
-    write_json(folder / f"{name}.json", {"scenes": scenes})
-    with atomic_output(folder / f"{name}.md") as file:
-        file.write(markdown(scenes, f"{name}.png").encode())
+def write(
+    folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown], args: argparse.Namespace | None = None,
+) -> None:
+    """The files, of the scenes so far; `args` are those of the provenance."""
+    modules = [__name__, "golden.train", *["tb.frame.__main__"] * bool(args and args.rtl)]
+    inputs = [text.partition("@")[0] for text in (args.scenes if args else ())]
+    write_report(folder / f"{name}.json", {"scenes": scenes}, modules, {"arguments": args}, inputs)
+    write_page(folder / f"{name}.md", markdown(scenes, f"{name}.png"))
     if any(of.versions or of.curves for of in shown):
         save_plots(shown, folder / f"{name}.png")

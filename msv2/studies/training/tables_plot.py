@@ -1,4 +1,4 @@
-"""The plots beside the tables: latency against points and intersections, and HVSQ of levels against their points."""
+"""The plots for the tables: latency against points and intersections, and HVSQ of levels against their points."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from msv2.studies.training.level_curves import LevelCurve
 
 @dataclass(frozen=True)
 class Shown:
-    """What is plotted of a scene.
+    """The plotted data of a scene.
 
     Attributes:
-        name: the scene's.
-        versions: pruned versions of its dense model; empty where they were not asked for.
-        curves, plain_curves: of its levels, with and without opacity enhancement; the same.
+        name: the scene's name.
+        versions: the pruned versions of its dense model; empty if they were not requested.
+        curves, plain_curves: the curves of its levels with and without opacity enhancement; empty likewise.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Shown:
 
 
 def save_plots(scenes: Sequence[Shown], path: Path) -> None:
-    """A PNG: a row a scene; latency against points, against intersections per tile, and the levels' HVSQ against points."""
+    """Draws a PNG with a row per scene: latency against points and against intersections per tile, and the levels' HVSQ."""
     import matplotlib
 
     matplotlib.use("Agg")

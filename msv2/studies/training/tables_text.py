@@ -1,10 +1,14 @@
-"""The tables as Markdown: all of it is in the JSON beside but the paper's own numbers. Needs no torch."""
+"""The tables as Markdown. Except for the paper's numbers, all their content is in the JSON file beside them.
+
+The module needs no torch.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from msv2.studies import page
 from msv2.studies.cycles import CYCLES, cycles_of, explained
 from msv2.studies.training import labels
 from msv2.studies.training.labels import reached
@@ -41,7 +45,7 @@ def markdown(scenes: Sequence[Mapping[str, Any]], picture: str) -> str:
 
 
 def _works(scenes: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    """Every recorded frame with cycles."""
+    """Every recorded frame that has cycles."""
     for scene in scenes:
         for part in ("comparison", "ablation", "pruning"):
             yield from (row["frame"] for row in scene.get(part, ()))
@@ -49,19 +53,18 @@ def _works(scenes: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A Markdown table, with an empty line behind it."""
-    return "\n".join(["| " + " | ".join(head) + " |", "|---" * len(head) + "|",
-                      *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows), ""])
+    """A Markdown table, followed by an empty line."""
+    return f"{page.table(head, rows)}\n"
 
 
 def targets_table(scenes: Sequence[Mapping[str, Any]]) -> str:
-    """What was asked for and what became of it."""
+    """The targets, with the measured values and the verdicts."""
     return table(("scene", "target", "measured", ""), (
         (scene_title(scene), *row) for scene in scenes for row in targets_rows(scene)))
 
 
 def scene_title(scene: Mapping[str, Any]) -> str:
-    """Name and size."""
+    """The name and the size of a scene."""
     return "{}, {}x{}".format(scene["scene"], *scene["size"])
 
 
@@ -83,7 +86,7 @@ def _scene(scene: Mapping[str, Any]) -> list[str]:
 
 
 def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Methods side by side, with the paper's numbers and the targets."""
+    """The methods side by side, with the paper's numbers."""
     smfr = next(row for row in rows if row["method"] == labels.SMFR)
     base = labels.PAPER[labels.SMFR]
 
@@ -106,7 +109,7 @@ def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What each technique adds."""
+    """The effect of each technique."""
     dense = rows[0]
 
     def cells(row: Mapping[str, Any]) -> list[str]:
@@ -126,7 +129,7 @@ def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def points_table(scene: Mapping[str, Any]) -> str:
-    """Points of each level, and what opacity enhancement saves."""
+    """The points of each level, and the points that opacity enhancement saves."""
     shown = [row for row in scene["comparison"] if row["method"] in (labels.OURS, labels.PLAIN)]
     return table(
         ("model", "L1", "L2", "L3", "L4"),
@@ -140,7 +143,7 @@ def points_table(scene: Mapping[str, Any]) -> str:
 
 
 def curves_table(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """HVSQ against points, as training saw them."""
+    """HVSQ against points during training."""
     return "Lowest HVSQ that training reached at a number of points, over L1's on the validation views:\n\n" + table(
         ("level", "model", "points kept", "points: HVSQ / target"),
         ((f"L{curve['level']}", method, f"{curve['kept']:,}", ", ".join(
@@ -155,7 +158,7 @@ PRUNING_NOTE = (
 
 
 def pruning_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Gates and criteria, and which targets each row reaches."""
+    """The rows of gates and criteria, with the targets that each reaches."""
     ours = {row["variant"]: row for row in rows if row["criterion"] == "ce" and not row["tuned"]}
 
     def cells(row: Mapping[str, Any]) -> list[str]:
@@ -180,19 +183,19 @@ def _pruned_name(row: Mapping[str, Any]) -> str:
 
 
 def _own_targets(row: Mapping[str, Any]) -> list[str]:
-    """Verdicts on a row of ours."""
+    """The verdicts on one of our rows."""
     return [f"{asked} {reached(good)}" for asked, _, good in own_targets(row)]
 
 
 def _against_ours(row: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
-    """What ours needs beside a baseline's row."""
+    """The comparison of ours with a baseline's row."""
     times = row["frame"]["entries"] / max(ours["frame"]["entries"], 1.0)
     asked, measured, good = equal_target(row)
     return [f"ours {times:.2f} times fewer at the same gate", f"{asked} {reached(good)}: {measured}"]
 
 
 def latency_text(scene: Mapping[str, Any]) -> str:
-    """Pruned versions of the dense model, and how their cycles follow points and intersections."""
+    """The pruned versions of the dense model, and how their cycles follow points and intersections."""
     shown, (width, height) = scene["latency"], scene["latency"]["size"]
     whole = shown["versions"][0]
     cycles = cycles_of(whole["work"])

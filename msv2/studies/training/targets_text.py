@@ -1,4 +1,5 @@
-"""The project's targets for training beside what was measured, as Markdown; verdicts are computed. Needs no torch."""
+"""The project's targets for training with the measured values, as Markdown; verdicts are computed. The module needs no
+torch."""
 
 from __future__ import annotations
 
@@ -9,11 +10,11 @@ from msv2.studies.training import labels
 from msv2.studies.training.labels import reached
 
 Row = tuple[str, str, str]
-"""What is asked for, what was measured, the verdict."""
+"""The target, the measured value, and the verdict."""
 
 
 def targets_rows(scene: Mapping[str, Any]) -> Iterator[Row]:
-    """The targets that a scene's record says something about; all are of test views but for looks at gates.
+    """The targets about which a scene's record has data. All are measured on test views, except the evaluations at gates.
 
     Args:
         scene: a record of `msv2.studies.training.tables.measure_scene`.
@@ -38,7 +39,7 @@ def _pruning(rows: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
 
 
 def own_targets(row: Mapping[str, Any]) -> Iterator[tuple[str, str, bool]]:
-    """What is asked for of a row of ours in the pruning table, what was measured, whether it is reached."""
+    """For one of our rows in the pruning table, its targets, the measured values, and whether they are reached."""
     least, cut = labels.TARGET_PSNR_PERCENT[row["variant"]], labels.TARGET_CUT.get(row["variant"])
     yield f"PSNR >= {least:g} % of dense", f"{row['psnr_percent']:.2f} %", row["psnr_percent"] >= least
     if cut is not None:
@@ -46,7 +47,7 @@ def own_targets(row: Mapping[str, Any]) -> Iterator[tuple[str, str, bool]]:
 
 
 def equal_target(row: Mapping[str, Any]) -> tuple[str, str, bool]:
-    """The same of a baseline's row: what ours needs at its PSNR on the gate's views."""
+    """The same for a baseline's row: the target for our loop at the baseline's PSNR, on the gate's views."""
     equal, asked = row["equal"], "ours needs fewer intersections at equal PSNR"
     if equal["ours"] is None:
         return asked, f"ours never looked at {equal['psnr']:.2f} dB", False

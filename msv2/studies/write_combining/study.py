@@ -1,13 +1,13 @@
-"""`python -m msv2.studies write_combining`: how many writes beats would save that wait for more entries of their tile, in
-scenes' frames.
+"""`msv2 study run write_combining`: how many memory writes would be saved if beats waited for further intersections of
+their tile, in frames of real scenes.
 
-Each of so many lines, chosen by the tile's low bits, would hold a beat of one tile until it is full or another tile's entry
-wants the line; what it holds is then one write instead of one an entry, as `rtl.tile_lists.entry_writer` makes them.
+Each of several lines would hold a beat of one tile. The tile's low bits select the line. A beat would stay until it is full or
+until an intersection of another tile needs the line, and would then take one write instead of one per intersection, which is
+what `rtl.tile_lists.entry_writer` makes.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,34 +15,34 @@ import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.tile_lists import rank_in_tile
-from golden.scenes.files import atomic_output
+from msv2.studies import page
+from msv2.studies.record import write_report
+from msv2.studies.scenes import WRITE_COMBINING as FRAMES
+from msv2.studies.scenes import View, available, places
+from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES
-from spec.paths import ROOT
-from tb.common.scenes import scene_path, traced_frame
-
-FRAMES = (
-    ("embedded", "640x360"), ("truck.splat", "640x360"), ("embedded", "1920x1080"), ("truck.splat", "1920x1080"))
-"""Scenes, the trained one where it is, and their sizes."""
+from spec.paths import REPORTS
+from tb.common.scenes import traced_frame
 
 LINES = (64, 256, 1024, 4096)
 
 
 def saved_writes(tile: np.ndarray, lines: int) -> int:
-    """Entries that would join a beat that waits for them.
+    """Number of intersections that would join a waiting beat.
 
     Args:
-        tile: (entries,) tile of each entry, in the order of arrival.
-        lines: beats that may wait, a power of two.
+        tile: (intersections,) the tile of each intersection, in the order of arrival.
+        lines: the number of beats that may wait, a power of two.
     """
     tile = np.asarray(tile, np.int64)
-    order = np.argsort(tile & lines - 1, kind="stable")  # a line's entries behind each other
+    order = np.argsort(tile & lines - 1, kind="stable")  # brings the intersections of each line together
     waits = np.diff(tile[order], prepend=-1) == 0
     return int((waits & (rank_in_tile(tile)[order] % BEAT_ENTRIES != 0)).sum())
 
 
 def arriving_tiles(frame: Frame) -> np.ndarray:
-    """(entries,) tile of each entry of a frame, in the order in which culling finds them."""
+    """(intersections,) the tile of each intersection of a frame, in the order in which the tile test finds them."""
     entries = frame.entries
     tile = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     return tile[np.lexsort((tile, entries.splat))]
@@ -52,36 +52,34 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _rows() -> Iterator[str]:
-    """A frame's row in Markdown each."""
-    for scene, size in FRAMES:
-        path = scene_path(scene)
-        if path is None:
-            continue
-        name, frame = traced_frame(PAPER, path, size)
+def _rows(views: Sequence[View]) -> Iterator[dict[str, object]]:
+    """Numbers of each frame whose scene is there."""
+    for view, path in available(views):
+        name, frame = traced_frame(PAPER, path, view.size)
         tile = arriving_tiles(frame)
-        shares = " | ".join(_percent(saved_writes(tile, lines) / len(tile)) for lines in LINES)
-        yield f"| {name} | {len(tile):,} | {len(frame.entries.start) - 1:,} | {shares} |"
+        yield {"frame": name, "entries": len(tile), "tiles": len(frame.entries.start) - 1,
+               "saved": [saved_writes(tile, lines) / len(tile) for lines in LINES]}
 
 
 _HEAD = f"""# Beats that wait for more entries of their tile: writes saved
 
-Written by `python -m msv2.studies write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
+Written by `msv2 study run write_combining`. Share of one write an entry, in frames without a gaze, by the lines in
 which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's low bits. No more than
 {_percent(1 - 1 / BEAT_ENTRIES)} can be saved.
-
-| frame | entries | tiles | {' | '.join(f'{lines:,} lines' for lines in LINES)} |
-{'|---' * (3 + len(LINES))}|
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes the table."""
-    parser = argparse.ArgumentParser(prog="python -m msv2.studies write_combining", description=__doc__.split(": ", 1)[1])
-    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "write_combining.md", metavar="FILE")
+    """Writes write_combining.json and the page write_combining.md."""
+    parser = command_parser("msv2 study run write_combining", __doc__.split(": ", 1)[1])
+    parser.add_argument("--out", type=Path, default=REPORTS / "write_combining.md", metavar="FILE",
+                        help="the page; the JSON is beside it (default: reports/write_combining.md)")
     args = parser.parse_args(argv)
-    rows = list(_rows())
-    with atomic_output(args.out) as file:
-        file.write((_HEAD + "\n".join(rows) + "\n").encode())
+    rows = list(_rows(FRAMES))
+    write_report(args.out.with_suffix(".json"), {"config": PAPER.name, "lines": LINES, "rows": rows}, [__name__],
+                 {"config": PAPER}, places(FRAMES))
+    cells = [[r["frame"], f"{r['entries']:,}", f"{r['tiles']:,}", *map(_percent, r["saved"])] for r in rows]
+    table = page.table(["frame", "entries", "tiles", *(f"{lines:,} lines" for lines in LINES)], cells)
+    page.write_page(args.out, f"{_HEAD}\n{table}")
     print(f"{args.out}: {len(rows)} frames")
     return 0

@@ -10,7 +10,9 @@ from msv2.cases import check, registry, rtl, rtl_faults, streams
 from msv2.cases import command as command
 from msv2.cases.case import Case, CaseFailure
 from msv2.cases.check import Cell
-from msv2.cases.report import FaultRow, Result, Row, added, markdown, table
+from msv2.cases.report import FaultRow, Result, Row, added, table
+from msv2.studies.stability import study
+from msv2.studies.stability.study import markdown
 from spec.paths import ROOT
 from spec.registers import ErrorCode
 from tb.top.planned import PlannedFrame
@@ -22,7 +24,14 @@ def test_one_case_in_two_columns(tmp_path, capsys):
     assert (found["cases"], found["failed"], found["seeded_faults"], found["seeded_faults_caught"]) == (1, 0, 0, 0)
     cells = found["results"]["03-near-plane-ulp"]["columns"]
     assert cells["oracle"]["outcome"] == cells["golden"]["outcome"] == "pass"
-    assert "03-near-plane-ulp" in capsys.readouterr().out and "near-plane-ulp" in (tmp_path / "stability.md").read_text()
+    assert "03-near-plane-ulp" in capsys.readouterr().out
+
+def test_the_study_makes_a_page_of_the_results(tmp_path):
+    arguments = ["--case", "near-plane-ulp", "--columns", "oracle", "--no-faults", "--out", str(tmp_path)]
+    assert study.main(arguments) == 0
+    assert "| 03-near-plane-ulp |" in (tmp_path / "stability.md").read_text()
+    made = json.loads((tmp_path / "stability.json").read_text())["provenance"]
+    assert "msv2.cases.command" in made["modules"] and made["configuration"]["cases"] == arguments[:-2]
 
 
 @pytest.mark.parametrize("error", [CaseFailure("by design"), ZeroDivisionError("by accident")])
@@ -42,7 +51,7 @@ def test_a_fault_that_nobody_notices_is_told():
     result = Result([row], [FaultRow("no guard", "oracle", row.case.id, False, "nothing fails")], 60.0)
     assert result.missed == 1 and result.record["seeded_faults_caught"] == 0
     assert any(line.startswith("not caught: no guard") for line in table(result))
-    assert "| no guard | oracle | 01-point-at-the-camera | NO |" in markdown(result)
+    assert "| no guard | oracle | 01-point-at-the-camera | NO |" in markdown(result.record)
 
 
 def test_columns_are_added_to_those_of_before(tmp_path):

@@ -68,7 +68,8 @@ def test_what_the_format_says_of_its_errors(report: dict) -> None:
     rms = {row["fraction"]: row["rms"] for row in report["errors"]}
     words = next(line for line in (ROOT / "docs" / "formats.md").read_text().splitlines() if line.startswith("| `sh_basis`"))
     used = PAPER.formats.sh_basis.frac_bits
-    assert f"so few bits make that {rms[used]:.3f}, {used - 1} make it {rms[used - 1]:.3f}" in words
+    assert (f"With {used} fraction bits here the whole error is {rms[used]:.3f} ulps; with {used - 1} it is "
+            f"{rms[used - 1]:.3f}.") in words
 
 
 def test_counts_are_those_of_the_units_of_today(report: dict) -> None:

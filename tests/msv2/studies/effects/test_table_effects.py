@@ -68,7 +68,7 @@ def test_areas_stand_beside_the_frames(tmp_path, monkeypatch, capsys):
 def test_without_areas_the_columns_are_empty(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "measure_in", lambda folder: pytest.fail("nothing is to be synthesised"))
     found, text = run(tmp_path)
-    assert set(found) == {"rows"} and not any(key.startswith("area") for row in found["rows"] for key in row)
+    assert set(found) == {"rows", "provenance"} and not any(key.startswith("area") for row in found["rows"] for key in row)
     assert cells_of(text, "embedded, gaze")[-5:] == ["-"] * 5 and "| effect |" not in text
     assert effects_table({"effects": found}).splitlines()[0].endswith("| simulation |")
     assert effect_areas_table({"effects": found}) is None

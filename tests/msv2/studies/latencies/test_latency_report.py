@@ -1,4 +1,4 @@
-"""The latencies of the README's table of units are those of today's RTL."""
+"""The latencies of docs/units.md are those of today's RTL."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from msv2.studies.latencies.study import MEASURES, REPORT, latency, to
-from msv2.studies.results import tables
+from msv2.studies.results import units as tables
 from spec.config import PAPER
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 
+from msv2.studies.record import OTHER_SOURCES
 from msv2.studies.results import study
-from msv2.studies.rtl_frame import frame_sources
+from msv2.studies.rtl_frame import COMMAND
 from spec.paths import ROOT
+from spec.sources import sources_of
 
 
 def test_a_frame_depends_on_what_its_command_imports_and_on_nothing_else() -> None:
     """Not on the other units' benches, training, measures of quality or studies: whatever else grows."""
-    names = {path.relative_to(ROOT).as_posix() for path in frame_sources()}
+    names = {path.relative_to(ROOT).as_posix() for path in (*sources_of(COMMAND), *OTHER_SOURCES[COMMAND])}
     assert {"tb/top/memory.sv", "tb/frame/whole.py", "rtl/top/machine.py", "spec/memory.py", "golden/host/rounding.py"} <= names
     assert {name.partition("/")[0] for name in names} == {"golden", "rtl", "spec", "tb"}
     assert not [name for name in names if "suite" in name or name.startswith("golden/training")]
@@ -21,7 +23,7 @@ def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monk
     commands, fern = [], tmp_path / "posed" / "fern"
     monkeypatch.setattr(study, "run", lambda *command: commands.append(command))
     monkeypatch.setattr(study, "REPORTS", tmp_path / "reports")
-    monkeypatch.setattr(study, "fill_readme", lambda *arguments, check: 0)
+    monkeypatch.setattr(study, "fill", lambda *arguments, check: 0)
     monkeypatch.setenv("MSV2_DATA", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["results.py", "--only", "training"])
     assert study.main() == 0

@@ -18,18 +18,18 @@ pytest.importorskip("matplotlib")
 from golden.diff.gaussians import to_model  # noqa: E402
 from golden.host.quantise import quantise_model  # noqa: E402
 from golden.metrics.binocular import BinocularReference  # noqa: E402
-from golden.msv2_ref.eyes import render_stereo  # noqa: E402
-from golden.scenes.embedded.scene import cached_embedded_model  # noqa: E402
+from golden.msv2_ref.eyes import render_request, render_stereo  # noqa: E402
 from golden.scenes.embedded.views import embedded_cameras  # noqa: E402
-from golden.scenes.gaze import Display, foveation_map  # noqa: E402
 from golden.scenes.levels import enhanced_levels  # noqa: E402
 from golden.scenes.orbit import orbit_camera  # noqa: E402
+from golden.scenes.request import resolve  # noqa: E402
 from golden.scenes.save import save_model  # noqa: E402
 from golden.scenes.stereo import stereo_pair  # noqa: E402
 from golden.training.checkpoint import Checkpoint, Checkpoints  # noqa: E402
 from golden.training.recipe import RESULTS, Recipe, plan  # noqa: E402
 from golden.training.scene import load_training_scene  # noqa: E402
 from msv2.studies import rtl_frame  # noqa: E402
+from msv2.studies.model import study as model_study  # noqa: E402
 from msv2.studies.threshold import (  # noqa: E402
     measure,
     rtl,
@@ -118,11 +118,10 @@ def test_cycles_are_the_machines():
     """Within 0.2 % of the frame of two eyes in reports/."""
     rows = json.loads((ROOT / "reports" / "model_rtl.json").read_text())["rows"]
     measured = next(row for row in rows if "target_cycles" in row and row["size"] == [128, 128])
-    config, size = CONFIGS[measured["config"]].with_(stereo=True), measured["size"]
-    pair = stereo_pair(embedded_cameras(*size)[0])
-    foveation = foveation_map(Display(*size), tuple(measured["gaze"]), measured["levels"])
-    model = enhanced_levels(cached_embedded_model())
-    found = measure.stereo_cycles(render_stereo(model, pair, config=config, foveation=foveation))
+    args = model_study.request(measured, "embedded")
+    frame = render_request(args, resolve(args), CONFIGS[measured["config"]].with_(stereo=True))
+    found = measure.stereo_cycles(frame)
+    assert found["stages"]["sort"] == measured["entries"]
     total = sum(measured[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))  # without clearing after the reset
     assert found["total"] == pytest.approx(total, rel=2e-3)
     assert found["target"] == pytest.approx(measured["target_cycles"], rel=2e-3)

@@ -1,11 +1,11 @@
 """Writes that waiting beats save: the count, and where its numbers are quoted."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from msv2.studies.scenes import View
 from msv2.studies.write_combining import study
 from msv2.studies.write_combining.study import saved_writes
 from rtl.tile_lists.entry_writer import EntryWriter
@@ -50,7 +50,7 @@ def shares(report: str) -> dict[str, dict[int, int]]:
 
 def test_docs_quote_the_report():
     of_frame, root = shares(REPORT.read_text()), REPORT.parents[1]
-    assert list(of_frame) == [f"{Path(scene).stem} {size}" for scene, size in study.FRAMES]
+    assert list(of_frame) == [f"{view.scene} {view.size}" for view in study.FRAMES]
     assert str(REPORT.relative_to(root)) in EntryWriter.__doc__
     truck = of_frame["truck 1920x1080"]
     sentence = f"with 1,024 lines (32 KB) they save {truck[1024]} % of truck's writes at 1080p, with 64 lines {truck[64]} %"
@@ -59,7 +59,7 @@ def test_docs_quote_the_report():
 
 def test_the_report_is_what_the_command_writes(monkeypatch, tmp_path):
     """For the frame that needs no data and little time."""
-    monkeypatch.setattr(study, "FRAMES", (("embedded", "640x360"),))
+    monkeypatch.setattr(study, "FRAMES", (View("embedded", "640x360"),))
     assert study.main(["--out", str(tmp_path / "report.md")]) == 0
     lines = (tmp_path / "report.md").read_text().splitlines()
     report = REPORT.read_text().splitlines()
@@ -68,7 +68,7 @@ def test_the_report_is_what_the_command_writes(monkeypatch, tmp_path):
 
 def test_frames_without_their_scene_are_left_out(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("MSV2_DATA", str(tmp_path / "absent"))
-    monkeypatch.setattr(study, "FRAMES", (("embedded", "64x48"), ("truck.splat", "64x48")))
+    monkeypatch.setattr(study, "FRAMES", (View("embedded", "64x48"), View("truck", "64x48")))
     out = tmp_path / "report.md"
     assert study.main(["--out", str(out)]) == 0 and "1 frames" in capsys.readouterr().out
     ((name, row),) = shares(out.read_text()).items()

@@ -1,25 +1,26 @@
-"""The README's tables of training, made of reports/training*.json; needs no torch."""
+"""The tables of training in docs/results.md, made of reports/training*.json; needs no torch."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from msv2.studies.page import table
 from msv2.studies.training import tables_text
 
 Reports = Mapping[str, Mapping[str, Any]]
 
-PICTURE = "![latency of pruned versions against points and intersections; HVSQ of levels against points](reports/training.png)"
+PICTURE = "![latency of pruned versions against points and intersections; HVSQ against points](../reports/training.png)"
 
 
 def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
-    """Of all reports of training, in the order of their names; None where there are none."""
+    """The scenes of all reports of training, in the order of the reports' names; None if there is no report."""
     names = [name for name in sorted(reports) if name.startswith("training")]
     return [scene for name in names for scene in reports[name]["scenes"]] if names else None
 
 
 def _of_scenes(key: str, shown: Callable[[Mapping[str, Any]], str]) -> Callable[[Reports], str | None]:
-    """A table of each scene that has `key`, under its name; None where training was not measured at all."""
+    """A function that makes a table for each scene with `key`, under the scene's name. It returns None without any report."""
     def text(reports: Reports) -> str | None:
         every = _scenes(reports)
         if every is None:
@@ -43,18 +44,18 @@ def _latency(reports: Reports) -> str | None:
 
 
 def _pooling(reports: Reports) -> str | None:
-    """Levels and storage by the display that their pooling is of."""
+    """A table of levels and storage by the display for which their pooling is made."""
     if "pooling" not in reports:
         return None
-    lines = ["| run | pooling as of a frame | points of L2, L3, L4 in L1's | storage over L1's | intersections, foveated |",
-             "| --- | --- | --- | --- | --- |"]
+    cells = []
     for row in reports["pooling"]["rows"]:
         size = "{}x{}".format(*row["size"])
         of_frame = f"{row['pooling_width']} px wide" if row["pooling_width"] else "of its own width"
         shares = ", ".join(f"{100 * count / row['points'][0]:.0f} %" for count in row["points"][1:])
-        lines.append(f"| {row['scene']}, {size} | {of_frame} | {shares} | +{row['storage_overhead_percent']:.1f} % | "
-                     f"dense's / {row['cut_foveated']:.2f} |")
-    return "\n".join(lines)
+        cells.append([f"{row['scene']}, {size}", of_frame, shares, f"+{row['storage_overhead_percent']:.1f} %",
+                      f"dense's / {row['cut_foveated']:.2f}"])
+    return table(["run", "pooling as of a frame", "points of L2, L3, L4 in L1's", "storage over L1's",
+                  "intersections, foveated"], cells)
 
 
 TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {

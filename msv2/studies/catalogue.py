@@ -1,0 +1,229 @@
+"""The catalogue of studies: what each is about, the commands that regenerate its reports, and whether these are up to date.
+
+    msv2 study list                 a line for each study
+    msv2 study list --reports       a line for each report: its command, its cost, whether it is stale, and why
+    msv2 study run NAME [OPTION...] runs a study; NAME --help shows its options
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from msv2.studies import record
+from spec.command_line import called_as, choice, command_parser
+from spec.errors import InputError
+from spec.paths import REPORTS, ROOT
+
+
+@dataclass(frozen=True)
+class Report:
+    """One command of a study, and the files that it writes and the project keeps.
+
+    Attributes:
+        arguments: of the study's command, as a shell takes them.
+        outputs: files in reports/, the JSON with the provenance first; in another folder of the project where they have one.
+        minutes: minutes of processor time that the command takes, as estimated where no provenance has measured it.
+        needs: what the command needs beside the project, in words.
+    """
+
+    arguments: str
+    outputs: tuple[str, ...]
+    minutes: float
+    needs: str = ""
+
+    @cached_property
+    def provenance(self) -> dict | None:
+        """Of the JSON; None where there is none."""
+        path = REPORTS / self.outputs[0]
+        if not self.outputs[0].endswith(".json") or not path.is_file():
+            return None
+        return json.loads(path.read_text()).get(record.PROVENANCE)
+
+    @property
+    def state(self) -> str:
+        """As record.state; a missing file is told."""
+        missing = [name for name in self.outputs if not (ROOT / name if "/" in name else REPORTS / name).is_file()]
+        if missing:
+            return f"stale: {missing[0]} is missing"
+        if not self.outputs[0].endswith(".json"):
+            return "unknown: no JSON is beside it"
+        return record.state(self.provenance)
+
+    @property
+    def cost(self) -> str:
+        """Minutes of processor time: measured, or about as many as estimated."""
+        measured = (self.provenance or {}).get("cpu_seconds")
+        return f"{measured / 60:,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study: its name, its module with `main(argv)`, one line about it, its reports."""
+
+    name: str
+    module: str
+    about: str
+    reports: tuple[Report, ...] = ()
+    only: tuple[str, ...] = ()
+    """Arguments that come before those of the command line: a part of a module that does several things."""
+
+    def command(self, report: Report | None = None) -> str:
+        """The command that runs it, or that regenerates a report."""
+        return f"msv2 study run {self.name} {report.arguments if report else ''}".rstrip()
+
+
+def _files(name: str, *kinds: str) -> tuple[str, ...]:
+    return tuple(f"{name}.{kind}" for kind in kinds)
+
+
+def _tradeoff(name: str) -> tuple[str, ...]:
+    parts = ("machine", "simulation", "training")
+    drawn = parts if name == "tradeoff" else parts[:2]
+    return (*_files(name, "json", "md", "html"), *(f"{name}_{part}.csv" for part in parts), *(f"{name}_{p}.png" for p in drawn))
+
+
+SCENES, PDK, TORCH = "scenes in MSV2_DATA", "liberty files in MSV2_PDK", "torch"
+
+STUDIES = (
+    Study("accuracy", "msv2.studies.accuracy.study", "the integer golden renderer against the float64 oracle",
+          (Report("", _files("accuracy", "json", "md"), 3, SCENES),)),
+    Study("accuracy_stereo", "msv2.studies.accuracy.stereo", "depths and disparities against the float64 oracle",
+          (Report("", _files("accuracy_stereo", "json", "md"), 3, SCENES),)),
+    Study("area", "msv2.studies.area.study", "area and clocks of the machine, by build, beside the paper's",
+          (Report("", _files("area", "json", "md", "png"), 120, PDK),)),
+    Study("colour", "msv2.studies.colour.study", "errors, products and gates of the colour unit",
+          (Report("", ("colour.json",), 10),)),
+    Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",
+          (Report("", ("culling_area.json",), 15, PDK),)),
+    Study("dense_check", "msv2.studies.training.dense_check", "defaults of dense training against others",
+          (Report("build/train/bonsai --size 200x133", _files("dense_check", "json", "md"), 20, f"{TORCH}, a data set"),)),
+    Study("drain_waits", "msv2.studies.drain_waits.study", "cycles that the end of a tile waits for the array's output buffer"),
+    Study("effects", "msv2.studies.effects.study", "what frames do not pay for: time, cycles, energy and area by effect",
+          (Report("$MSV2_DATA/trained/truck.splat embedded embedded@centre $MSV2_DATA/trained/rock_sh3@centre --rtl 128x72 "
+                  "--area --out reports", _files("effects", "json", "md", "png"), 120, f"{SCENES}, {PDK}"),)),
+    Study("energy", "msv2.studies.energy.study", "energy of frames, by unit",
+          (Report("", _files("energy", "json", "md", "png"), 2, SCENES),)),
+    Study("energy_per_operation", "msv2.studies.energy_per_operation.study",
+          "energies of operations, measured on mapped netlists at work",
+          (Report("", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
+    Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
+    Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
+          (Report("", ("frames.json",), 25, SCENES),), ("--only", "frames")),
+    Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
+          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 1),)),
+    Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
+          (Report("", ("latencies.json",), 3),)),
+    Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",
+          (Report("", ("machine.json",), 40, SCENES),), ("--only", "machine")),
+    Study("metric_scale", "msv2.studies.metric_scale.study", "units per metre of a scene, from a metric depth map"),
+    Study("model", "msv2.studies.model.study", "the cycle model against the RTL",
+          (Report("", _files("model", "json", "md"), 5, SCENES), Report("--rtl", ("model_rtl.json",), 30, SCENES))),
+    Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
+          (Report("", ("order.json",), 3, SCENES),), ("--only", "order")),
+    Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",
+          (Report("", (*_files("performance", "json", "md"), *(f"performance_{name}.png" for name in (
+              "area", "bandwidth", "bars", "sweeps", "tiles", "timeline"))), 30, f"{SCENES}, runs in build/train"),)),
+    Study("pooling", "msv2.studies.training.pooling", "what the display's pixels do to the levels of training",
+          (Report("build/train/fern build/train/fern-pooled", ("pooling.json",), 0.1, "runs in build/train"),)),
+    Study("ranges", "msv2.studies.ranges.study", "values that the records of real frames take",
+          (Report("--keep", _files("ranges", "json", "md", "png"), 3, SCENES),)),
+    Study("report", "msv2.studies.report.study", "area, energy and performance as one page in build/report"),
+    Study("results", "msv2.studies.results.study", "everything that the generated tables rest on, and the tables themselves"),
+    Study("sorting", "msv2.studies.sorting.study", "how fast the sorter takes the groups of scenes' frames",
+          (Report("", ("sorting.json",), 10, SCENES),)),
+    Study("speed", "msv2.studies.speed.study", "speed of the renderers, and of training iterations",
+          (Report("embedded $MSV2_DATA/trained/truck.splat --repeat 9", _files("bench", "json", "md"), 15,
+                  f"{SCENES}, {TORCH}"),)),
+    Study("splat_cache", "msv2.studies.splat_cache.study", "misses of splat caches of other sizes and kinds",
+          (Report("", _files("splat_cache", "json", "md"), 2, SCENES),)),
+    Study("stability", "msv2.studies.stability.study", "the hard cases on all renderers, and seeded faults",
+          (Report("--keep", _files("stability", "json", "md", "png"), 10, TORCH),)),
+    Study("stereo_rules", "msv2.studies.stereo_rules.study", "rules of filling the holes of a warped eye",
+          (Report("", _files("stereo_rules", "json", "md"), 10, f"{SCENES}, {TORCH}, runs in build/train"),)),
+    Study("synthesis", "msv2.studies.results.study", "area and slack of single units in ASAP7",
+          (Report("", ("synthesis.json",), 60, PDK),), ("--only", "synthesis")),
+    Study("threshold", "msv2.studies.threshold.study", "the threshold of selective warping: quality, work and cost of two eyes",
+          (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 "
+                  "--out reports", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),)),
+    Study("tradeoff", "msv2.studies.tradeoff.study", "what accuracy costs in time: machine, simulation and training",
+          (Report("--variant H=build/train/embedded --rtl --out reports", _tradeoff("tradeoff"), 60, "runs in build/train"),
+           Report("$MSV2_DATA/trained/truck.splat --size 320x180 --views 1 --runs none --out reports --name tradeoff_truck",
+                  _tradeoff("tradeoff_truck"), 60, SCENES))),
+    Study("training", "msv2.studies.training.study", "the paper's tables of training",
+          (Report("embedded --out reports --name training", _files("training", "json", "md", "png"), 150, TORCH),
+           Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --out "
+                  "reports --name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}"))),
+    Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
+          (Report("", _files("write_combining", "json", "md"), 2, SCENES),)),
+)
+"""All of them, by name."""
+
+BY_NAME = {study.name: study for study in STUDIES}
+
+
+def find(name: str) -> Study:
+    """The study of a name.
+
+    Raises:
+        InputError: there is none; the message names the nearest.
+    """
+    return BY_NAME[choice("study", name, BY_NAME)]
+
+
+def run_study(argv: Sequence[str]) -> int:
+    """Runs the study that the first argument names with the other arguments; returns its exit status.
+
+    Raises:
+        InputError: no study is named, or there is none of that name.
+    """
+    name, *rest = argv or [""]
+    if name in ("", "-h", "--help"):
+        if name:
+            print(__doc__)
+            return 0
+        raise InputError(f"no study is named: choose one of {', '.join(BY_NAME)}")
+    study = find(name)
+    record.begin(name, rest)
+    with called_as(study.command()):
+        return importlib.import_module(study.module).main([*study.only, *rest]) or 0
+
+
+def list_studies(argv: Sequence[str] = ()) -> int:
+    """Prints the studies, or with --reports their reports; returns the exit status.
+
+    Raises:
+        InputError: a study is named that there is not.
+    """
+    with called_as("msv2 study list"):
+        parser = command_parser("msv2 study list", "The studies and the state of their reports.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="only these (default: all)")
+    parser.add_argument("--reports", action="store_true", help="a line for each report: its command, its cost, why it is stale")
+    args = parser.parse_args(argv)
+    studies = [find(name) for name in args.names] or list(STUDIES)
+    print("\n".join(_report_lines(studies) if args.reports else _study_lines(studies)))
+    return 0
+
+
+def _study_lines(studies: Sequence[Study]) -> list[str]:
+    lines = [f"{'study':<22}{'CPU-minutes':>12}  {'reports':<9} about"]
+    for study in studies:
+        states = {report.state.partition(":")[0] for report in study.reports}
+        worst = next((state for state in ("stale", "unknown", "current") if state in states), "none")
+        cost = " + ".join(report.cost for report in study.reports) or "-"
+        lines.append(f"{study.name:<22}{cost:>12}  {worst:<9} {study.about}")
+    return [*lines, "", "~: estimated. reports: current, stale, or unknown where a report was written before reports had a "
+            "provenance;", "`msv2 study list --reports` says why. Run one with `msv2 study run NAME`."]
+
+
+def _report_lines(studies: Sequence[Study]) -> list[str]:
+    lines = []
+    for study in studies:
+        for report in study.reports:
+            needs = f"; needs {report.needs}" if report.needs else ""
+            lines += [f"{study.command(report)}",
+                      f"    writes {', '.join(report.outputs)}; {report.cost} CPU-minutes{needs}", f"    {report.state}"]
+    return lines

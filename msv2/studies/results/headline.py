@@ -1,0 +1,156 @@
+"""The README's own tables: the headline beside the paper, and a small one for each of the project's three questions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from msv2.cases.case import COLUMNS
+from msv2.studies.page import table
+from msv2.studies.performance.summary import OVER_GSCORE_GOAL
+from msv2.studies.training import labels
+from spec.config import PAPER
+from spec.memory import DRAM_BYTES_PER_CYCLE
+
+Reports = Mapping[str, Mapping[str, Any]]
+Row = tuple[str, str, str, str]
+
+RENDERERS = {"oracle": "float64 oracle", "golden": "integer golden renderer", "gradient": "differentiable renderer",
+             "rtl": "RTL of the machine"}
+"""Names of msv2.cases.case.COLUMNS."""
+
+RATIOS = ("golden_ratio", "simulation_ratio", "cycles_ratio", "energy_ratio", "area_ratio")
+
+
+def headline_table(reports: Reports) -> str | None:
+    """The paper and ours, twelve rows at most; the large misses are among them. None where a report is not there."""
+    needed = ("frames", "accuracy", "model", "area", "performance", "training")
+    if any(name not in reports for name in needed):
+        return None
+    head = ["quantity", "paper", "ours", "why they differ"]
+    return table(head, [*_exactness(reports), *_area(reports["area"]), *_speed(reports["performance"]), *_training(reports)])
+
+
+def _exactness(reports: Reports) -> Iterable[Row]:
+    frames, views = reports["frames"]["rows"], reports["accuracy"]["rows"]
+    exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
+    yield ("frames of the RTL equal to the golden renderer", "-", f"{exact} of {len(frames)}",
+           f"every bit of {pixels:,} pixels, and every counter")
+    worst = min(row["psnr_vs_oracle_db"] for row in views)
+    yield ("integer golden renderer against float64", "-", f"{worst:.1f} dB or more", f"the worst of {len(views)} views; the "
+           f"budget is {reports['accuracy']['budget_db']:.0f} dB")
+    model = reports["model"]["summary"]
+    yield ("cycle model against the RTL", "-", f"{100 * model['model_error_total']:.2f} % off at worst",
+           f"total cycles of {model['frames']} frames")
+
+
+def _area(area: Mapping[str, Any]) -> Iterable[Row]:
+    build, paper = area["builds"]["1ghz"], area["paper"]
+    yield ("area at 16 nm", f"{paper['mm2_16nm']:.2f} mm²", f"{build['mm2_16nm']:.3f} mm²",
+           "scaled from ASAP7 cells, without wires. Our goal of 1.2 mm² is missed: the warp unit's memories are in it; "
+           f"without them it is {build['mm2_16nm_without_warp_memories']:.3f} mm²")
+    yield ("area of SRAM at 16 nm", f"{paper['split']['SRAM']:.2f} mm²", f"{area['split']['SRAM']:.3f} mm²",
+           "larger than the paper's: counters, cache, queues and sorter; the paper does not say what its SRAM holds")
+    yield ("clock", "-", f"{build['clock_ghz_16nm_constraint']:.2f} GHz at 16 nm",
+           f"1 GHz in ASAP7, scaled; with {100 * (area['wire_derate'] - 1):.0f} % for wires "
+           f"{build['clock_ghz_with_wires']:.2f} GHz in ASAP7")
+
+
+def _speed(performance: Mapping[str, Any]) -> Iterable[Row]:
+    found = {row["what"]: row for row in performance["beside_paper"]}
+
+    def row(begin: str, title: str, why: str, alike: bool = True) -> Row:
+        kept = next(row for what, row in found.items() if what.startswith(begin))
+        bound, free = kept["ours"]["paper_bandwidth"], kept["ours"]["unlimited"]
+        ours = f"{bound:.2f}x" if round(bound, 2) == round(free, 2) else f"{bound:.2f}x; {free:.2f}x with unlimited memory"
+        return title, f"{kept['paper']:.2f}x", ours, f"{'missed: ' * (alike and bound < kept['paper'])}{why}"
+
+    yield row("rendering: merging + pipelining", "tile merging and pipelining, rendering phase",
+              f"our baseline streams through its sorter and {PAPER.sort_buffer_bytes // 1024} KB of buffers, so that it hardly "
+              f"waits; at {DRAM_BYTES_PER_CYCLE:g} bytes a cycle memory is the limit")
+    yield row("two eyes: with warping", "second eye warped, over both rendered",
+              "the geometry phase of the second eye is not spared, and most of its tiles are in the fovea or have holes")
+    yield row("merging + pipelining over GSCore-like", "over a GSCore-like machine of equal area",
+              f"ours is {performance['equal_area'][0]['mm2_16nm']:.2f} mm², the paper compares at "
+              f"{performance['equal_area'][0]['large_mm2_16nm']:g} mm²; our goal was {OVER_GSCORE_GOAL:g}x")
+    yield row("base over the mobile GPU", "baseline over a mobile GPU",
+              "not like for like: the paper measured a GPU, ours is its roofline, which no GPU reaches", alike=False)
+
+
+def _training(reports: Reports) -> Iterable[Row]:
+    scenes = [s for name in ("training", "training_fern") for s in reports.get(name, {}).get("scenes", ()) if "ablation" in s]
+    rows = {scene["scene"]: {row["name"]: row for row in scene["ablation"]} for scene in scenes}
+
+    def each(value: Callable[[Mapping[str, Any]], str]) -> str:
+        return ", ".join(f"{value(found)} ({name})" for name, found in rows.items())
+
+    def share(found: Mapping[str, Any]) -> str:
+        return f"{100 * found[labels.PRUNED]['storage_mb'] / found[labels.DENSE]['storage_mb']:.1f} %"
+
+    def speed(found: Mapping[str, Any]) -> str:
+        return f"{found[labels.DENSE]['frame']['cycles'] / found[labels.ENHANCED]['frame']['cycles']:.2f}x"
+
+    points = " and ".join(f"{found[labels.DENSE]['points']:,}" for found in rows.values())
+    size, times = labels.PAPER_SIZE_PERCENT[labels.PRUNED], labels.PAPER_SPEED[labels.ENHANCED]
+    yield ("model left by pruning, of the dense one", f"{size:g} %", each(share),
+           f"missed: our dense models are capped at {points} points, so that fewer of them are superfluous")
+    yield ("pruned and foveated over the dense model", f"{times:.1f}x", each(speed),
+           "missed for the same reason; cycles of the integer renderer's frames against a GPU's seconds")
+
+
+def tradeoff_table(reports: Reports) -> str | None:
+    """What accuracy costs in time: the default machine, the presets, and the two large steps, six rows at most."""
+    if "tradeoff" not in reports:
+        return None
+    shown = {("default", ""): "`paper`", ("preset", "precise"): "`precise`", ("preset", "balanced"): "`balanced`",
+             ("preset", "fast"): "`fast`", ("variant", "H"): "`paper`, four trained levels",
+             ("ecc_thresh", "18 degrees"): "`paper`, second eye warped"}
+    found, rows = reports["tradeoff"]["machine"], []
+    eyes = next((r["cycles"] for r in found if (r["knob"], r["value"]) == ("ecc_thresh", "both rendered")), None)
+    for row in found:
+        name = shown.get((row["knob"], row["value"]))
+        if name is None:
+            continue
+        speed = f"{eyes / row['cycles']:.2f} (of two eyes)" if row["knob"] == "ecc_thresh" and eyes else f"{row['speedup']:.2f}"
+        area = "-" if row["area_mm2"] is None else f"{row['area_mm2']:.3f}"
+        broken = f"{row['worst_error_255']:.1f}" + (f", {len(row['broken'])} broken" if row["broken"] else "")
+        rows.append((list(shown.values()).index(name), [name, f"{row['cycles']:,.0f}", speed, area, f"{row['loss_db']:+.3f}",
+                                                        f"{100 * row['hvsq_change']:+.1f} %", broken]))
+    return table(["machine", "cycles a frame", "speed", "mm², one eye", "loss of PSNR, dB", "change of HVSQ",
+                  "worst hard case, /255"], [cells for _, cells in sorted(rows)])
+
+
+def stability_table(reports: Reports) -> str | None:
+    """Hard cases and seeded faults by renderer."""
+    if "stability" not in reports:
+        return None
+    report, rows = reports["stability"], []
+    for column in COLUMNS:
+        cells = [case["columns"][column] for case in report["results"].values() if column in case["columns"]]
+        run = [cell for cell in cells if cell["outcome"] != "-"]
+        passed = sum(cell["outcome"] == "pass" for cell in run)
+        errors = [cell["error"] for cell in run if cell["error"] is not None]
+        faults = [fault["caught"] for fault in report["faults"] if fault["column"] == column]
+        against = "0 to the golden renderer" if column == "rtl" and not any(errors) else (
+            f"{255 * max(errors):.1f} to the oracle" if errors else "-")
+        rows.append([RENDERERS[column], f"{passed} of {len(run)}", against, f"{sum(faults)} of {len(faults)}"])
+    rows.append(["all", f"{report['cases'] - report['failed']} of {report['cases']}", "",
+                 f"{report['seeded_faults_caught']} of {report['seeded_faults']}"])
+    return table(["renderer", "cases passed", "worst difference of a picture, /255", "seeded faults caught"], rows)
+
+
+def effects_table(reports: Reports) -> str | None:
+    """What frames do not pay for: all effects but a second eye over those that the frame calls for."""
+    if "effects" not in reports:
+        return None
+    rows, head = [], ("frame", "effects called for", "golden renderer's time", "simulation's time", "cycles", "energy", "area")
+    for row in reports["effects"]["rows"]:
+        called = [name for name, effect in row["effects"]["effects"].items() if effect["state"] == "called for"]
+        rows.append([row["frame"], ", ".join(called) or "nothing",
+                     *(f"{row[name]:.2f}x" if name in row else "-" for name in RATIOS)])
+    return table(head, rows)
+
+
+HEADLINE_TABLES: dict[str, Callable[[Reports], str | None]] = {
+    "headline": headline_table, "tradeoff": tradeoff_table, "stability": stability_table, "effects": effects_table}
+"""By name; None where a report is not there."""

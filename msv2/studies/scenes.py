@@ -1,0 +1,90 @@
+"""The one list of scenes and frames that studies measure; where captured scenes are is in golden/scenes/captured.py."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from golden.scenes.captured import scene_argument
+from golden.scenes.load import EMBEDDED
+
+MODELS = (EMBEDDED, "truck", "rock_sh3", "garden_large")
+"""Scenes that need no training: the embedded one, and three that others captured and trained."""
+
+TRAINED_HERE = ("fern", "bonsai")
+"""Scenes that `make train` leaves in build/train, with four trained levels."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame of a scene.
+
+    Attributes:
+        scene: `embedded`, or a name of golden.scenes.captured.CAPTURED.
+        size: WxH in pixels.
+        gaze: X,Y in pixels of a foveated frame of four levels; None for a frame without a gaze.
+    """
+
+    scene: str
+    size: str
+    gaze: str | None = None
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Size and gaze as options of the commands."""
+        return ("--size", self.size, *(("--gaze", self.gaze, "--levels", "4") if self.gaze else ()))
+
+
+def _views(size: str, gaze: str | None, *scenes: str) -> tuple[View, ...]:
+    return tuple(View(scene, size, gaze) for scene in scenes)
+
+
+EXACT = (View(EMBEDDED, "128x128", "64,64"), View("truck", "256x144", "128,72"), View("rock_sh3", "192x108", "96,54"))
+"""Frames whose every bit is compared, with and without their gaze, with and without merging and pipelining."""
+
+EXACT_LARGE = (View("garden_large", "320x180", "160,90"),)
+"""Frames whose every bit is compared, with and without their gaze, with merging and pipelining only."""
+
+SPEED = (
+    *_views("640x360", "320,180", EMBEDDED), View("truck", "256x144", "128,72"), *_views("640x360", "320,180", "truck"),
+    View("truck", "1280x720", "640,360"), *_views("640x360", "320,180", "rock_sh3"))
+"""Foveated frames whose cycles are compared with and without merging and pipelining, at two memories."""
+
+ORDER = _views("640x360", None, *MODELS)
+"""Frames whose order of splats is compared with the exact one."""
+
+ENERGY = (View(EMBEDDED, "640x360", "320,180"), View("garden_large", "1920x1080", "960,540"))
+"""Frames whose energy the cycle model gives, beside those of reports/machine.json."""
+
+BENCH = _views("640x360", None, EMBEDDED, "truck")
+"""Frames on which the speed of the renderers is compared."""
+
+SPLAT_CACHE = (
+    View(EMBEDDED, "128x128"), View("truck", "256x144"), View("truck", "640x360"), View("truck", "1280x720"),
+    View("garden_large", "320x180"), View("rock_sh3", "320x180"))
+"""Frames on which caches of splats are simulated, each without a gaze and with one in its centre."""
+
+WRITE_COMBINING = (*_views("640x360", None, EMBEDDED, "truck"), *_views("1920x1080", None, EMBEDDED, "truck"))
+"""Frames on which combined writes of intersections are counted."""
+
+TRAINING = (EMBEDDED, "fern")
+"""Scenes that the tables of training are made of."""
+
+FULL_HD = (EMBEDDED, "garden_large", "bonsai")
+"""Scenes of the frames beside a published chip."""
+
+
+def places(views: Iterable[View]) -> list[str]:
+    """Paths of the captured scenes of views, each once, of those that are there."""
+    paths = (scene_argument(name) for name in dict.fromkeys(view.scene for view in views) if name != EMBEDDED)
+    return [path for path in paths if path is not None]
+
+
+def available(views: Iterable[View]) -> Iterator[tuple[View, str]]:
+    """Views whose scene is there, each with the argument that names the scene; a line is printed for each that is not."""
+    for view in views:
+        path = scene_argument(view.scene)
+        if path is None:
+            print(f"skipped: {view.scene} (no such scene in MSV2_DATA)", flush=True)
+        else:
+            yield view, path
