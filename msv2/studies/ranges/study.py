@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import render
 from golden.scenes.captured import scene_argument
-from golden.scenes.request import make_folder, resolve
+from golden.scenes.request import make_folder, parse_request, resolve
 from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
 from msv2.studies.record import write_report
@@ -41,8 +40,8 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
     for scene in scenes:
         for gaze, levels in (("none", None), ("middle", 4)):
             where = "none" if gaze == "none" else ",".join(str(int(part) // 2) for part in size.split("x"))
-            request = resolve(argparse.Namespace(
-                scene=scene, size=size, camera="orbit", gaze=where, levels=levels, background="0,0,0", seed=0))
+            more = ("--levels", str(levels)) if levels else ()
+            request = resolve(parse_request(scene, "--size", size, "--gaze", where, *more))
             frame = render(request.model, request.camera, config=config, foveation=request.foveation,
                            background=request.background)
             name = f"{Path(scene).stem} {size}{', four levels' if levels else ''}"
