@@ -33,7 +33,7 @@ from spec.paths import REPORTS, ROOT, cache_folder
 
 CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
-"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+"""Scene, size and gaze of the frames that are modelled if no scene is named. A scene that MSV2_DATA lacks is left out."""
 
 MACHINE = REPORTS / "machine.json"
 """The report of frames through the RTL with its counters (`make results`)."""

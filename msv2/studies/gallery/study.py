@@ -1,11 +1,12 @@
-"""The pictures of the README, of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
+"""Draws the README's pictures of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
 
     msv2 study run gallery                     seconds; needs no simulator
     msv2 study run gallery --size 480x270      larger pictures
 
-`foveated.png` is a frame of four levels by the integer golden renderer, whose every bit is that of the RTL, beside the levels
-of its tiles. `renderers.png` is the panel of the demo: the ray-traced reference, the float64 oracle, the golden renderer,
-their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
+`foveated.png` shows a frame of four levels next to the levels of its tiles. The integer golden renderer makes it, and the RTL
+makes the same frame bit for bit. `renderers.png` is the panel of the demo: the ray-traced reference, the float64 oracle, the
+golden renderer, the difference of these two, the foveated frame and its levels, the depth, and the number of intersections of
+each tile.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ from spec.config import PAPER
 from spec.paths import DOCS
 
 FRAME, PANEL = (384, 216), (160, 120)
-"""Sizes in pixels of the frame in `foveated.png` and of each picture in `renderers.png`."""
+"""The sizes in pixels of the frame in `foveated.png` and of each picture in `renderers.png`."""
 
 FOLDER = DOCS / "images"
 
 
 def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
-    """A frame of four levels with the gaze in its centre, and the picture of its levels, (H, W, 3) float in 0..1."""
+    """A frame of four levels with the gaze in its centre, and the picture of its levels as (H, W, 3) float in 0..1."""
     gaze = (size[0] / 2, size[1] / 2)
     foveation = foveation_map(Display(*size), gaze)
     frame = pipeline.render(
@@ -43,14 +44,14 @@ def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
 
 
 def frame_and_levels(size: tuple[int, int]) -> np.ndarray:
-    """`foveated.png`, uint8."""
+    """The picture `foveated.png` as uint8."""
     frame, levels = foveated(size)
     return panel_picture([("foveated frame, four levels, the gaze in the centre", frame.image),
                           ("level of each tile: red is the fovea, mixed colours blend", levels)], 2)
 
 
 def panels(size: tuple[int, int]) -> np.ndarray:
-    """`renderers.png`, uint8."""
+    """The picture `renderers.png` as uint8."""
     model, camera = cached_embedded_model(), embedded_cameras(*size)[0]
     oracle, golden = render_oracle(model, camera), pipeline.render(model, camera, config=PAPER)
     frame, levels = foveated(size)
@@ -63,7 +64,7 @@ def panels(size: tuple[int, int]) -> np.ndarray:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line: draws both pictures and writes them."""
     parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
                         help="of the foveated frame (default: %(default)s)")

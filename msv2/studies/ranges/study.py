@@ -1,4 +1,4 @@
-"""Which values the records of real frames take: ranges.json, ranges.md and ranges.png."""
+"""Measures the ranges of values in the records of real frames, for ranges.json, ranges.md and ranges.png."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ examples:
 
 
 def default_scenes() -> list[str]:
-    """The embedded scene, and the captured ones that are there."""
+    """The embedded scene, and the captured scenes that are present."""
     return list(filter(None, map(scene_argument, MODELS)))
 
 

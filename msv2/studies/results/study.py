@@ -97,7 +97,7 @@ def measure_machine() -> None:
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
-    """`frame_row` of every frame, a view and options, whose scene is there, some at a time."""
+    """The `frame_row` of every wanted frame, given as a view and options, if its scene is present. Several run in parallel."""
     here = {view for view, _ in available(dict.fromkeys(view for view, *_ in wanted))}
     with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) // 2)) as pool:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if frame[0] in here]))
