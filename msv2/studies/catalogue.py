@@ -201,8 +201,8 @@ def list_studies(argv: Sequence[str] = ()) -> int:
     """
     with called_as("msv2 study list"):
         parser = command_parser("msv2 study list", "The studies and the state of their reports.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--reports", action="store_true", help="a line for each report: its command, its cost, why it is stale")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="show only these studies (default: all)")
+    parser.add_argument("--reports", action="store_true", help="list reports: command, cost, and why a report is stale")
     args = parser.parse_args(argv)
     studies = [find(name) for name in args.names] or list(STUDIES)
     print("\n".join(_report_lines(studies) if args.reports else _study_lines(studies)))
@@ -216,8 +216,8 @@ def _study_lines(studies: Sequence[Study]) -> list[str]:
         worst = next((state for state in ("stale", "unknown", "current") if state in states), "none")
         cost = " + ".join(report.cost for report in study.reports) or "-"
         lines.append(f"{study.name:<22}{cost:>12}  {worst:<9} {study.about}")
-    return [*lines, "", "~: estimated. reports: current, stale, or unknown where a report was written before reports had a "
-            "provenance;", "`msv2 study list --reports` says why. Run one with `msv2 study run NAME`."]
+    return [*lines, "", "~ marks an estimate. A report is current, stale, or unknown if it was written before reports had a "
+            "provenance.", "`msv2 study list --reports` says why. `msv2 study run NAME` runs a study."]
 
 
 def _report_lines(studies: Sequence[Study]) -> list[str]:

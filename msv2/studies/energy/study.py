@@ -5,8 +5,8 @@ frame.json that `python -m tb.frame` wrote, and from the frames in reports/machi
 reports/energy_per_operation.json, which `msv2 study run energy_per_operation` measures.
 
 examples:
-  msv2 study run energy                                     the embedded scene, garden_large where MSV2_DATA has it,
-                                                                   and the frames of reports/machine.json
+  msv2 study run energy                                     the embedded scene, garden_large if MSV2_DATA has it,
+                                                            and the frames of reports/machine.json
   msv2 study run energy truck.splat --size 1280x720         one frame
   msv2 study run energy --frame build/frame/frame.json      a frame through the RTL
 """

@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: draws both pictures and writes them."""
     parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
-                        help="of the foveated frame (default: %(default)s)")
+                        help="size of the foveated frame (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="output folder (default: docs/images)")
     args = parser.parse_args(argv)
     size, out = parse_size(args.size), make_folder(args.out)

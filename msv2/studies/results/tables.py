@@ -202,7 +202,7 @@ TABLES: dict[str, Callable[[Reports], str | None]] = {
     "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
     **HEADLINE_TABLES,
 }
-"""By name; None where a table's report is not there: what the page has stays."""
+"""The tables by name. A function returns None if its report is missing, and then the page keeps its table."""
 
 
 PAGES = (ROOT / "README.md", DOCS / "results.md", DOCS / "units.md")
