@@ -11,13 +11,13 @@ from golden.scenes.request import parse_request, resolve
 from spec.config import AcceleratorConfig
 
 TRAINED = ("truck", "rock_sh3")
-"""Captured scenes whose frames the suites play where they are there."""
+"""Captured scenes whose frames the suites play if they are present."""
 
 
 def traced_frame(
     config: AcceleratorConfig, scene: str, size: str, gaze: str = "none", levels: int | None = None,
 ) -> tuple[str, Frame]:
-    """Name and frame of a scene at a size such as "640x360", with a gaze where it is "x,y".
+    """The name and the frame of a scene at a size such as "640x360". `gaze` is "x,y" or "none".
 
     `scene` is what golden.scenes.captured.scene_argument returns.
     """

@@ -61,7 +61,7 @@ class Compared:
 
 
 def scene_file(scene: str) -> Path | None:
-    """Where a captured scene, one that was trained here, or a model file is; None where it is not."""
+    """The path of a captured scene, of a scene that was trained here, or of a model file; None if it does not exist."""
     captured = captured_path(scene) if scene in MODELS and scene != EMBEDDED else None
     places = [captured, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
     return next((place for place in places if place is not None and place.exists()), None)

@@ -1,4 +1,4 @@
-"""Which values the records of real frames take: ranges.json, ranges.md and ranges.png."""
+"""Measures the ranges of values in the records of real frames, for ranges.json, ranges.md and ranges.png."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import REPORTS
 
 EPILOG = """\
-Writes ranges.json, ranges.md and ranges.png: of every field of every record the least and the largest value, how many lie at
-the format's limit, and how many bits are spare. Without scenes: the embedded one, and those of MSV2_DATA where it is set.
-Each scene is rendered without a gaze and with one in the frame's middle (four levels).
+Writes ranges.json, ranges.md and ranges.png: for every field of every record the smallest and the largest value, the
+number of values at the format's limit, and the number of spare bits. If no scene is named, the embedded scene and those of
+MSV2_DATA are used. Each scene is rendered without a gaze, and with a gaze in the centre of the frame (four levels).
 
 examples:
   msv2 study run ranges
@@ -29,7 +29,7 @@ examples:
 
 
 def default_scenes() -> list[str]:
-    """The embedded scene, and the captured ones that are there."""
+    """The embedded scene, and the captured scenes that are present."""
     return list(filter(None, map(scene_argument, MODELS)))
 
 
