@@ -10,13 +10,13 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.datapath import Datapath
 from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
-from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
+from rtl.culling.tile_expand import TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
-from spec.queues import TILE_TEST_BESIDE
+from spec.queues import COUNTER_BITS, TILE_TEST_BESIDE
 from spec.records import TILE_BITS, entry_item, projected_splat, surviving_splat, tile_level
 
 
