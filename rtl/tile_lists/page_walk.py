@@ -16,9 +16,9 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout, shape
 from rtl.tile_lists.beats import check_config
-from rtl.tile_lists.entry_writer import FIRST_PAGE_BEATS, UNIT_BITS
+from rtl.tile_lists.entry_writer import UNIT_BITS
 from spec.config import AcceleratorConfig
-from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
+from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_BEATS, FIRST_PAGE_ENTRIES, WORDS
 from spec.queues import LIST_POINTERS, LIST_TILES
 from spec.records import COUNT_BITS, tile_group, tile_index
 

@@ -40,7 +40,7 @@ def ring_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A pixel on its way into a lane's part of the ring: the fields of WarpPixel that differ within a lane."""
+    """A pixel on its way into a lane's part of the ring: the fields that differ within a lane."""
     return data.StructLayout({
         "place": ring_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
 
