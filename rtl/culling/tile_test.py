@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.datapath import Datapath
 from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
-from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
+from rtl.culling.tile_expand import TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
