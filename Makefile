@@ -60,8 +60,8 @@ synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=gen
 	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
-verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT=
-	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out)
+verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
+	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)
 
 study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
 	@$(MSV2) study $(or $(NAME),list) $(ARGS)

@@ -1,4 +1,4 @@
-"""The pictures of the README, of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
+"""Draws the README's pictures of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
 
     msv2 study run gallery                     seconds; needs no simulator
     msv2 study run gallery --size 480x270      larger pictures
@@ -48,7 +48,7 @@ def leveled(model: GaussianModel) -> GaussianModel:
 
 
 def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
-    """A frame of four levels with the gaze in its centre, and the picture of its levels, (H, W, 3) float in 0..1."""
+    """A frame of four levels with the gaze in its centre, and the picture of its levels as (H, W, 3) float in 0..1."""
     gaze = (size[0] / 2, size[1] / 2)
     foveation = foveation_map(Display(*size), gaze)
     frame = pipeline.render(
@@ -57,14 +57,14 @@ def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
 
 
 def frame_and_levels(size: tuple[int, int]) -> np.ndarray:
-    """`foveated.png`, uint8."""
+    """The picture `foveated.png` as uint8."""
     frame, levels = foveated(size)
     return panel_picture([("foveated frame, four levels, the gaze in the centre", frame.image),
                           ("level of each tile: red is the fovea, mixed colours blend", levels)], 2)
 
 
 def panels(size: tuple[int, int]) -> np.ndarray:
-    """`renderers.png`, uint8."""
+    """The picture `renderers.png` as uint8."""
     model, camera = cached_embedded_model(), embedded_cameras(*size)[0]
     oracle, golden = render_oracle(model, camera), pipeline.render(model, camera, config=PAPER)
     frame, levels = foveated(size)
@@ -77,10 +77,10 @@ def panels(size: tuple[int, int]) -> np.ndarray:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line: draws both pictures and writes them."""
     parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
-                        help="of the foveated frame (default: %(default)s)")
+                        help="size of the foveated frame (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="output folder (default: docs/images)")
     args = parser.parse_args(argv)
     size, out = parse_size(args.size), make_folder(args.out)

@@ -3,9 +3,7 @@
 The algorithm is the same in every stage: camera depths, survivors in blocks of vectors, one pass over tile rows, count and
 scatter, intersections set up in blocks, rows of 16 pixels as vectors, and the same tests that skip rows and stop tiles. It
 differs only in what integer arithmetic forces on the golden renderer: intermediate results are not rounded, the exponential is
-a polynomial instead of a table, and `fastmath` is on.
-
-It renders one level, with depth. The constants are those of `spec.constants`.
+a polynomial instead of a table, and `fastmath` is on. It renders one level, with depth.
 """
 
 from __future__ import annotations
@@ -44,8 +42,7 @@ _T, _RED, _GREEN, _BLUE, _FAR = range(0, 5 * TILE, TILE)
 
 
 class FloatModel(NamedTuple):
-    """A model in the form that the float32 renderer keeps. All arrays are float32 with N rows; they are computed once per
-    model.
+    """A model as the float32 renderer keeps it, computed once per model. All arrays are float32 with N rows.
 
     Attributes:
         mean: (N, 3) relative to `origin`.
