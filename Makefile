@@ -60,8 +60,8 @@ synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=gen
 	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
-verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT=
-	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out)
+verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
+	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)
 
 study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
 	@$(MSV2) study $(or $(NAME),list) $(ARGS)
@@ -105,7 +105,7 @@ tradeoff: setup ## what accuracy costs in time: machine, simulation, training; S
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT=
 	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
-results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
+results: setup ## everything that the generated tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
 	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1

@@ -25,9 +25,9 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from spec.command_line import add_out_argument, command_parser
+from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import run_command_line
-from spec.overrides import add_config_arguments, choice, config_from, config_record
+from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
 
 EXAMPLES = """\

@@ -8,7 +8,7 @@ from perf.bus import ENTRIES, TILES
 from perf.kernel import step
 from perf.layout import Layout
 from perf.watch import layout as before
-from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES, WORDS
+from spec.memory import BEAT_ENTRIES, FIRST_PAGE_BEATS, FIRST_PAGE_ENTRIES, WORDS
 from spec.queues import HEADERS, LIST_BEATS, LIST_POINTERS, LIST_TILES
 
 layout = Layout(before)
@@ -171,7 +171,7 @@ def _walk(s, t, moves, ends, counts, page_beat, page_start):
             s.pointer_out = p + 1
             s.pointer_room += 1
             s.page <<= 1
-            s.in_page = s.page * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
+            s.in_page = s.page * FIRST_PAGE_BEATS
             s.walk_beat = page_beat[s.pointer_at]
             s.pointer_at += 1
             s.turns = 0
@@ -179,8 +179,8 @@ def _walk(s, t, moves, ends, counts, page_beat, page_start):
         tile = s.tile_queue[at & LIST_TILES - 1]
         s.tiles_out = at + 1
         s.walk, s.walk_left, s.page = 1, counts[tile], 1
-        s.in_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-        s.walk_beat = tile * (FIRST_PAGE_ENTRIES // BEAT_ENTRIES)
+        s.in_page = FIRST_PAGE_BEATS
+        s.walk_beat = tile * FIRST_PAGE_BEATS
         s.pointer_at = page_start[tile]
 
 

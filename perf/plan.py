@@ -17,11 +17,13 @@ from spec.memory import (
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
     DISPLAY_PIXEL_BYTES,
+    FIRST_PAGE_BEATS,
     FIRST_PAGE_ENTRIES,
     PIXEL_BYTES,
     TILE_SETTING_BYTES,
     WORDS,
     colour_beats,
+    pages_beyond_first,
 )
 from spec.queues import CACHE_WAYS
 
@@ -74,9 +76,7 @@ class Lists:
 
 def eye_lists(eye: EyeTrace) -> Lists:
     """Where an eye's intersections are written. `golden.msv2_ref.tile_lists` computes the same for a frame."""
-    places = eye.counts.astype(np.int64) + (FIRST_PAGE_ENTRIES - 1)
-    pages = np.maximum(np.frexp(places // FIRST_PAGE_ENTRIES)[1] - 1, 0)  # pages beyond the first
-    start = np.concatenate(([0], np.cumsum(pages)))
+    start = np.concatenate(([0], np.cumsum(pages_beyond_first(eye.counts))))
     begins, page_beat = np.zeros(len(eye.tile) + 1, np.bool_), np.zeros(start[-1] + 1, np.int64)
     writes = np.zeros(len(eye.tile) + start[-1] + 1, np.int64)
     return Lists(_pages(eye.tile, start, begins, writes, page_beat), begins, writes, page_beat, start)
@@ -86,7 +86,7 @@ def eye_lists(eye: EyeTrace) -> Lists:
 def _pages(tile, page_start, begins, writes, page_beat):
     """Allocates pages in the order of the intersections; returns the beats that the pages take."""
     tiles, at = len(page_start) - 1, 0
-    beats = tiles * FIRST_PAGE_ENTRIES // BEAT_ENTRIES
+    beats = tiles * FIRST_PAGE_BEATS
     place, base, page = np.full(tiles, FIRST_PAGE_ENTRIES, np.int64), np.empty(tiles, np.int64), page_start[:-1].copy()
     for i in range(tiles):
         base[i] = (i - 1) * FIRST_PAGE_ENTRIES  # in intersections; as if the page followed one as long as all before it

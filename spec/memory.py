@@ -24,6 +24,8 @@ following links, and a long list wastes at most about half of its allocated spac
 
 from __future__ import annotations
 
+import numpy as np
+
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.records import COUNT_BITS, INDEX_BITS, Field, Record, gaussian_colour, uint
@@ -50,11 +52,17 @@ BEAT_ENTRIES = BEAT_BYTES // ENTRY_BYTES
 FIRST_PAGE_ENTRIES = 32
 """Intersections in a tile's first page."""
 
+FIRST_PAGE_BEATS = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
+"""Beats of a tile's first page, and of the unit in which pages are allocated: a page is a power of two of units long."""
+
 DIRECTORY_SLOTS = 16
 """Pages of a tile beyond its first. With them a tile has space for 4,194,272 intersections."""
 
 DIRECTORY_BEATS = DIRECTORY_SLOTS * 4 // BEAT_BYTES
 """Beats of a tile's directory."""
+
+TILE_ENTRIES_MOST = (FIRST_PAGE_ENTRIES << DIRECTORY_SLOTS + 1) - FIRST_PAGE_ENTRIES
+"""Intersections that all pages of a tile hold."""
 
 TILE_SETTING_BYTES = 8
 """Bytes of a TileSetting in the host's table."""
@@ -67,6 +75,30 @@ DISPLAY_PIXEL_BYTES = 4
 
 DRAM_BYTES_PER_CYCLE = 25.6
 """Bandwidth of the paper's memory, four LPDDR3-1600 x32 channels, in bytes per cycle of the machine's 1 GHz clock."""
+
+
+def entry_page(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(page, place in the page), int64, of a tile's intersections by their number in the tile's list (any shape)."""
+    place = np.asarray(number, np.int64) + FIRST_PAGE_ENTRIES
+    page = np.frexp(place // FIRST_PAGE_ENTRIES)[1].astype(np.int64) - 1
+    return page, place - (FIRST_PAGE_ENTRIES << page)
+
+
+def pages_beyond_first(counts: np.ndarray) -> np.ndarray:
+    """int64: how many pages tiles with so many intersections have beyond their first (any shape)."""
+    return entry_page(np.maximum(np.asarray(counts, np.int64) - 1, 0))[0]
+
+
+def page_beats(counts: np.ndarray) -> int:
+    """Beats of all pages of tiles with so many intersections, (tiles,); a tile without any has its first page, too.
+
+    Raises:
+        ValueError: a tile has more intersections than its pages can hold.
+    """
+    counts = np.asarray(counts, np.int64)
+    if len(counts) and counts.max() > TILE_ENTRIES_MOST:
+        raise ValueError(f"counts must be at most {TILE_ENTRIES_MOST} entries a tile, not {int(counts.max())!r}")
+    return FIRST_PAGE_BEATS * int(((2 << pages_beyond_first(counts)) - 1).sum())
 
 
 def beat(name: str) -> Field:

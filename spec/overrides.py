@@ -24,12 +24,11 @@ import argparse
 import hashlib
 import tomllib
 import typing
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from spec import command_line
-from spec.command_line import choice
+from spec.command_line import choice, nearest
 from spec.config import CONFIGS, WARP_FILLS, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import NOTATION, Fixed, SmallFloat, parse_format
@@ -48,12 +47,6 @@ NAMES = tuple(_KINDS)
 """Every name that `--set` and a TOML file take."""
 
 
-def nearest(name: str, accepted: Collection[str]) -> str:
-    """As `spec.command_line.nearest`; of a format's bare name, the format."""
-    format_name = f"{FORMATS}.{name}"
-    return f"; did you mean {format_name!r}?" if format_name in accepted else command_line.nearest(name, accepted)
-
-
 def _refused(name: str, value: object, accepted: str) -> InputError:
     return InputError(f"{name} {value!r} is not accepted: {accepted}")
 
@@ -65,7 +58,9 @@ def _known(name: str) -> str:
     if name == FORMATS:
         raise InputError(f"parameter {name!r} is not accepted: name one format, as in {FORMATS}.colour=UQ1.8")
     accepted = tuple(_FORMATS) if name.startswith(f"{FORMATS}.") else ("name", *_PARAMETERS, f"{FORMATS}.NAME")
-    raise InputError(f"parameter {name!r} is not accepted: choose one of {', '.join(accepted)}{nearest(name, NAMES)}")
+    likely = [other for other in NAMES if other == f"{FORMATS}.{name}" or (len(name) > 2 and name in other)]
+    hint = nearest(name, likely[:1] or NAMES)
+    raise InputError(f"parameter {name!r} is not accepted: choose one of {', '.join(accepted)}{hint}")
 
 
 def _format(name: str, value: object, kind: type[Fixed] | type[SmallFloat]) -> Fixed | SmallFloat:
@@ -97,7 +92,7 @@ def convert(name: str, value: object) -> object:
     kind = _KINDS[_known(name)]
     text = value.strip().lower() if isinstance(value, str) else None
     if kind in (Fixed, SmallFloat):
-        return _format(name, value, typing.cast("type[Fixed] | type[SmallFloat]", kind))
+        return _format(name, value, kind)
     if kind is bool:
         if isinstance(value, bool) or text in _SWITCHES:
             return value if isinstance(value, bool) else _SWITCHES[typing.cast(str, text)]

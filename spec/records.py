@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +41,9 @@ class Field:
     @property
     def raw_range(self) -> tuple[int, int]:
         """Smallest and largest raw value of one number."""
-        fixed = isinstance(self.format, Fixed)
-        return (self.format.raw_min, self.format.raw_max) if fixed else (0, (1 << self.format.width) - 1)
+        if isinstance(self.format, Fixed):
+            return self.format.raw_min, self.format.raw_max
+        return 0, (1 << self.format.width) - 1
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Record:
     """A named layout. Field 0 sits in the lowest bits."""
 
     name: str
-    doc: str
+    doc: str | None
     fields: tuple[Field, ...]
 
     @property
@@ -62,7 +64,7 @@ class Record:
         """Structured dtype of raw values (Fixed) or bit patterns (SmallFloat), each in the smallest of int16, int32, int64."""
         return np.dtype([(f.name, f.holder, (f.count,)) if f.count > 1 else (f.name, f.holder) for f in self.fields])
 
-    def pack(self, row: Mapping[str, object] | np.void) -> int:
+    def pack(self, row: Mapping[str, Any] | np.void) -> int:
         """The bit pattern of one row. Raises ValueError where a raw value, or the number of them, does not fit its field."""
         bits, offset = 0, 0
         for f in self.fields:

@@ -1,4 +1,4 @@
-"""Warping one eye's frame into the other's: formats, exact tests and records. docs/stereo.md has the arithmetic.
+"""Warping one eye's frame into the other's: formats and exact tests. docs/stereo.md has the arithmetic.
 
 A pixel's disparity is S w / d. Here w is its coverage, the largest transmittance minus the pixel's own, and d is its depth sum;
 both are raw numbers. S is the host's setting `disparity_scale`: the disparity of a point at the far end of the depth scale, in
@@ -12,7 +12,6 @@ import math
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import COVERAGE_VALID, COVERAGE_VISIBLE, TILE
 from spec.formats import UQ, Fixed
-from spec.records import TILE_BITS, Field, Record, tile_index, uint
 
 DISPARITY_FRAC = 8
 """Fraction bits of a disparity: half an ulp is 1/512 pixel, far below what the depth's own rounding costs."""
@@ -76,42 +75,3 @@ def warped_transmittance(config: AcceleratorConfig) -> int:
     are not warped."""
     n = config.formats
     return background_transmittance(n) - 1 if config.warp_veiled else solid_transmittance(n)
-
-
-def _pixel(config: AcceleratorConfig) -> tuple[Field, ...]:
-    """The fields of a pixel that a strip holds."""
-    return (
-        Field("colour", uint(8), "r, g, b as in DisplayPixel", 3),
-        Field("key", uint(disparity(config).width), "0: background; else the raw disparity + 1: larger is nearer"),
-    )
-
-
-def warp_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel of the source eye's frame on its way into the target's."""
-    return Record("WarpPixel", warp_pixel.__doc__, (
-        Field("x", uint(TILE_BITS + (TILE - 1).bit_length()), "column in the target eye's frame; 0 where nothing is kept"),
-        Field("row", uint((TILE - 1).bit_length()), "row inside the strip"),
-        *_pixel(config),
-        Field("keep", uint(1), "the pixel moves by `reach` at most and stays in the frame; otherwise the rest means nothing"),
-    ))
-
-
-def strip_pixel(config: AcceleratorConfig) -> Record:
-    """A pixel of a strip, which is 16 rows of the target eye's frame. A pixel replaces an earlier one with a smaller key, or an
-    empty place."""
-    return Record("StripPixel", strip_pixel.__doc__, (
-        *_pixel(config),
-        Field("valid", uint(1), "a pixel was warped here; otherwise the rest means nothing"),
-    ))
-
-
-def warped_tile(config: AcceleratorConfig) -> Record:
-    """Whether a tile of the target eye's frame has holes, as the warp unit finds; one per tile, in tile order."""
-    return Record("WarpedTile", warped_tile.__doc__, (
-        Field("tile", tile_index(config), "native tile"),
-        Field("invalid", uint(1), "holes are left in it: it must be rendered"),
-    ))
-
-
-STEREO_RECORDS = (warp_pixel, strip_pixel, warped_tile)
-"""Records that only machines with stereo have."""

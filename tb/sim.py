@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 
-from spec.command_line import command_parser
+from spec.command_line import choice, command_parser
 from spec.errors import InputError, run_command_line
-from spec.overrides import add_set_argument, changed, choice, parse_sets
+from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
 from tb.axi import suite as axi
 from tb.common.runner import SimulationError, Waves, parse_window

@@ -23,9 +23,7 @@ from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
-    DIRECTORY_SLOTS,
     DISPLAY_PIXEL_BYTES,
-    FIRST_PAGE_ENTRIES,
     PIXEL_BYTES,
     TILE_SETTING_BYTES,
     colour_beats,
@@ -125,24 +123,6 @@ class MemoryImage:
         """The region that holds the pixels of all eyes at the end."""
         first = self.regions["frame"]
         return Region(first.base, self.regions.get("target_frame", first).end - first.base)
-
-
-def page_beats(counts: np.ndarray) -> int:
-    """Number of beats that the tiles' pages take, including the first pages of empty tiles.
-
-    Args:
-        counts: (tiles,) number of intersections in each tile.
-
-    Raises:
-        ValueError: a tile has more intersections than its pages can hold.
-    """
-    counts = np.asarray(counts, np.int64)
-    most = (FIRST_PAGE_ENTRIES << (DIRECTORY_SLOTS + 1)) - FIRST_PAGE_ENTRIES
-    if len(counts) and counts.max() > most:
-        raise ValueError(f"counts must be at most {most} entries a tile, not {int(counts.max())!r}")
-    pages = np.arange(1, DIRECTORY_SLOTS + 1)
-    begun = counts[:, None] + FIRST_PAGE_ENTRIES > FIRST_PAGE_ENTRIES << pages  # page k follows (1 << k) - 1 first pages
-    return (FIRST_PAGE_ENTRIES * len(counts) + int((begun * (FIRST_PAGE_ENTRIES << pages)).sum())) // BEAT_ENTRIES
 
 
 def view_shift(*registers: FrameRegisters) -> int:

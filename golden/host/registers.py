@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.host.quantise import GaussianWords
-from golden.host.rounding import pattern, round_to
 from golden.kernels import compiled
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
@@ -38,7 +37,6 @@ class FrameRegisters:
         limits: (4,) bounds to which fx x/z (low, high) and fy y/z (low, high) are clamped, pixels.
         near: near plane in world units.
         width, height: size of the frame in pixels.
-        key_near: integer pattern (exponent and fraction) of the near plane; the depth key is the pattern of z minus this.
         depth_scale: reciprocal of the z at which `depth` saturates.
         depth_far: that z, float64, in world units; the host converts raw depths back with it.
         background: (3,) int64 raw `colour`.
@@ -54,7 +52,6 @@ class FrameRegisters:
     near: float
     width: int
     height: int
-    key_near: int
     depth_scale: float
     depth_far: float
     background: np.ndarray
@@ -147,7 +144,6 @@ def frame_registers(
         rotation=n.view.round(in_pixels), turn=n.work.round(in_pixels / EXPONENT_SCALE),
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
-        key_near=pattern(float(n.view.round(camera.near)), round_to(n.view)),
         depth_scale=float(n.view.round(1 / far)), depth_far=1 / float(n.view.round(1 / far)),
         background=n.colour.quantise(background), header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
         plane=n.plane.quantise(foveation.plane.reshape(-1, 3)))

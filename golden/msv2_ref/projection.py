@@ -84,7 +84,7 @@ def culling_constants(config: AcceleratorConfig) -> CullingConstants:
 
 
 class _Camera(NamedTuple):
-    """The registers that the projection reads."""
+    """The registers that the projection reads; `key_near` is the near plane's bit pattern, which depth keys count from."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -277,7 +277,7 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
         np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros((count, 4), np.int16))
     camera = _Camera(r.position, r.rotation, r.turn, r.centre.astype(np.float64), r.limits, r.near, r.width, r.height,
-                     r.key_near, r.depth_scale)
+                     pattern(r.near, k.to_view), r.depth_scale)
     d = words.decoded
     view_depth = np.empty(count)
     for_slices(_view_depth, count, d.mean, camera, k, view_depth)

@@ -8,7 +8,7 @@ import numpy as np
 
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
-from spec.memory import BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
+from spec.memory import BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_BEATS, WORDS, entry_page
 from spec.packing import pack
 from spec.records import chunk_entry, tile_entry
 
@@ -40,8 +40,7 @@ class TileLists:
     @property
     def beats(self) -> int:
         """Number of beats that were handed out, including first pages."""
-        sizes = FIRST_PAGE_ENTRIES // BEAT_ENTRIES << self.page_slot + 1
-        return self.tiles * FIRST_PAGE_ENTRIES // BEAT_ENTRIES + int(sizes.sum())
+        return FIRST_PAGE_BEATS * (self.tiles + int((2 << self.page_slot).sum()))
 
     @property
     def hits(self) -> np.ndarray:
@@ -70,22 +69,22 @@ def tile_lists(tile: np.ndarray, tiles: int, entries_beats: int, slots: int = DI
     """
     tile = np.asarray(tile, np.int64)
     inside, rank = tile < tiles, rank_in_tile(tile)
-    page = np.frexp((rank + FIRST_PAGE_ENTRIES) // FIRST_PAGE_ENTRIES)[1].astype(np.int64) - 1
-    begins = inside & (page > 0) & (rank + FIRST_PAGE_ENTRIES == FIRST_PAGE_ENTRIES << page)
-    first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-    room_after = entries_beats - first_page * (tiles + np.cumsum(np.where(begins, 1 << page, 0)))
-    fails = np.flatnonzero(inside & ((begins & ((page > slots) | (room_after < 0))) | (entries_beats < first_page * tiles)))
+    page, place = entry_page(rank)
+    begins = inside & (page > 0) & (place == 0)
+    room_after = entries_beats - FIRST_PAGE_BEATS * (tiles + np.cumsum(np.where(begins, 1 << page, 0)))
+    no_first = entries_beats < FIRST_PAGE_BEATS * tiles
+    fails = np.flatnonzero(inside & ((begins & ((page > slots) | (room_after < 0))) | no_first))
     stop = int(fails[0]) if len(fails) else len(tile)
     written = inside & (np.arange(len(tile)) < stop)
     opened = np.flatnonzero(begins & written)
-    page_beat = entries_beats - room_after[opened] - first_page * (1 << page[opened])
+    page_beat = entries_beats - room_after[opened] - FIRST_PAGE_BEATS * (1 << page[opened])
 
     base = np.zeros((tiles, slots + 1), np.int64)
-    base[:, 0] = first_page * np.arange(tiles)
+    base[:, 0] = FIRST_PAGE_BEATS * np.arange(tiles)
     base[tile[opened], page[opened]] = page_beat
     number = np.zeros(len(tile), np.int64)
     w = np.flatnonzero(written)
-    number[w] = base[tile[w], page[w]] * BEAT_ENTRIES + rank[w] + FIRST_PAGE_ENTRIES - (FIRST_PAGE_ENTRIES << page[w])
+    number[w] = base[tile[w], page[w]] * BEAT_ENTRIES + place[w]
     return TileLists(tiles, tile, written, bool(len(fails)), number, tile[opened], page[opened] - 1, page_beat)
 
 

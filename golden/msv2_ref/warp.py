@@ -22,13 +22,21 @@ from spec.stereo import (
     disparity,
     disparity_drop,
     reach,
-    strip_pixel,
-    warp_pixel,
     warped_transmittance,
 )
 
 HOLE, WARPED, BACKGROUND, FILLED = range(4)
 """Where a pixel of the warped frame comes from."""
+
+_STRIP = [("colour", np.int16, 3), ("key", np.int32)]
+MOVED_PIXEL = np.dtype([("x", np.int16), ("row", np.int16), *_STRIP, ("keep", np.int16)])
+"""A pixel of the source eye's frame on its way into the target's. `x` is its column in the target, 0 where nothing is kept;
+`row` its row inside the strip; `colour` is r, g, b as in DisplayPixel; `key` is 0 for background and otherwise the raw
+disparity + 1, so that a larger key is nearer; `keep` says that the pixel moves by `reach` at most and stays in the frame."""
+
+STRIP_PIXEL = np.dtype([*_STRIP, ("valid", np.int16)])
+"""A pixel of a strip, which is 16 rows of the target eye's frame: colour and key as in MOVED_PIXEL, and whether a pixel was
+warped here; where none was, the rest means nothing."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +44,8 @@ class WarpedFrame:
     """The result of the warp unit for a whole frame.
 
     Attributes:
-        moved: (H, W) WarpPixel records of the source's pixels.
-        strips: (H, W) StripPixel records of the target before its holes are filled.
+        moved: (H, W) MOVED_PIXEL records of the source's pixels.
+        strips: (H, W) STRIP_PIXEL records of the target before its holes are filled.
         pixels: (H, W) DisplayPixel records of the target: the strips with holes filled; all 0 where a hole is left.
         origin: (H, W) uint8 of the target: HOLE, WARPED, BACKGROUND or FILLED.
         invalid: (tiles,) bool: whether a hole is left in the tile.
@@ -68,7 +76,7 @@ def raw_disparity(config: AcceleratorConfig, transmittance: np.ndarray, depth: n
 
 
 def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> np.ndarray:
-    """(H, W) WarpPixel records: where each pixel of the source goes.
+    """(H, W) MOVED_PIXEL records: where each pixel of the source goes.
 
     Args:
         config: the machine.
@@ -82,7 +90,7 @@ def warp_pixels(config: AcceleratorConfig, pixels: np.ndarray, scale: int, sourc
     shift = (raw if source_right else -raw) + (1 << DISPARITY_FRAC - 1) >> DISPARITY_FRAC
     shift = np.where(background, 0, shift)
     x = np.arange(width) + shift
-    out = np.zeros(pixels.shape, warp_pixel(config).dtype)
+    out = np.zeros(pixels.shape, MOVED_PIXEL)
     keep = (background | solid) & (np.abs(shift) <= reach(config)) & (x >= 0) & (x < width)
     out["keep"], out["x"] = keep, np.where(keep, x, 0)
     out["row"] = np.arange(pixels.shape[0])[:, None] % TILE
@@ -106,12 +114,12 @@ def _scatter(x, key, keep, source):
                     source[row, to] = column
 
 
-def scatter(config: AcceleratorConfig, moved: np.ndarray) -> np.ndarray:
-    """(H, W) StripPixel records of (H, W) WarpPixel records: each place keeps the pixel with the largest key."""
+def scatter(moved: np.ndarray) -> np.ndarray:
+    """(H, W) STRIP_PIXEL records of (H, W) MOVED_PIXEL records: each place keeps the pixel with the largest key."""
     source = np.full(moved.shape, -1, np.int64)
     columns = (np.ascontiguousarray(moved[name], np.int64) for name in ("x", "key", "keep"))
     _scatter(*columns, source)
-    out = np.zeros(moved.shape, strip_pixel(config).dtype)
+    out = np.zeros(moved.shape, STRIP_PIXEL)
     valid = source >= 0
     rows = np.nonzero(valid)[0]
     out["colour"][valid], out["key"][valid] = moved["colour"][rows, source[valid]], moved["key"][rows, source[valid]]
@@ -148,7 +156,7 @@ def fill(config: AcceleratorConfig, strips: np.ndarray) -> tuple[np.ndarray, np.
 
     Args:
         config: the machine.
-        strips: (H, W) StripPixel records.
+        strips: (H, W) STRIP_PIXEL records.
 
     Returns:
         pixels, origin and invalid: see `WarpedFrame`.
@@ -175,5 +183,5 @@ def tiles_with(mask: np.ndarray) -> np.ndarray:
 def warp(config: AcceleratorConfig, pixels: np.ndarray, scale: int, source_right: bool) -> WarpedFrame:
     """Runs the unit on a whole frame; the arguments are those of `warp_pixels`."""
     moved = warp_pixels(config, pixels, scale, source_right)
-    strips = scatter(config, moved)
+    strips = scatter(moved)
     return WarpedFrame(moved, strips, *fill(config, strips))

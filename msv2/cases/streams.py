@@ -14,7 +14,7 @@ from msv2.cases.case import Case
 from msv2.cases.check import MACHINE, Cell
 from msv2.cases.makers import random_model, turned_view, view
 from msv2.cases.order import crowded
-from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
+from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import ErrorCode
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.top.planned import SPEEDS, PlannedFrame, planned
@@ -76,9 +76,8 @@ def _errors() -> list[PlannedFrame]:
     model = crowded(2 * chunk + 5, 3)
     frame = render(model, view(16, 16, cx=32.0, cy=24.0), config=MACHINE, beta=0)
     large, right = Played("41: too many entries", frame, 0, False), scene("41: right", 8)
-    first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-    broken = [planned(large, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": first_page},
-                      reset=False),
+    broken = [planned(large, "no room for second pages", error=ErrorCode.ENTRIES_FULL,
+                      changes={"entries_beats": FIRST_PAGE_BEATS}, reset=False),
               planned(large, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}, reset=False)]
     plan = []
     for item in broken:

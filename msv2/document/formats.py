@@ -80,8 +80,6 @@ def stereo_section() -> list[str]:
                 offset += f.width
             lines += [f"### {record.name}, besides: {record.width} bits in all", "",
                       *table(("bits", "field", "format", "holds"), rows)]
-    for make in stereo.STEREO_RECORDS:
-        lines += record_section(make)
     return lines
 
 

@@ -87,7 +87,7 @@ class ColourUnit(wiring.Component):
             "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.sum, m.submodules.views = total, views = self._sum, self._views
         of = data.StructLayout({

@@ -120,7 +120,7 @@ class ColourSum(wiring.Component):
             "idle": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         step, number, first, last = Signal(), Signal(range(len(self._steps))), Signal(), Signal()
         beats = self._beats(m, step, number, last)

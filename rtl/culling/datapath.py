@@ -66,7 +66,7 @@ class Datapath(wiring.Component):
         """The names of the ports that are settings."""
         return tuple(self._graph.ports)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         work = _Elaboration(m, platform, self, self.schedule)
         work.control()

@@ -63,7 +63,7 @@ class LevelTable(wiring.Component):
     def _address(self, row: Signal, group: Signal):
         return Cat(group[: (self._groups - 1).bit_length()], row)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.words = words = memory.Memory(
             shape=data.ArrayLayout(self._code, LEVEL_GROUP), depth=self._rows * self._groups, init=[])

@@ -189,7 +189,7 @@ class Projection(wiring.Component):
             name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end")})
         self.datapath = Datapath(graph, interval=config.point_interval, carried=self._carried)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.datapath = path = self.datapath
         connect_settings(m, self, path)

@@ -50,7 +50,7 @@ class SaturationCounters(wiring.Component):
             **{f"{name}_move": In(1) for name in STREAMS},
             "clear": In(1), **{saturation.name: Out(COUNTER_BITS) for saturation in SATURATIONS}})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         moved = {name: Signal(name=f"{name}_moved") for name in STREAMS}
         for name, was in moved.items():

@@ -70,7 +70,7 @@ class TileExpand(wiring.Component):
             "done": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         clipped = Signal(data.StructLayout({
             "tile": unsigned(tile_index(self.config).width), "begin": PLACE, "rest": PLACE, "nothing": 1, "level": unsigned(2),

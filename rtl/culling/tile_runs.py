@@ -85,7 +85,7 @@ class TileRuns(wiring.Component):
             "runs": Out(stream.Signature(run_layout(config))),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         walked = _Stage("walked", self.config, {"begin": PLACE, "stop": PLACE})
         cut = _Stage("cut", self.config, {

@@ -71,7 +71,7 @@ class TileTest(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.levels = levels = LevelTable(self.config)
         m.submodules.runs = runs = TileRuns(self.config)

@@ -43,7 +43,7 @@ class ViewWriter(wiring.Component):
             "view_shift": In(2),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         sums, request, splat = self.sums, self.writes.payload, self.sums.payload.carried
         left, following, lowest, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()

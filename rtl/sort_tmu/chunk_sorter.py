@@ -49,7 +49,7 @@ class ChunkSorter(wiring.Component):
         items = stream.Signature(layout(chunk_entry(config)))
         super().__init__({"chunks": In(items), "sorted": Out(items), "oversize": Out(1), "busy": Out(1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         width = tile_entry(self.config).width
         stages = [MergeStage(width, 1 << k) for k in range(self.capacity.bit_length() - 1)]

@@ -39,7 +39,7 @@ class LineBuffer(wiring.Component):
         self._entries = _checked(config).line_buffer_bytes // ENTRY_BYTES
         super().__init__(_ports(config))
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.entries = entries = SyncFIFOBuffered(width=len(self.sink.payload.as_value()), depth=self._entries)
         m.d.comb += [
@@ -73,7 +73,7 @@ class DoubleBuffer(wiring.Component):
         self._capacity = _checked(config).sort_chunk
         super().__init__(_ports(config))
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item = self.sink.payload
         m.submodules.words = words = memory.Memory(shape=item.shape(), depth=2 * self._capacity, init=[])

@@ -82,7 +82,7 @@ class HierarchicalSorter(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, config = Module(), self.config
         width = tile_entry(config).width
         m.submodules.sorter = sorter = self._sorter

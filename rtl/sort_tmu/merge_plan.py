@@ -64,7 +64,7 @@ class _Place(wiring.Component):
             "sink": In(stream.Signature(self._shape)), "source": Out(stream.Signature(way_run(config))),
             "ring_base": In(BEAT_BITS), "ring_beats": In(BEAT_BITS), "ring_end": In(BEAT_BITS + 1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         given, turned = (Signal(self._shape, name=name, reset_less=True) for name in ("given", "turned"))
         given_valid, turned_valid, free = Signal(), Signal(), Signal()
@@ -158,7 +158,7 @@ class MergePlan(wiring.Component):
             "ring_end": In(BEAT_BITS + 1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.place = place = _Place(self._config)
         wiring.connect(m, place.source, wiring.flipped(self.runs))

@@ -69,7 +69,7 @@ class RunReader(wiring.Component):
             "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         self._fetched = data.StructLayout({
             "end": 1, "blank": 1, "tail": _TAIL_BITS, "way": range(self._ways)})

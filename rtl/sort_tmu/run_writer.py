@@ -51,7 +51,7 @@ class BeatPacker(wiring.Component):
             "source": Out(stream.Signature(written_beat())),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item, out = self.sink.payload, self.source.payload
         taken, left = self.sink.valid & self.sink.ready, self.source.valid & self.source.ready
@@ -111,7 +111,7 @@ class RunWriter(wiring.Component):
             "chunks_there": Out(1), "merged_there": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item = data.StructLayout({"request": written_beat(), "merged": 1})
         m.submodules.queue = queue = SyncFIFOBuffered(width=item.size, depth=self._depth)

@@ -61,7 +61,7 @@ class SpillDispatch(wiring.Component):
             "overflow": Out(1), "active": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         bits, config = run_bits(self._config), self._config
         shift = run_beats(config).bit_length() - 1

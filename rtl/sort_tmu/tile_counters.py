@@ -89,7 +89,7 @@ class TileCounters(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         depth = frame_tiles(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])

@@ -58,7 +58,7 @@ class TileMergeUnit(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.counters = counters = self._counters
         m.submodules.auto_beta = auto_beta = AutoBeta(self.config)

@@ -37,11 +37,17 @@ from rtl.stream import Buffer
 from rtl.tile_lists.beats import check_config
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
-from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS, write_request
+from spec.memory import (
+    BEAT_BITS,
+    BEAT_ENTRIES,
+    DIRECTORY_BEATS,
+    DIRECTORY_SLOTS,
+    FIRST_PAGE_BEATS,
+    FIRST_PAGE_ENTRIES,
+    WORDS,
+    write_request,
+)
 from spec.records import entry_item, frame_tiles, tile_entry, tile_hit
-
-FIRST_PAGE_BEATS = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-"""Beats of the unit in which pages are allocated: the size of a page is a power of two of units, and it begins at a unit."""
 
 UNIT_BITS = BEAT_BITS - (FIRST_PAGE_BEATS - 1).bit_length()
 """Bits of a page's first unit."""
@@ -126,7 +132,7 @@ class EntryWriter(wiring.Component):
             "full": Out(1), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         advance, passed, begun = Signal(), Signal(), Signal()
         slot = self._places(m, advance, passed, begun)

@@ -60,7 +60,7 @@ class ListReader(wiring.Component):
             "clear": In(1), "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.listed = listed = ListedTiles(self.config)
         m.submodules.walk = walk = PageWalk(self.config)

@@ -16,9 +16,9 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout, shape
 from rtl.tile_lists.beats import check_config
-from rtl.tile_lists.entry_writer import FIRST_PAGE_BEATS, UNIT_BITS
+from rtl.tile_lists.entry_writer import UNIT_BITS
 from spec.config import AcceleratorConfig
-from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
+from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_BEATS, FIRST_PAGE_ENTRIES, WORDS
 from spec.queues import LIST_POINTERS, LIST_TILES
 from spec.records import COUNT_BITS, tile_group, tile_index
 
@@ -59,7 +59,7 @@ class ListedTiles(wiring.Component):
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_group(config)))), "listed": Out(stream.Signature(listed_layout(config)))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item, held, valid = self.tiles.payload, Signal(self.listed.payload.shape(), reset_less=True), Signal()
         filled = item.count.any()
@@ -103,7 +103,7 @@ class PageWalk(wiring.Component):
             "wanted": Out(stream.Signature(wanted_layout())),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.waiting = waiting = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LIST_TILES)
         m.submodules.pointers = pointers = SyncFIFOBuffered(width=UNIT_BITS, depth=LIST_POINTERS)

@@ -71,7 +71,7 @@ class GeometryPhase(wiring.Component):
             **({**mask_port(config), "rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.reader = reader = GeometryReader(self.config)
         m.submodules.loader = loader = TableLoader(self.config)

@@ -43,7 +43,7 @@ class Machine(wiring.Component):
             "interrupt": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
         m.submodules.controller = controller = FrameController(self.config)

@@ -97,7 +97,7 @@ class RenderPhase(wiring.Component):
         return {"rendered_tiles": In(tiles), "mask_tile": In(tile), "mask": Out(1),
                 **{name: Out(COUNTER_BITS) for name in STEREO_EVENTS}}
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.tile_merge = merge = TileMergeUnit(self.config)
         m.submodules.fork = fork = Fork(merge.groups.payload.shape())

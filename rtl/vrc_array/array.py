@@ -70,7 +70,7 @@ class VrcArray(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.setup = setup = SetupUnit(self.config)
         m.submodules.sequencer = sequencer = BlockSequencer(self.config)

@@ -67,7 +67,7 @@ class BlendWeights(wiring.Component):
             "weights": Out(data.ArrayLayout(shape(n.blend_weight), config.cores_x)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
         start, along_x, along_y = (p.data(f"plane_{i}", self.plane[i]) for i in range(3))
@@ -121,7 +121,7 @@ class Blend(wiring.Component):
             "mixed": Out(data.ArrayLayout(pixel_layout(config), lanes)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
         for x in range(self.config.cores_x):

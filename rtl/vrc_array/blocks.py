@@ -57,7 +57,7 @@ class BlockSequencer(wiring.Component):
             "waits": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         if self.config.blocks == 1:
             op = self.ops.payload

@@ -119,7 +119,7 @@ class Collect(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         place = self._places(m)
         end = place_latency(self.config)

@@ -61,7 +61,7 @@ class Expand(wiring.Component):
             "slopes": Out(data.ArrayLayout(signed(n.slope.width), columns)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         issue, end = self.issue, latency(self.config)
         p = Pipeline(m, load=issue.op.valid)

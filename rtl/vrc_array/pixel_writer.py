@@ -69,7 +69,7 @@ class PixelWriter(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)

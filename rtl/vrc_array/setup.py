@@ -75,7 +75,7 @@ class SetupUnit(wiring.Component):
             "skipped": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.buffer = buffer = Buffer(self.ops.payload.shape())
         wiring.connect(m, buffer.source, wiring.flipped(self.ops))

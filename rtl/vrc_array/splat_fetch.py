@@ -90,7 +90,7 @@ class SplatFetch(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.tags = tags = SplatTags(self.config)
         m.submodules.requests = requests = Buffer(self.reads.payload.shape())

@@ -40,7 +40,7 @@ def ring_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def moved_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A pixel on its way into a lane's part of the ring: the fields of WarpPixel that differ within a lane."""
+    """A pixel on its way into a lane's part of the ring: the fields that differ within a lane."""
     return data.StructLayout({
         "place": ring_layout(config), "colour": data.ArrayLayout(8, 3), "key": disparity(config).width, "keep": 1})
 
@@ -95,7 +95,7 @@ class Disparity(wiring.Component):
             "carries": Out(1), "early": Out(carried_layout(config)), "late": In(carried_layout(config)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         n, p = self.config.formats, Pipeline(m, load=self.load)
         loads = p.control("load", self.load)

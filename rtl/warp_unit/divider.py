@@ -44,7 +44,7 @@ class Divider(wiring.Component):
             "quotient": Out(quotient_bits),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.load)
         divisor = p.data("divisor", self.divisor)

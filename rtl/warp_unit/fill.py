@@ -48,7 +48,7 @@ class Fill(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         slot, advance = self.slots.payload, Signal()
         m.d.comb += [advance.eq(~self.filled.valid | self.filled.ready), self.slots.ready.eq(advance)]

@@ -85,7 +85,7 @@ class Pack(wiring.Component):
             "commits": Out(1), "column_ends": Out(1), "strip_ends": Out(1), "column": Out(column_bits(config)), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         lanes = range(self.config.warp_lanes)
         commits, sub, word = self.commits, Signal(range(sub_rows(self.config))), Signal(ADDRESS_BITS, reset_less=True)

@@ -75,7 +75,7 @@ class ListDevice(Bench):
             {"tiles_x": tiles, "tile_count": tiles, "beta": COUNT_BITS, "entries_beats": BEAT_BITS, "gaussians": INDEX_BITS,
              **dict.fromkeys(_BASES, BEAT_BITS), "latency": 10, "hesitates": 8, "bad": BEAT_BITS}, OBSERVED)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         config = self.config
         units = {

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, page_beats, spill_beats
+from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
 from golden.msv2_ref import projection
 from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
+from spec.memory import page_beats
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 

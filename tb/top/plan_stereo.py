@@ -6,7 +6,7 @@ import numpy as np
 
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
-from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
+from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import READ_CLIENTS, ErrorCode, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
@@ -63,8 +63,7 @@ def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFram
     for name, value in (("display", 0), ("width", 0)):
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
         add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
-    first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-    add(planned(hidden, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": first_page}))
+    add(planned(hidden, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": FIRST_PAGE_BEATS}))
     add(planned(hidden, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
     add(planned(hidden, "room for all"))
     return plan

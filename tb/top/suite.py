@@ -12,7 +12,7 @@ import numpy as np
 
 from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
 from spec.host_settings import settings
-from spec.memory import BEAT_ENTRIES, FIRST_PAGE_ENTRIES
+from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
@@ -82,8 +82,8 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27)):
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
         add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
-    first_page = FIRST_PAGE_ENTRIES // BEAT_ENTRIES
-    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes={"entries_beats": first_page}))
+    first_pages = {"entries_beats": FIRST_PAGE_BEATS}
+    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes=first_pages))
     add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
     return plan
 

@@ -32,7 +32,7 @@ class FetchBench(Bench):
             {"views_base": BEAT_BITS, "view_shift": 2, "frame": 8, "delay": MOST_DELAY.bit_length()},
             {"hits": COUNTER_BITS, "misses": COUNTER_BITS, "error": 1, "busy": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = SplatFetch(self.config)
         self.join(m, unit, apart=("data",))

@@ -11,11 +11,19 @@ from rtl.warp_unit.warp_unit import EVENTS, WarpUnit
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, write_request
 from spec.queues import COUNTER_BITS
-from spec.records import frame_tiles, pixel_row
-from spec.stereo import DISPARITY_SCALE_BITS, warped_tile
+from spec.records import Field, Record, frame_tiles, pixel_row, tile_index, uint
+from spec.stereo import DISPARITY_SCALE_BITS
 from tb.common.bench import Bench
 from tb.common.framed import frame_by_frame
 from tb.common.playback import Playback
+
+
+def warped_tile(config: AcceleratorConfig) -> Record:
+    """Whether a tile of the target eye's frame has holes, as the bench reads it off the unit; one per tile, in tile order."""
+    return Record("WarpedTile", warped_tile.__doc__ or "", (
+        Field("tile", tile_index(config), "native tile"),
+        Field("invalid", uint(1), "holes are left in it: it must be rendered"),
+    ))
 
 
 class WarpBench(Bench):
@@ -32,7 +40,7 @@ class WarpBench(Bench):
              "target_frame_base": BEAT_BITS, "tile_count": frame_tiles(config).bit_length(), "frame": 8},
             {**dict.fromkeys(EVENTS, COUNTER_BITS), "finished": 1, "busy": 1, "early": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = WarpUnit(self.config)
         self.join(m, unit)

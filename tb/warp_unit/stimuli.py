@@ -16,9 +16,9 @@ from spec.stereo import (
     DISPARITY_SCALE_BITS,
     background_transmittance,
     solid_transmittance,
-    warped_tile,
 )
 from tb.vrc_array.pixel_writer_stimuli import random_pixels
+from tb.warp_unit.device import warped_tile
 
 MOST_SCALE = (1 << DISPARITY_SCALE_BITS) - 1
 

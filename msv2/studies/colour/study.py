@@ -1,8 +1,8 @@
 """Measures the errors of colours and the work and the gates of the colour unit: reports/colour.json and docs/colour.md's
 tables.
 
-    msv2 study run colour            measure all (minutes where nothing is cached) and write the tables
-    msv2 study run colour --check    exit 1 where the page differs from what the report gives
+    msv2 study run colour            measures everything (minutes if nothing is cached) and writes the tables
+    msv2 study run colour --check    the exit status is 1 if the page differs from the report
 
 The errors are those of the golden renderer's colours, for several numbers of fraction bits of `sh_basis`, against float64
 spherical harmonics of the same offsets and coefficients. Gates are generic and are counted as msv2/studies/area/culling.py

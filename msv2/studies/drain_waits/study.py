@@ -61,7 +61,7 @@ class ArrayAndWriter(wiring.Component):
             **{name: Out(COUNTER_BITS) for name in _OBSERVED}, "finished": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.array = array = self._array
         m.submodules.writer = writer = PixelWriter(self.config)
@@ -125,7 +125,7 @@ def plan_of(frames: dict[str, Frame]) -> list[Planned]:
 
 
 def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tuple[str, ...]], bool]:
-    """Rows of the table, and whether every bit was right."""
+    """The rows of the table, and whether every bit was right."""
     plan, lines, right = plan_of(traced_frames(config, size)), [], True
     for kind, machine, rows in buffers(config):
         outcome = run_plan(playback(machine, rows), plan, folder / kind.replace(" ", "-").replace(",", ""))

@@ -29,11 +29,11 @@ from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
 from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
-from spec.command_line import command_parser
+from spec.command_line import choice, command_parser
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
-from spec.overrides import add_config_arguments, choice, config_from, config_options
+from spec.overrides import add_config_arguments, config_from, config_options
 from spec.paths import ROOT
 
 EXAMPLES = """examples:

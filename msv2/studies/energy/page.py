@@ -21,7 +21,7 @@ _SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], energies: Table) -> str:
-    """The page; every number is of `content` or `energies`."""
+    """The page. Every number on it comes from `content` or `energies`."""
     lines = [
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "

@@ -2,9 +2,9 @@
 
     msv2 study run sorting          scenes in MSV2_DATA (minutes)
 
-The sorter of the paper's machine alone, from Verilog, every entry compared: its groups come as fast as it takes them, what it
-gives is taken at once, and its memory answers after `LATENCY` cycles. The table of docs/results.md is made of it by
-msv2/studies/results/tables.py.
+The sorter of PAPER's machine is simulated alone, from Verilog, and all of its outputs are compared. It receives groups as fast
+as it accepts them, its output is accepted at once, and its memory answers after `LATENCY` cycles. From the report,
+msv2/studies/results/tables.py makes the table in docs/results.md.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all frames and writes the report."""
     views = [View(scene, SIZES[0]) for scene in TRAINED]
-    list(available(views))  # names what is not there
+    list(available(views))  # prints the missing scenes
     report = measure(PAPER, SIZES, ROOT / "build" / "results")
     write_report(REPORT, report, [__name__], {"config": PAPER, "sizes": SIZES}, places(views))
     return 0

@@ -1,10 +1,11 @@
-"""The hard cases on all renderers, and what became of them as a page and as a picture: stability.json, .md and .png.
+"""Runs the hard cases on all renderers, and writes the results as stability.json, a page stability.md and a picture
+stability.png.
 
     msv2 study run stability                                    everything (half an hour), into build/stability
-    msv2 study run stability --keep                             and into reports/
-    msv2 study run stability --columns oracle,golden --no-faults    in a minute, without torch and without a simulator
+    msv2 study run stability --keep                             the same, and also into reports/
+    msv2 study run stability --columns oracle,golden --no-faults    a minute; needs neither torch nor a simulator
 
-Every option but --keep is one of `python -m msv2.cases`, which runs the cases.
+`python -m msv2.cases` runs the cases. Except for --keep, all options are options of that command.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ FOLDER = "build/stability"
 
 
 def summary(report: Mapping[str, Any]) -> str:
-    """How many cases and seeded faults there are, and what became of them."""
+    """A line with the numbers of cases and seeded faults, of failed cases and of caught faults."""
     faults = report["faults"]
     caught = f"; {report['seeded_faults_caught']} of {len(faults)} seeded faults caught" if faults else ""
     return f"{len(report['results'])} cases, {report['failed']} failed{caught}; {report['seconds'] / 60:.1f} minutes"
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """The page stability.md; everything on it is in stability.json."""
+    """The page stability.md. All of its content is also in stability.json."""
     names = [name for name in COLUMNS if name in report["columns"]]
     rows = []
     for case, found in report["results"].items():
@@ -85,14 +86,14 @@ def picture(report: Mapping[str, Any], path: Path) -> bool:
 
 
 def write(report: Mapping[str, Any], folder: Path, options: Sequence[str], earlier: Mapping[str, Any] | None = None) -> None:
-    """stability.json with its provenance, stability.md, and stability.png where matplotlib is installed."""
+    """Writes stability.json with its provenance, stability.md, and, if matplotlib is installed, stability.png."""
     write_report(make_folder(folder) / "stability.json", report, MODULES, {"cases": options}, earlier=earlier)
     write_page(folder / "stability.md", markdown(report))
     picture(report, folder / "stability.png")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a case fails or a seeded fault is not caught."""
+    """Runs the command line; returns 1 if a case fails or a seeded fault is not caught."""
     parser = argparse.ArgumentParser(prog="msv2 study run stability", description=__doc__, add_help=False,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-h", "--help", action="store_true")

@@ -18,7 +18,6 @@ from spec.errors import InputError
 from spec.memory import MEMORY_RECORDS
 from spec.paths import ROOT
 from spec.records import RECORDS
-from spec.stereo import STEREO_RECORDS
 
 
 def test_the_page_is_not_stale():
@@ -47,7 +46,7 @@ def test_everything_is_on_the_page():
     page = formats.page()
     for f in fields(NumberFormats):
         assert f"| `{f.name}` | {getattr(NumberFormats(), f.name)} |" in page
-    for make in (*RECORDS, *MEMORY_RECORDS, *STEREO_RECORDS):
+    for make in (*RECORDS, *MEMORY_RECORDS):
         record = make(PAPER)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
@@ -67,7 +66,7 @@ def test_bit_ranges_of_each_record_are_contiguous():
             assert section.split("\n")[0].removesuffix(" in all").endswith(f": {ranges[-1][0] + 1} bits")
     makes, both = (*RECORDS, *MEMORY_RECORDS), PAPER.with_(stereo=True)
     grown = [make for make in makes if make(both) != make(PAPER)]
-    assert checked == len(makes) + len(STEREO_RECORDS) + len(grown)
+    assert checked == len(makes) + len(grown)
 
 
 def test_docstrings_are_found_where_they_stand():

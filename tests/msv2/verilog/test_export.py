@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from msv2.verilog import Export, export
+from msv2.verilog.export import Export, export
 from rtl.emit import to_verilog
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.units import TOP, UNITS

@@ -48,7 +48,7 @@ class _Walk(wiring.Component):
             "splats": In(self._runs.splats.signature.flip()), "table": In(self._levels.table.signature.flip()),
             "runs": Out(self._runs.runs.signature)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.walk, m.submodules.levels = walk, levels = self._runs, self._levels
         wiring.connect(m, wiring.flipped(self.table), levels.table)

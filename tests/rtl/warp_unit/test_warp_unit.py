@@ -27,11 +27,11 @@ from spec.config import PAPER, TINY
 from spec.constants import TILE
 from spec.memory import display_pixel, write_request
 from spec.packing import unpack
-from spec.stereo import warped_tile
 from tb.common.exact import problems
 from tb.vrc_array.pixel_writer_stimuli import memory_of
 from tb.warp_unit import suite
 from tb.warp_unit.cones import cones_folder, psnr_of_cones
+from tb.warp_unit.device import warped_tile
 from tb.warp_unit.stimuli import anything, writes_of
 from tests.helpers.rtl_streams import assert_rejected, exchange
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from golden.host.memory_image import DisplayPixels, FramePixels, page_beats, spill_beats
+from golden.host.memory_image import DisplayPixels, FramePixels, spill_beats
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.frame_memory import display_pixels
 from spec.config import DEFAULT, TINY
 from spec.constants import TILE
-from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel
+from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel, page_beats
 from spec.packing import pack
 from spec.registers import STAGES
 from tb.frame import __main__ as command

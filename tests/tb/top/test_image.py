@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from golden.host.memory_image import REGIONS, gaussian_bytes, memory_image, page_beats, read_frame
+from golden.host.memory_image import REGIONS, gaussian_bytes, memory_image, read_frame
 from golden.msv2_ref import pipeline
 from spec.config import CONFIGS, PAPER, TINY
 from spec.formats import Fixed
@@ -21,6 +21,7 @@ from spec.memory import (
     display_pixel,
     frame_pixel,
     frame_settings,
+    page_beats,
     tile_setting,
 )
 from spec.packing import pack

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from golden.host.memory_image import memory_image, page_beats, read_frame
+from golden.host.memory_image import memory_image, read_frame
 from golden.msv2_ref import pipeline
 from spec.config import TINY
+from spec.memory import page_beats
 from spec.registers import ErrorCode
 from tb.common import runner
 from tb.top.memory import LEAST_BEATS, MemorySpeed, memory_beats

@@ -22,7 +22,7 @@ class Delay(wiring.Component):
         self.cycles = cycles
         super().__init__({"sink": In(stream.Signature(4)), "source": Out(stream.Signature(4))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, turn, valid = Module(), Signal(), Signal()
         m.d.sync += turn.eq(~turn)
         m.d.comb += [self.sink.ready.eq(turn), valid.eq(self.sink.valid & turn & (self.sink.payload == 3))]
@@ -47,7 +47,7 @@ class Asker(wiring.Component):
     def __init__(self) -> None:
         super().__init__({"reads": Out(stream.Signature(1)), "data": In(stream.Signature(1)), "right": Out(1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, clock, asked = Module(), Signal(5), Signal()
         m.d.sync += clock.eq(clock + 1)
         m.d.comb += [self.reads.valid.eq((clock == 20) & ~asked), self.data.ready.eq(1), self.right.eq(self.data.valid & asked)]
