@@ -16,7 +16,7 @@ from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
-from spec.queues import TILE_TEST_BESIDE
+from spec.queues import COUNTER_BITS, TILE_TEST_BESIDE
 from spec.records import TILE_BITS, intersection_item, projected_splat, surviving_splat, tile_level
 
 
