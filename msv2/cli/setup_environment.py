@@ -54,6 +54,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Create or update the environment."""
     parser = argparse.ArgumentParser(prog="msv2 setup", description=__doc__)
     parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"comma-separated, or 'none' (default: {DEFAULT_EXTRAS})")
+    if not (ROOT / "pyproject.toml").exists():
+        sys.exit("error: msv2 setup works in a checkout; an installed msv2 gets extras by pip install 'msv2[EXTRA]'")
     asked = {extra for extra in parser.parse_args(argv).extras.split(",") if extra and extra != "none"}
     if asked:
         check_system()

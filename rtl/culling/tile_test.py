@@ -17,7 +17,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
 from spec.queues import COUNTER_BITS, TILE_TEST_BESIDE
-from spec.records import TILE_BITS, entry_item, projected_splat, surviving_splat, tile_level
+from spec.records import TILE_BITS, intersection_item, projected_splat, surviving_splat, tile_level
 
 
 class TileTest(wiring.Component):
@@ -31,8 +31,8 @@ class TileTest(wiring.Component):
         splats: ProjectedSplat items; a frame ends with `end`. They are taken once the frame's level table is full.
         table: TileLevel items, one per tile of the frame, row-major. They are taken before a frame's splats, never while splats
             are inside.
-        entries: EntryItem items, one per intersection, splat by splat in the order of the input, for each splat by tile row,
-            then by column; then `end`.
+        entries: IntersectionItem items, one per intersection, splat by splat in the order of the input, for each splat by
+            tile row, then by column; then `end`.
         survivors: SurvivingSplat items of the splats with an intersection, in the same order; then `end`.
         width, height, obb: settings as in `frame_settings`.
         touched: number of the frame's intersections before the foveation filter. filtered: how many of them the filter rejects;
@@ -62,7 +62,7 @@ class TileTest(wiring.Component):
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))),
             "table": In(stream.Signature(layout(tile_level(config)))),
-            "entries": Out(stream.Signature(layout(entry_item(config)))),
+            "entries": Out(stream.Signature(layout(intersection_item(config)))),
             "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
             **{name: In(settings[name]) for name in ("width", "height", "obb")},
             "touched": Out(COUNTER_BITS),

@@ -30,7 +30,7 @@ SIZES = ("256x144", "640x360")
 
 
 def group_lengths(items: np.ndarray) -> np.ndarray:
-    """(groups,) the number of intersections in each group of ChunkEntry items."""
+    """(groups,) the number of intersections in each group of ChunkItem items."""
     ends = np.flatnonzero(items["last"])
     counted = np.concatenate(([0], np.cumsum(items["empty"] == 0)))
     return np.diff(counted[ends + 1], prepend=0)
