@@ -117,9 +117,8 @@ documented:
 docs: documented ## the generated pages of docs/, and the site of all pages and docstrings in build/docs; SITE=0: the pages alone; OUT=
 	@$(MSV2) docs $(if $(filter 0,$(SITE)),,--site) $(call option,OUT,out)
 
-check: tested ## what a change needs at once: ruff, and the tests of spec, commands and rooms
-	@$(RUN) -m ruff check .
-	@$(RUN) -m pytest tests/spec tests/msv2/cli tests/test_import_law.py
+check: tested ## what a change needs at once: linter, types, and the quick tests without Verilator and torch
+	@$(RUN) -m msv2.cli.check
 
 test: tested ## the tests, on all cores (minutes)
 	@$(TESTS) -m "not long"

@@ -28,7 +28,7 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
@@ -103,7 +103,7 @@ UNITS: dict[str, Unit] = {
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
     "table_loader": Unit(TableLoader, "levels of all tiles into the tile test's table"),
-    "entry_writer": Unit(EntryWriter, "intersections into the pages of their tiles"),
+    "entry_writer": Unit(IntersectionWriter, "intersections into the pages of their tiles"),
     "list_reader": Unit(ListReader, "pages back to the sorter, one group of tiles after the other"),
     "header_maker": Unit(HeaderMaker, "tile headers for the array, from counts and the host's table"),
     "tile_merge_unit": Unit(TileMergeUnit, "intersections counted by tile, tiles merged into groups"),

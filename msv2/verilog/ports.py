@@ -15,7 +15,6 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.memory import MEMORY_RECORDS
 from spec.records import RECORDS, Record
-from spec.stereo import STEREO_RECORDS
 
 HANDSHAKE = (
     "The sender of a stream NAME drives NAME__payload and NAME__valid, its receiver drives NAME__ready.",
@@ -63,7 +62,6 @@ def _records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]
     """Layouts and their records; those of a machine with stereo too, as some of its units can be made by themselves."""
     configs = (config,) if config.stereo or not config.depth else (config, config.with_(stereo=True))
     makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS)]
-    makers += [(make, configs[-1]) for make in STEREO_RECORDS if configs[-1].stereo]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
 
 

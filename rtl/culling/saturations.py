@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -65,7 +67,7 @@ class SaturationCounters(wiring.Component):
         found = Signal(len(numbers), name=f"{saturation.field}_found", reset_less=True)
         step, count = Signal(name=f"{saturation.field}_step"), getattr(self, saturation.name)
         m.d.sync += [
-            found.eq(Cat(at_limit(number, field.format) for number in numbers)), step.eq(moved & found.any()),
+            found.eq(Cat(at_limit(number, cast(Fixed, field.format)) for number in numbers)), step.eq(moved & found.any()),
             count.eq(count + step)]
         with m.If(self.clear):
             m.d.sync += count.eq(0)

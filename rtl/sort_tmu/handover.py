@@ -19,7 +19,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
-from spec.records import chunk_entry
+from spec.records import chunk_item
 
 
 class LineBuffer(wiring.Component):
@@ -29,7 +29,7 @@ class LineBuffer(wiring.Component):
         config: the machine; only `line_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items; the order is kept.
+        sink, source: ChunkItem items; the order is kept.
         busy: the FIFO is not empty.
 
     Storage: line_buffer_bytes / 8 intersections. Throughput: one intersection per cycle. Latency: 2 cycles.
@@ -61,7 +61,7 @@ class DoubleBuffer(wiring.Component):
         config: the machine; only `sort_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items, order kept; a group ends with `last`.
+        sink, source: ChunkItem items, order kept; a group ends with `last`.
         busy: at least one item is inside.
 
     Storage: 2 `sort_chunk` intersections in one memory; the half that is written is never the one that is read. Throughput:
@@ -124,5 +124,5 @@ def _checked(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
-    items = stream.Signature(layout(chunk_entry(config)))
+    items = stream.Signature(layout(chunk_item(config)))
     return {"sink": In(items), "source": Out(items), "busy": Out(1)}

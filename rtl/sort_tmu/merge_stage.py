@@ -23,7 +23,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.sort_tmu.order import less
 
 
-class Kind(enum.Enum, shape=unsigned(2)):
+class Kind(enum.Enum, shape=unsigned(2)):  # type: ignore[call-arg]
     """The role of a run in its chunk; every item of the run carries it."""
 
     FIRST = 0

@@ -11,7 +11,7 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, WORDS, write_request
-from spec.records import tile_entry
+from spec.records import intersection
 
 _ENTRY_BITS = 8 * ENTRY_BYTES
 
@@ -22,7 +22,7 @@ def written_entry(config: AcceleratorConfig) -> data.StructLayout:
     `last` marks the end of its run. `fence` asks for a report when it and everything before it is in memory. With `nothing`
     there is no intersection, only the fence.
     """
-    return data.StructLayout({"word": tile_entry(config).width, "last": 1, "fence": 1, "nothing": 1})
+    return data.StructLayout({"word": intersection(config).width, "last": 1, "fence": 1, "nothing": 1})
 
 
 def written_beat() -> data.StructLayout:

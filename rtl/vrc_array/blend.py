@@ -17,7 +17,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
-from rtl.vrc_array.row import pixel_layout
+from rtl.vrc_array.pixel_core import pixel_layout
 from spec.config import AcceleratorConfig
 from spec.tables import BLEND_INDEX_BITS, smoothstep_table
 

@@ -22,7 +22,7 @@ from spec.constants import TILE
 from spec.formats import Fixed, Format
 from spec.records import (
     Record,
-    array_entry,
+    array_splat,
     gaussian_colour,
     gaussian_geometry,
     pixel_op,
@@ -162,7 +162,7 @@ def profile(frame: Frame, profiles: Profiles) -> dict[str, int]:
     _add_rows(profiles, projected_splat(config), projected_splats(config, words, frame.registers)[:-1])
     _add_rows(profiles, tile_group(config), tile_groups(config, counts, frame.registers.tiles_x, None))
     _add_rows(profiles, tile_header(config), frame.headers)
-    _add_rows(profiles, array_entry(config), frame.array_entries)
+    _add_rows(profiles, array_splat(config), frame.array_entries)
     dropped = _add_ops(profiles, frame)
     row = pixel_row(config)
     for f in row.fields:
