@@ -60,8 +60,8 @@ synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=gen
 	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
 
-verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT=
-	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out)
+verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
+	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)
 
 study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
 	@$(MSV2) study $(or $(NAME),list) $(ARGS)
@@ -105,7 +105,7 @@ tradeoff: setup ## what accuracy costs in time: machine, simulation, training; S
 bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT=
 	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
-results: setup ## everything the README's tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
+results: setup ## everything that the generated tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
 	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
@@ -117,9 +117,8 @@ documented:
 docs: documented ## the generated pages of docs/, and the site of all pages and docstrings in build/docs; SITE=0: the pages alone; OUT=
 	@$(MSV2) docs $(if $(filter 0,$(SITE)),,--site) $(call option,OUT,out)
 
-check: tested ## what a change needs at once: ruff, and the tests of spec, commands and rooms
-	@$(RUN) -m ruff check .
-	@$(RUN) -m pytest tests/spec tests/msv2/cli tests/test_import_law.py
+check: tested ## what a change needs at once: linter, types, and the quick tests without Verilator and torch
+	@$(RUN) -m msv2.cli.check
 
 test: tested ## the tests, on all cores (minutes)
 	@$(TESTS) -m "not long"

@@ -74,7 +74,7 @@ def _enter(s, p, t):
 
 @step
 def _write_views(s, granted, views, view_of):
-    """Steps ViewWriter, which writes one beat for every level of the splat whose sums are complete."""
+    """Steps RecordWriter, which writes one beat for every level of the splat whose sums are complete."""
     if granted:
         bus.write(s, W_VIEWS, s.colour_view)
         s.colour_write = 0
@@ -165,7 +165,7 @@ def _finish_colour(s):
 
 @step
 def _write_entries(s, t, granted, begins, entry_writes):
-    """Steps EntryWriter except its input. Returns whether its slots advance."""
+    """Steps IntersectionWriter except its input. Returns whether its slots advance."""
     buffered = s.writer_buffer
     room = buffered < 2
     quiet = s.writer_pipe == 0 and buffered == 0 and bus.writes_idle(s, t, W_ENTRIES)

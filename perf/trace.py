@@ -47,7 +47,7 @@ class EyeTrace:
         tile: (intersections,) int32 the tile of each intersection, in the order in which the tile test gives them.
         counts: (tiles,) int32 the intersections of each tile.
         rendered: (tiles,) bool. blend: (tiles,) bool. level: (tiles,) uint8.
-        splat: (intersections,) int32 in rendering order; use: uint8 as in `TileEntries`.
+        splat: (intersections,) int32 in rendering order; use: uint8 as in `Intersections`.
         rank: (intersections,) int32, in rendering order: the place in the tile's list in memory.
         stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
         filtered: (1,) the number of (splat, tile) pairs that the tile test dropped.

@@ -20,7 +20,7 @@ class Emission:
 
     def __init__(self) -> None:
         self.modules: dict[str, str] = {}
-        self._made_by: dict[str, tuple] = {}
+        self._made_by: dict[str, tuple[object, ...]] = {}
         self._signatures: dict[str, wiring.Signature] = {}
 
     def instance(self, name: str, make: Callable[..., wiring.Component], *args: Hashable) -> tuple[Any, Instance]:

@@ -34,7 +34,7 @@ class Buffer(wiring.Component):
     def __init__(self, shape: ShapeLike):
         super().__init__({"sink": In(stream.Signature(shape)), "source": Out(stream.Signature(shape))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         sink, source = self.sink, self.source
         spare, spare_valid = Signal.like(sink.payload, reset_less=True), Signal()
@@ -66,7 +66,7 @@ class Fork(wiring.Component):
         items = stream.Signature(shape)
         super().__init__({"sink": In(items), "sources": Out(items).array(count)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         buffers = [Buffer(self.sink.payload.shape()) for _ in self.sources]
         m.d.comb += self.sink.ready.eq(Cat(buffer.sink.ready for buffer in buffers).all())
@@ -98,7 +98,7 @@ class Broadcast(wiring.Component):
         items = stream.Signature(shape)
         super().__init__({"sink": In(items), "sources": Out(items).array(count), "wanted": In(count)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         done, takes = Signal.like(self.wanted), Signal.like(self.wanted)
         m.d.comb += self.sink.ready.eq((done | takes | ~self.wanted).all())

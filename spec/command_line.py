@@ -49,7 +49,9 @@ def choice(kind: str, name: str, accepted: Collection[str]) -> str:
 class CommandParser(argparse.ArgumentParser):
     """A parser that names the nearest option when one is misspelt."""
 
-    def parse_args(self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None) -> argparse.Namespace:
+    def parse_args(  # type: ignore[override]  # the other overloads are for namespaces of other types
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None,
+    ) -> argparse.Namespace:
         found, rest = self.parse_known_args(args, namespace)
         if rest:
             option = rest[0].partition("=")[0]

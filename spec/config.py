@@ -8,6 +8,7 @@ and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB of PSNR (do
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from spec.constants import ENTRY_BYTES, MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
 from spec.formats import SQ, UQ, Fixed, SmallFloat
@@ -245,7 +246,7 @@ class AcceleratorConfig:
         """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
         return max(1, 32 // self.culling_units)
 
-    def with_(self, **changes: object) -> AcceleratorConfig:
+    def with_(self, **changes: Any) -> AcceleratorConfig:
         """A copy with some parameters changed."""
         return replace(self, **changes)
 

@@ -10,7 +10,7 @@ TILE = 16
 """Tile edge in pixels, in every configuration (paper section 6.3)."""
 
 ENTRY_BYTES = 8
-"""Bytes of an intersection (TileEntry) in memory and in the sorter's buffers."""
+"""Bytes of an intersection (Intersection) in memory and in the sorter's buffers."""
 
 MAX_LEVELS = 4
 """Foveation levels of a model (paper section 4.1)."""

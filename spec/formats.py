@@ -41,12 +41,10 @@ class Rounding(Enum):
 
 
 def _round(x: np.ndarray, rounding: Rounding) -> np.ndarray:
-    if rounding is Rounding.FLOOR:
-        return np.floor(x)
-    if rounding is Rounding.HALF_UP:
-        below = np.floor(x)
-        return below + (x - below >= 0.5)  # x + 0.5 may itself round up
-    return np.rint(x)
+    if rounding is Rounding.HALF_EVEN:
+        return np.asarray(np.rint(x))
+    below = np.asarray(np.floor(x))
+    return below if rounding is Rounding.FLOOR else np.asarray(below + (x - below >= 0.5))  # x + 0.5 may itself round up
 
 
 def _check_count(name: str, value: int, low: int, high: int) -> None:
@@ -100,7 +98,7 @@ class Fixed:
         if np.isnan(x).any():
             raise ValueError(f"x must not be NaN to be quantised to {self}, not {x!r}")
         scaled = _round(np.ldexp(np.clip(x, -(2.0**63), 2.0**63), self.frac_bits), rounding)
-        return np.clip(scaled, self.raw_min, self.raw_max).astype(np.int64)
+        return np.asarray(np.clip(scaled, self.raw_min, self.raw_max).astype(np.int64))
 
     def to_float(self, raw: np.ndarray | int) -> np.ndarray:
         """float64 value of raw integers (any shape)."""

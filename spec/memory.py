@@ -5,9 +5,9 @@ All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transactio
     geometry    GaussianGeometry, one beat per Gaussian, by index
     colour      GaussianColour, `colour_beats` beats per Gaussian, by index
     tiles       TileSetting, 8 bytes per tile, row-major; the host writes this table for each gaze
-    views       splat records (SplatView), one beat each; that of Gaussian i for tiles of level L lies at beat
+    views       splat records (SplatRecord), one beat each; that of Gaussian i for tiles of level L lies at beat
                 (i << view_shift) + L; only Gaussians with an intersection have any
-    entries     intersections (TileEntry), 8 bytes each, in pages by tile; a directory of those pages has its own base
+    entries     intersections (Intersection), 8 bytes each, in pages by tile; a directory of those pages has its own base
     spill       sorted runs of groups larger than the sort buffer
     frame       FramePixel, 16 bytes per pixel, or DisplayPixel, 4 bytes per pixel, as `display` says; row-major
 
@@ -139,10 +139,10 @@ def tile_setting(config: AcceleratorConfig) -> Record:
     ))
 
 
-def splat_view(config: AcceleratorConfig) -> Record:
+def splat_record(config: AcceleratorConfig) -> Record:
     """The splat record: what the array needs of a splat in tiles of one level. It takes one beat."""
     n = config.formats
-    return Record("SplatView", splat_view.__doc__, (
+    return Record("SplatRecord", splat_record.__doc__, (
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
         Field("log2_opacity", n.log2_opacity, "log2 of the opacity at the level, at the next (the last has itself)", 2),
@@ -227,9 +227,9 @@ def _size(record: Record, limit: int) -> None:
 
 def check_memory(config: AcceleratorConfig) -> None:
     """Raises ValueError where a record with the config's formats does not fit its place in memory."""
-    _size(splat_view(config), 8 * BEAT_BYTES)
+    _size(splat_record(config), 8 * BEAT_BYTES)
     _size(tile_setting(config), 8 * TILE_SETTING_BYTES)
 
 
 MEMORY_RECORDS = (
-    read_request, read_data, write_request, tile_setting, splat_view, frame_pixel, display_pixel, frame_settings)
+    read_request, read_data, write_request, tile_setting, splat_record, frame_pixel, display_pixel, frame_settings)

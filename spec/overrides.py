@@ -92,7 +92,7 @@ def convert(name: str, value: object) -> object:
     kind = _KINDS[_known(name)]
     text = value.strip().lower() if isinstance(value, str) else None
     if kind in (Fixed, SmallFloat):
-        return _format(name, value, typing.cast("type[Fixed] | type[SmallFloat]", kind))
+        return _format(name, value, kind)
     if kind is bool:
         if isinstance(value, bool) or text in _SWITCHES:
             return value if isinstance(value, bool) else _SWITCHES[typing.cast(str, text)]

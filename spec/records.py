@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +41,9 @@ class Field:
     @property
     def raw_range(self) -> tuple[int, int]:
         """Smallest and largest raw value of one number."""
-        fixed = isinstance(self.format, Fixed)
-        return (self.format.raw_min, self.format.raw_max) if fixed else (0, (1 << self.format.width) - 1)
+        if isinstance(self.format, Fixed):
+            return self.format.raw_min, self.format.raw_max
+        return 0, (1 << self.format.width) - 1
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Record:
     """A named layout. Field 0 sits in the lowest bits."""
 
     name: str
-    doc: str
+    doc: str | None
     fields: tuple[Field, ...]
 
     @property
@@ -62,7 +64,7 @@ class Record:
         """Structured dtype of raw values (Fixed) or bit patterns (SmallFloat), each in the smallest of int16, int32, int64."""
         return np.dtype([(f.name, f.holder, (f.count,)) if f.count > 1 else (f.name, f.holder) for f in self.fields])
 
-    def pack(self, row: Mapping[str, object] | np.void) -> int:
+    def pack(self, row: Mapping[str, Any] | np.void) -> int:
         """The bit pattern of one row. Raises ValueError where a raw value, or the number of them, does not fit its field."""
         bits, offset = 0, 0
         for f in self.fields:
@@ -132,7 +134,7 @@ def gaussian_colour(config: AcceleratorConfig, sh_degree: int = 3) -> Record:
 def splat2d(config: AcceleratorConfig) -> Record:
     """A projected Gaussian with all of its colours, as the golden renderer dumps it (`--dump splats`).
 
-    No hardware holds this record: the machine hands on ProjectedSplats, and the array reads SplatViews.
+    No hardware holds this record: the machine hands on ProjectedSplats, and the array reads SplatRecords.
     """
     n = config.formats
     return Record("Splat2D", splat2d.__doc__, (
@@ -160,10 +162,10 @@ def tile_header(config: AcceleratorConfig) -> Record:
     ))
 
 
-def array_entry(config: AcceleratorConfig) -> Record:
+def array_splat(config: AcceleratorConfig) -> Record:
     """An intersection in rendering order, with the values of the tile's level and, in a blend tile, of the next level."""
     n = config.formats
-    return Record("ArrayEntry", array_entry.__doc__, (
+    return Record("ArraySplat", array_splat.__doc__, (
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
         Field("use", uint(1), "whether the Gaussian is used: at the tile's level, at the next", 2),
@@ -219,10 +221,10 @@ def tile_index(config: AcceleratorConfig) -> Fixed:
     return uint((frame_tiles(config) - 1).bit_length())
 
 
-def tile_hit(config: AcceleratorConfig) -> Record:
+def intersection_tile(config: AcceleratorConfig) -> Record:
     """The tile of an intersection, as the tile merge unit counts it. An item with `end`, which is no intersection, follows the
     last one of a frame."""
-    return Record("TileHit", tile_hit.__doc__, (
+    return Record("IntersectionTile", intersection_tile.__doc__, (
         Field("tile", tile_index(config), "the intersection's tile"),
         Field("end", uint(1), "all intersections of the frame have come; `tile` means nothing"),
     ))
@@ -238,29 +240,29 @@ def tile_group(config: AcceleratorConfig) -> Record:
     ))
 
 
-def tile_entry(config: AcceleratorConfig) -> Record:
+def intersection(config: AcceleratorConfig) -> Record:
     """An intersection as it is sorted. The sort order is that of the whole record, read as one unsigned number."""
-    return Record("TileEntry", tile_entry.__doc__, (
+    return Record("Intersection", intersection.__doc__, (
         Field("index", uint(INDEX_BITS), "Gaussian index"),
         Field("depth_key", config.formats.depth_key, "sort key"),
         Field("tile", tile_index(config), "native tile"),
     ))
 
 
-def chunk_entry(config: AcceleratorConfig) -> Record:
+def chunk_item(config: AcceleratorConfig) -> Record:
     """An intersection on its way through the sorter."""
-    return Record("ChunkEntry", chunk_entry.__doc__, (
-        *tile_entry(config).fields,
+    return Record("ChunkItem", chunk_item.__doc__, (
+        *intersection(config).fields,
         Field("last", uint(1), "last item of its chunk"),
         Field("empty", uint(1), "the item is no intersection but the only, and so the last, item of an empty chunk"),
     ))
 
 
-def entry_item(config: AcceleratorConfig) -> Record:
+def intersection_item(config: AcceleratorConfig) -> Record:
     """An intersection as the tile test emits it. An item with `end`, which is no intersection, follows the last one of a
     frame."""
-    return Record("EntryItem", entry_item.__doc__, (
-        *tile_entry(config).fields,
+    return Record("IntersectionItem", intersection_item.__doc__, (
+        *intersection(config).fields,
         Field("end", uint(1), "all intersections of the frame have come; the rest means nothing"),
     ))
 
@@ -332,6 +334,6 @@ def tile_use(config: AcceleratorConfig) -> Record:
 
 
 RECORDS = (
-    gaussian_geometry, gaussian_colour, splat2d, tile_header, array_entry, pixel_op, pixel_row, tile_hit, tile_group,
-    tile_entry, chunk_entry, entry_item, gaussian_point, projected_splat, surviving_splat, tile_level,
+    gaussian_geometry, gaussian_colour, splat2d, tile_header, array_splat, pixel_op, pixel_row, intersection_tile, tile_group,
+    intersection, chunk_item, intersection_item, gaussian_point, projected_splat, surviving_splat, tile_level,
     tile_use)

@@ -359,7 +359,7 @@ def register_map(config: AcceleratorConfig) -> tuple[Register, ...]:
     return (*_IDENTITY, *_control_registers(config), *_setting_registers(config), *_counter_registers(config))
 
 
-def is_signed(number: Format) -> bool:
+def is_signed(number: Format | None) -> bool:
     """Whether a register of the format is read back with its sign extended."""
     return isinstance(number, Fixed) and number.signed
 

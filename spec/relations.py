@@ -14,8 +14,8 @@ from dataclasses import fields
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import ENTRY_BYTES
 from spec.harmonics import SEED_FRAC_BITS
-from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES, WORD_BITS, frame_pixel, frame_settings, splat_view, tile_setting
-from spec.records import gaussian_colour, gaussian_geometry, tile_entry
+from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES, WORD_BITS, frame_pixel, frame_settings, splat_record, tile_setting
+from spec.records import gaussian_colour, gaussian_geometry, intersection
 from spec.tables import BLEND_INDEX_BITS, EXP2_SLOPE_FRAC
 
 EXACT_INT_BITS = (
@@ -132,8 +132,8 @@ def _colour(n: NumberFormats) -> Iterator[str]:
 def _places(config: AcceleratorConfig) -> Iterator[str]:
     """Records that do not fit what memory, the registers and the sorter have for them."""
     beat = 8 * BEAT_BYTES
-    for record, most in ((gaussian_geometry(config), beat), (splat_view(config), beat),
-                         (tile_setting(config), 8 * TILE_SETTING_BYTES), (tile_entry(config), 8 * ENTRY_BYTES)):
+    for record, most in ((gaussian_geometry(config), beat), (splat_record(config), beat),
+                         (tile_setting(config), 8 * TILE_SETTING_BYTES), (intersection(config), 8 * ENTRY_BYTES)):
         if record.width > most:
             names = ", ".join(f"{field.name} {field.count} x {field.format}" for field in record.fields)
             yield f"{record.name} must fit {most} bits, not {record.width} ({names})"

@@ -6,7 +6,8 @@ depth. A value that was rounded to a limit counts like one that was clamped to i
 pass one place of the machine. Each record is counted once, when it is transferred:
 
     splats    ProjectedSplat records, from projection to the tile test: one for each Gaussian that is not culled
-    views     splat records (SplatView), from the colour unit to memory: one for each level of the tiles that a splat intersects
+    views     splat records (SplatRecord), from the colour unit to memory: one for each level of the tiles that a
+              splat intersects
 
 Keys and depths of intersections are those of their splats, and are not counted again.
 """
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
-from spec.memory import splat_view
+from spec.memory import splat_record
 from spec.records import Field, Record, projected_splat
 
 
@@ -43,7 +44,7 @@ class Saturation:
         return next(f for f in STREAMS[self.stream](config).fields if f.name == self.field)
 
 
-STREAMS: dict[str, Callable[[AcceleratorConfig], Record]] = {"splats": projected_splat, "views": splat_view}
+STREAMS: dict[str, Callable[[AcceleratorConfig], Record]] = {"splats": projected_splat, "views": splat_record}
 """The records that are watched, by the name of the place where they pass."""
 
 SATURATIONS = (

@@ -1,20 +1,145 @@
-"""Fixtures that several areas share, and what makes processes of tests run side by side well."""
+"""Fixtures that several areas share, the markers that follow from what a test imports, and what a run of tests prints.
+
+    torch   reaches a module that imports torch
+    rtl     reaches the runner of Verilator, lies in tests/rtl or tests/tb, or starts a simulation as a process
+    data    takes the fixture `data_dir`
+    slow    has taken more than SLOW_SECONDS of processor time, by tests/slow.json, which `--record-slow` writes
+
+`make check` runs the tests that have none of these markers, and no `long`.
+"""
+
+from __future__ import annotations
 
 import gc
+import json
 import os
+import re
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from spec.paths import ROOT
+from spec.sources import ROOMS, imported_names, module_file, sources_of
+
 DEFAULT_DATA = Path(__file__).parents[2] / "shared" / "data"
+
+SLOW_SECONDS = 0.7
+"""Processor time of a test function with all its parameters from which on `make check` leaves it out."""
+
+SLOW = Path(__file__).parent / "slow.json"
+
+SIMULATIONS = re.compile(r"""["'](tb\.(frame|sim)|msv2\.cases|frame|sim|demo)["']""")
+"""Processes that build simulators."""
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # a process a core: more threads would wait for each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--record-slow", action="store_true", help="write the processor times of slow tests to tests/slow.json")
+
+
 def pytest_collection_finish() -> None:
     """All modules are in memory, and stay: collections of garbage need not look through them (an eighth of units' tests)."""
     gc.freeze()
+
+
+@cache
+def reached(path: Path) -> frozenset[Path]:
+    """A test's file, the shared test code that it imports, and all modules of ours that these import."""
+    names = imported_names(path.read_text(encoding="utf-8"))
+    found = {path}
+    for name in names:
+        if name.startswith("tests.") and (file := module_file(name)) and file != path:
+            found |= reached(file)
+    return frozenset(found.union(sources_of(*(n for n in names if n.partition(".")[0] in ROOMS and module_file(n)))))
+
+
+@cache
+def imports_torch(path: Path) -> bool:
+    text = path.read_text(encoding="utf-8")
+    return 'importorskip("torch' in text or any(name.partition(".")[0] == "torch" for name in imported_names(text))
+
+
+@cache
+def markers_of(path: Path) -> tuple[str, ...]:
+    """The markers that a file's contents call for."""
+    files, place = reached(path), path.relative_to(ROOT / "tests").parts[0]
+    text = path.read_text(encoding="utf-8")
+    simulates = (place in ("rtl", "tb") or ROOT / "tb" / "common" / "runner.py" in files
+                 or ("sys.executable" in text and SIMULATIONS.search(text)))
+    return (*(["torch"] if any(imports_torch(file) for file in files) else []), *(["rtl"] if simulates else []))
+
+
+def function_of(nodeid: str) -> str:
+    """A test without its parameters."""
+    return nodeid.partition("[")[0]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
+    slow = json.loads(SLOW.read_text())["seconds"] if SLOW.exists() else {}
+    for item in items:
+        for name in markers_of(item.path):
+            item.add_marker(name)
+        if "data_dir" in item.fixturenames:
+            item.add_marker("data")
+        if function_of(item.nodeid) in slow:
+            item.add_marker("slow")
+
+
+def processor_seconds() -> float:
+    """Of this process and of those that it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def measured(item: pytest.Item) -> Iterator[None]:
+    begin = processor_seconds()
+    yield
+    item.user_properties.append(("processor_s", processor_seconds() - begin))
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    yield from measured(item)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    yield from measured(item)
+
+
+class Reporter:
+    """Names failures at once, and keeps the time of each test."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config, self.seconds = config, {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        terminal = self.config.pluginmanager.get_plugin("terminalreporter")
+        if report.failed and terminal:
+            crash = getattr(report.longrepr, "reprcrash", None)
+            terminal.ensure_newline()
+            terminal.write_line(f"FAILED {report.nodeid}: {crash.message.splitlines()[0] if crash else report.when}", red=True)
+        if report.when == "call":
+            spent = sum(value for name, value in report.user_properties if name == "processor_s")
+            name = function_of(report.nodeid)
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
+
+    def pytest_sessionfinish(self) -> None:
+        if self.config.option.record_slow:
+            kept = json.loads(SLOW.read_text())["seconds"] if SLOW.exists() else {}
+            kept = {name: value for name, value in kept.items() if name not in self.seconds}
+            kept |= {name: round(value, 1) for name, value in self.seconds.items() if value > SLOW_SECONDS}
+            text = {"command": "python -m pytest --record-slow", "seconds": dict(sorted(kept.items()))}
+            SLOW.write_text(json.dumps(text, indent=1) + "\n")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):  # of the processes of a run, the one that reports
+        config.pluginmanager.register(Reporter(config))
 
 
 @pytest.fixture(scope="session")

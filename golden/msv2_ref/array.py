@@ -129,7 +129,7 @@ def render_tiles(config: AcceleratorConfig, headers: np.ndarray, entries: np.nda
     Args:
         config: the machine.
         headers: (tiles,) records of `spec.records.tile_header`'s dtype; `count` is the number of a tile's intersections.
-        entries: (sum of counts,) records of `spec.records.array_entry`'s dtype, in order.
+        entries: (sum of counts,) records of `spec.records.array_splat`'s dtype, in order.
         background: (3,) raw `colour`.
 
     Raises:

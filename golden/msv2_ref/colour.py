@@ -21,7 +21,7 @@ from golden.threads import for_slices
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.harmonics import SEED_FRAC_BITS, SEED_INDEX_BITS, Factors, factors, root_seeds
-from spec.memory import splat_view
+from spec.memory import splat_record
 
 
 class _Constants(NamedTuple):
@@ -156,7 +156,7 @@ def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: Fr
     return colour
 
 
-def survivor_views(
+def survivor_records(
     config: AcceleratorConfig, survivors: np.ndarray, records: np.ndarray, sh_degree: int, view_shift: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The splat records that the colour unit writes for a frame, in order: one for each level that each splat is used at.
@@ -169,7 +169,7 @@ def survivor_views(
         view_shift: there are 1 << view_shift places for splat records of each Gaussian.
 
     Returns:
-        (M,) SplatView records, and (M,) int64 the beat of each, counted from the base of the region `views`.
+        (M,) SplatRecord records, and (M,) int64 the beat of each, counted from the base of the region `views`.
     """
     colour, offset = np.empty((len(survivors), MAX_LEVELS, 3), np.int32), config.formats.view.to_float(survivors["offset"])
     rest = records["rest"] if sh_degree else np.zeros((len(records), 1), np.int16)
@@ -177,7 +177,7 @@ def survivor_views(
                np.ascontiguousarray(rest), np.zeros(3), sh_degree, _constants(config), colour)
     row, level = np.nonzero(survivors["levels"][:, None] >> np.arange(MAX_LEVELS) & 1)
     both = np.minimum(np.stack([level, level + 1], 1), MAX_LEVELS - 1)
-    views = np.zeros(len(row), splat_view(config).dtype)
+    views = np.zeros(len(row), splat_record(config).dtype)
     for name in ("mean2d", "conic", "depth", "bound"):
         views[name] = survivors[name][row]
     views["log2_opacity"] = survivors["log2_opacity"][row[:, None], both]

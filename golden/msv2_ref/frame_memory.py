@@ -7,15 +7,15 @@ import numpy as np
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
-from spec.memory import display_pixel, frame_pixel, splat_view
+from spec.memory import display_pixel, frame_pixel, splat_record
 
 
-def splat_views(frame: Frame, levels: int) -> np.ndarray:
-    """(Gaussians, levels) SplatView records by tile level; the records of invisible Gaussians have no meaning."""
+def splat_records(frame: Frame, levels: int) -> np.ndarray:
+    """(Gaussians, levels) SplatRecord records by tile level; the records of invisible Gaussians have no meaning."""
     s = frame.splats
     level = np.arange(levels)
     both = np.minimum(np.stack([level, level + 1], 1), s.log2_opacity.shape[1] - 1)
-    out = np.zeros((len(s.mean2d), levels), splat_view(frame.config).dtype)
+    out = np.zeros((len(s.mean2d), levels), splat_record(frame.config).dtype)
     out["mean2d"], out["depth"] = s.mean2d[:, None], s.depth[:, None]
     out["conic"] = frame.config.formats.conic.quantise(frame.projected.conic)[:, None]
     out["log2_opacity"] = s.log2_opacity[:, both]

@@ -17,7 +17,7 @@ from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, AcceleratorConfig
 from spec.constants import COVERAGE_VALID, MAX_LEVELS, TILE
 from spec.errors import InputError
-from spec.records import array_entry, splat2d, tile_header
+from spec.records import array_splat, splat2d, tile_header
 
 STAGES = ("gaussians", "splats", "entries", "pixels")
 """The stage outputs that a frame can dump."""
@@ -44,7 +44,7 @@ class Frame:
     registers: FrameRegisters
     words: GaussianWords
     projected: projection.Projected
-    entries: tile_test.TileEntries
+    entries: tile_test.Intersections
     groups: np.ndarray
     splats: array.ArraySplats
     pixels: array.Pixels
@@ -89,12 +89,12 @@ class Frame:
 
     @property
     def array_entries(self) -> np.ndarray:
-        """(entries,) ArrayEntry records in rendering order."""
+        """(entries,) ArraySplat records in rendering order."""
         e, s = self.entries, self.splats
         rows = e.splat
         level = np.repeat(self.registers.header[:, 0], np.diff(e.start))
         both = np.minimum(np.stack([level, level + 1], 1), s.log2_opacity.shape[1] - 1)
-        out = np.zeros(len(rows), array_entry(self.config).dtype)
+        out = np.zeros(len(rows), array_splat(self.config).dtype)
         out["mean2d"], out["depth"] = s.mean2d[rows], s.depth[rows]
         out["conic"] = self.config.formats.conic.quantise(self.projected.conic[rows])
         out["use"] = e.use[:, None] >> np.arange(2) & 1
@@ -193,7 +193,7 @@ def render_frame(
 
     begin = clock()
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
-    entries = tile_test.tile_entries(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
+    entries = tile_test.tile_intersections(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
     counts = np.diff(entries.start)
     groups = tile_merge.merge_tiles(counts, registers.tiles_x, tile_merge.auto_beta(counts, config) if beta is None else beta)
     seconds["tiles"] = clock() - begin

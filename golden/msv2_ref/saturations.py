@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.msv2_ref.frame_memory import splat_views
+from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
 from spec.config import AcceleratorConfig
@@ -18,7 +18,7 @@ def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
         return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
     tile = np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))
     pairs = np.unique(np.stack([frame.entries.splat, frame.registers.header[tile, 0]], 1), axis=0)
-    return splat_views(frame, MAX_LEVELS)[saturation.field][pairs[:, 0], pairs[:, 1]]
+    return splat_records(frame, MAX_LEVELS)[saturation.field][pairs[:, 0], pairs[:, 1]]
 
 
 def count_saturated(config: AcceleratorConfig, saturation: Saturation, values: np.ndarray) -> int:

@@ -19,7 +19,7 @@ def sort_chunks(items: np.ndarray) -> np.ndarray:
     """Sorts each chunk by (native tile, depth key, index); the chunks keep their order, and so do equal items.
 
     Args:
-        items: (N,) ChunkEntry records. A chunk ends with `last`; an empty chunk is one item with `last` and `empty`.
+        items: (N,) ChunkItem records. A chunk ends with `last`; an empty chunk is one item with `last` and `empty`.
     """
     chunk = np.cumsum(items["last"]) - items["last"]
     ordered = items[np.lexsort((items["index"], items["depth_key"], items["tile"], chunk))]

@@ -10,7 +10,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_BEATS, WORDS, entry_page
 from spec.packing import pack
-from spec.records import chunk_entry, tile_entry
+from spec.records import chunk_item, intersection
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ def tile_lists(tile: np.ndarray, tiles: int, entries_beats: int, slots: int = DI
 
 
 def entry_words(config: AcceleratorConfig, entries: np.ndarray) -> np.ndarray:
-    """(entries, 2) uint32: TileEntry records, or records that begin as one, as they lie in memory."""
-    return pack(tile_entry(config), entries, ENTRY_BYTES).view("<u4")
+    """(entries, 2) uint32: Intersection records, or records that begin as one, as they lie in memory."""
+    return pack(intersection(config), entries, ENTRY_BYTES).view("<u4")
 
 
 def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +100,7 @@ def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarra
     Args:
         config: the machine.
         lists: where the intersections lie.
-        entries: (E,) TileEntry records in the order of arrival.
+        entries: (E,) Intersection records in the order of arrival.
     """
     pages = np.zeros((lists.beats, BEAT_ENTRIES, WORDS // BEAT_ENTRIES), np.uint32)
     pages.reshape(-1, WORDS // BEAT_ENTRIES)[lists.number[lists.written]] = entry_words(config, entries)[lists.written]
@@ -110,16 +110,16 @@ def memory_image(config: AcceleratorConfig, lists: TileLists, entries: np.ndarra
 
 
 def grouped_entries(config: AcceleratorConfig, entries: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """(E,) ChunkEntry records by group and tile, within a tile in the order of arrival. Groups without intersections give none.
+    """(E,) ChunkItem records by group and tile, within a tile in the order of arrival. Groups without intersections give none.
 
     Args:
         config: the machine.
-        entries: (E,) TileEntry records in the order of arrival.
+        entries: (E,) Intersection records in the order of arrival.
         groups: (tiles,) TileGroup records with the counts of these intersections.
     """
-    rows = np.zeros(len(entries), chunk_entry(config).dtype)
+    rows = np.zeros(len(entries), chunk_item(config).dtype)
     ordered = entries[np.argsort(entries["tile"], kind="stable")]
-    for f in tile_entry(config).fields:
+    for f in intersection(config).fields:
         rows[f.name] = ordered[f.name]
     ends = np.cumsum(groups["count"].astype(np.int64))[groups["last"] == 1]
     rows["last"][np.unique(ends[ends > 0]) - 1] = 1

@@ -22,10 +22,10 @@ from golden.msv2_ref.projection import Projected, culling_constants, falloff_lim
 from golden.threads import SLICES, for_slices
 from spec.config import AcceleratorConfig
 from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
-from spec.records import entry_item, surviving_splat
+from spec.records import intersection_item, surviving_splat
 
 
-class TileEntries(NamedTuple):
+class Intersections(NamedTuple):
     """Intersections grouped by tile; within a tile they are in the order of the splat list.
 
     Attributes:
@@ -194,7 +194,7 @@ def _scatter(part, begin, _end, room, passed, tile_of, splat_of, use_of, cursor,
         splat[at], use[at] = splat_of[e], use_of[e]
 
 
-def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> TileEntries:
+def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> Intersections:
     """The intersections of `splats`, int32 rows of the scene in any order, grouped by tile; within a tile they keep that
     order."""
     k, tiles = culling_constants(config), len(scene.header)
@@ -209,13 +209,13 @@ def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> Ti
     cursor = start[:-1] + np.concatenate((np.zeros((1, tiles), np.int64), np.cumsum(counts, axis=0)[:-1]))
     splat, use = np.empty(start[-1], np.int32), np.empty(start[-1], np.uint8)
     for_slices(_scatter, len(splats), room, passed, *found, cursor, splat, use)
-    return TileEntries(start, splat, use, int(filtered.sum()))
+    return Intersections(start, splat, use, int(filtered.sum()))
 
 
-def tile_entries(
+def tile_intersections(
     config: AcceleratorConfig, projected: Projected, opacity: np.ndarray, bound: np.ndarray, registers: FrameRegisters,
     splats: np.ndarray, *, obb: bool = False, rendered: np.ndarray | None = None,
-) -> TileEntries:
+) -> Intersections:
     """The intersections of `splats` (int32 rows in any order), grouped by tile; within a tile they keep that order.
 
     Args:
@@ -238,7 +238,8 @@ class TileTest(NamedTuple):
     """A frame through the tile test unit: its streams, including `end`, and its counts of (splat, tile) pairs.
 
     Attributes:
-        entries: EntryItem records, one for each intersection: splat by splat in their order, then by tile row, then by column.
+        entries: IntersectionItem records, one for each intersection: splat by splat in their order, then by tile row, then by
+            column.
         survivors: SurvivingSplat records of the splats with an intersection, in their order.
         touched: number of pairs that touch.
         filtered: number of these that the foveation filter rejects, or whose tile is not rendered; the others are `entries`.
@@ -274,7 +275,7 @@ def tile_test(
     order = np.lexsort((tile, found.splat))
     row, tile = found.splat[order], tile[order]
 
-    entries = np.zeros(len(row) + 1, entry_item(config).dtype)
+    entries = np.zeros(len(row) + 1, intersection_item(config).dtype)
     entries["tile"][:-1], entries["end"][-1] = tile, 1
     for name in ("index", "depth_key"):
         entries[name][:-1] = splats[name][row]

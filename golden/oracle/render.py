@@ -30,7 +30,7 @@ class OracleFrame:
         depth: (H, W) float64, alpha-weighted mean depth in world units, nan where coverage < 0.5.
         transmittance: (H, W) float64 in 0..1, the background's weight.
         foveation: which levels each tile rendered.
-        tile_entries: (tiles_y, tiles_x) int64, length of each tile's list.
+        tile_intersections: (tiles_y, tiles_x) int64, length of each tile's list.
         visible: number of splats on at least one tile's list.
         culled: number of points that are on no list, by reason: those of `project.project`, and `no_tile` (the footprint lies
             between pixel centres, or every tile that it meets has a level beyond the quality bound). Together with `visible`
@@ -41,7 +41,7 @@ class OracleFrame:
     depth: np.ndarray
     transmittance: np.ndarray
     foveation: FoveationMap
-    tile_entries: np.ndarray
+    tile_intersections: np.ndarray
     visible: int
     culled: dict[str, int]
 
@@ -53,7 +53,7 @@ class OracleFrame:
     @property
     def entries(self) -> int:
         """Number of intersections, that is (splat, tile) pairs, in the frame."""
-        return int(self.tile_entries.sum())
+        return int(self.tile_intersections.sum())
 
 
 def render(
@@ -109,8 +109,8 @@ def render(
     coverage = 1.0 - transmittance
     with np.errstate(invalid="ignore", divide="ignore"):
         depth = np.where(coverage >= COVERAGE_VALID, depth_sum / coverage, np.nan)
-    tile_entries = np.diff(lists.start).reshape(foveation.tile_level.shape)
-    return OracleFrame(image, depth, transmittance, foveation, tile_entries, visible, culled)
+    tile_intersections = np.diff(lists.start).reshape(foveation.tile_level.shape)
+    return OracleFrame(image, depth, transmittance, foveation, tile_intersections, visible, culled)
 
 
 def _check_fit(foveation: FoveationMap, model: GaussianModel, camera: Camera) -> None:

@@ -115,6 +115,23 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
                        help="the pixel at which the right eye looks (default: both eyes look at the same point)")
 
 
+def parse_request(*argv: str) -> argparse.Namespace:
+    """The arguments of a request and of its eyes, for programs that ask for frames themselves.
+
+    Args:
+        argv: as on a command line.
+
+    Raises:
+        InputError: see `take_stereo_arguments`.
+    """
+    parser = argparse.ArgumentParser()
+    add_request_arguments(parser)
+    add_stereo_arguments(parser)
+    args = parser.parse_args(argv)
+    take_stereo_arguments(args)
+    return args
+
+
 def take_stereo_arguments(args: argparse.Namespace) -> None:
     """Fills in the defaults of the arguments for two eyes and sorts the gazes by eye.
 

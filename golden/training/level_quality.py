@@ -204,5 +204,5 @@ def _tile_counts(model: GaussianModel, camera: Camera, foveation: FoveationMap, 
     projected = projection.project(config, words, registers)
     order = sort.depth_order(projected.depth_key, projected.reason == projection.VISIBLE)
     geometry = words.geometry
-    entries = tile_test.tile_entries(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
+    entries = tile_test.tile_intersections(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
     return np.diff(entries.start)

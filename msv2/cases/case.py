@@ -119,7 +119,7 @@ class Seen:
         near, faint: the numbers of points culled at the near plane and for their opacity.
         drawn: the number of splats with an intersection.
         entries: the number of intersections.
-        tile_entries: (tiles,) int64, the intersections of each tile.
+        tile_intersections: (tiles,) int64, the intersections of each tile.
         frame: the object that the renderer returned.
     """
 
@@ -130,7 +130,7 @@ class Seen:
     faint: int | None
     drawn: int | None
     entries: int | None
-    tile_entries: np.ndarray | None
+    tile_intersections: np.ndarray | None
     frame: object = None
 
     def counts(self, **wanted: int) -> None:

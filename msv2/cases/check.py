@@ -42,7 +42,7 @@ def see_oracle(shot: Shot, weights: str = "plane") -> Seen:
                           tile_test="obb" if shot.obb else "exact")
     require(frame.visible + sum(frame.culled.values()) == len(shot.model), f"{frame.culled} must account for every point")
     return Seen(frame.image, frame.coverage, frame.depth, frame.culled["near"], frame.culled["transparent"], frame.visible,
-                frame.entries, frame.tile_entries.ravel(), frame)
+                frame.entries, frame.tile_intersections.ravel(), frame)
 
 
 def see_golden(shot: Shot) -> Seen:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from golden.scenes.camera import Camera
-from golden.scenes.gaze import Display, FoveationMap, foveation_map
 from golden.scenes.model import GaussianModel
 from spec.constants import SH_C0
 
@@ -59,10 +58,3 @@ def random_model(rng: np.random.Generator, n: int, levels: int = 1, sh: int = 0,
         sh_dc=rng.normal(0, 1.0, (n, levels, 3)), sh_rest=rng.normal(0, 0.2, (n, (sh + 1) ** 2 - 1, 3)),
         quality_bound=rng.integers(1, levels + 1, n).astype(np.uint8),
     )
-
-
-def map_for(camera: Camera, gaze: tuple[float, float] | None, levels: int) -> FoveationMap | None:
-    """The foveation map of a gaze that is given as fractions of the frame; None without a gaze."""
-    if gaze is None:
-        return None
-    return foveation_map(Display(camera.width, camera.height), (gaze[0] * camera.width, gaze[1] * camera.height), levels)

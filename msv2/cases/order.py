@@ -214,7 +214,8 @@ def ELLIPSE_ON_A_TILE_EDGE(album, renderer, shots):
     for name, seen in album.items():
         offset = float(name.split(",")[0])
         drawn = seen.coverage[8, 16] > 0
-        require(not drawn or seen.tile_entries is None or seen.tile_entries[1] == 1, f"{name}: drawn and not listed")
+        listed = seen.tile_intersections is None or seen.tile_intersections[1] == 1
+        require(not drawn or listed, f"{name}: drawn and not listed")
         if abs(offset) > 0.01 or (renderer.name == "oracle" and offset):
             require(drawn == (offset > 0), f"{name}: column 16 must {'' if offset > 0 else 'not '}be drawn")
         require(seen.coverage[8, 15] > 0 and not seen.coverage[:, 17:].any(), f"{name}: columns 15 and 17")
@@ -227,7 +228,8 @@ def ELLIPSE_ON_A_TILE_EDGE(album, renderer, shots):
 def ALL_IN_ONE_TILE(album, renderer, shots):
     seen = album["shot"]
     seen.counts(entries=1000, drawn=1000)
-    require(seen.tile_entries is None or seen.tile_entries.tolist() == [1000] + [0] * 11, "eleven tiles must be empty")
+    counts = seen.tile_intersections
+    require(counts is None or counts.tolist() == [1000] + [0] * 11, "eleven tiles must be empty")
     require(not seen.coverage[:, 16:].any() and seen.coverage[:16, :16].max() > 0.5, "only the first tile may be covered")
 
 

@@ -134,7 +134,7 @@ def PRINCIPAL_POINT(album, renderer, shots):
     shots=lambda renderer: {"shot": Shot(splats((0, 0, 5), scale=100), view())})
 def FILLS_THE_SCREEN(album, renderer, shots):
     seen = album["shot"]
-    require(seen.tile_entries is None or (seen.tile_entries == 1).all(), "every tile must list the splat once")
+    require(seen.tile_intersections is None or (seen.tile_intersections == 1).all(), "every tile must list the splat once")
     closed_form(seen, shots["shot"], renderer, 0.8)
 
 

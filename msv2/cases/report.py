@@ -1,4 +1,4 @@
-"""What became of the cases and of the seeded faults: on the screen and as JSON."""
+"""The results of the cases and of the seeded faults, as text for the screen and as JSON."""
 
 from __future__ import annotations
 
@@ -128,6 +128,6 @@ def summary(result: Result) -> str:
 
 
 def write(result: Result, folder: Path) -> None:
-    """stability.json; the study `stability` makes a page and a picture of it."""
+    """Writes stability.json, from which the study `stability` makes a page and a picture."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "stability.json", result.record)

@@ -25,7 +25,7 @@ from golden.scenes.request import make_folder, write_json
 from spec.command_line import add_out_argument, command_parser
 from spec.config import DEFAULT
 from spec.errors import run_command_line
-from spec.paths import ROOT
+from spec.paths import BUILD
 from tb.common.runner import SimulationError
 from tb.frame.whole import simulate_machine, tiled
 from tb.top import device
@@ -125,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when the RTL differs from the golden renderer in any bit."""
     parser = command_parser("python -m msv2.cli.demo", __doc__)
     add_out_argument(parser, "build/demo")
-    out = make_folder(parser.parse_args(argv).out or ROOT / "build" / "demo")
+    out = make_folder(parser.parse_args(argv).out or BUILD / "demo")
     begin = time.perf_counter()
     print(f"embedded scene, {SIZE[0]}x{SIZE[1]}, machine '{DEFAULT.name}'")
     with step("scene: trace surfaces, make the Gaussian model"):

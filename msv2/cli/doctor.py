@@ -154,7 +154,7 @@ def table(found: Sequence[Finding]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 where something that the base needs is missing."""
-    parser = command_parser("python -m msv2.cli.doctor", __doc__, EXAMPLES)
+    parser = command_parser("msv2 doctor", __doc__, EXAMPLES)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     args = parser.parse_args(argv)
     found = findings()

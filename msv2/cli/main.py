@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from msv2.cli.commands import COMMANDS, EXTRAS, Command
-from spec.command_line import called_as, nearest
+from spec.command_line import called_as, choice
 from spec.errors import InputError, run_command_line
 
 EXAMPLES = """\
@@ -82,9 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name == "--version":
         print(version_text())
         return 0
-    if name not in COMMANDS:
-        raise InputError(f"command {name!r} is not accepted: choose one of {', '.join(COMMANDS)}{nearest(name, COMMANDS)}")
-    return run_subcommand(COMMANDS[name], rest)
+    return run_subcommand(COMMANDS[choice("command", name, COMMANDS)], rest)
 
 
 def run() -> None:

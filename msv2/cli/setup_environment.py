@@ -32,6 +32,18 @@ def check_system() -> None:
         sys.exit(f"error: missing system tools; install the packages: {' '.join(missing)}")
 
 
+def check_extras(asked: set[str]) -> None:
+    """Exit with a message when pyproject.toml has no such extra."""
+    import difflib
+    import tomllib  # in the standard library since Python 3.11, which `check_system` asks for
+
+    known = sorted(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+    for extra in sorted(asked - set(known)):
+        near = difflib.get_close_matches(extra, known, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        sys.exit(f"error: extra {extra!r} is not accepted: choose of {', '.join(known)}{hint}")
+
+
 def wanted_state(extras: set[str]) -> dict[str, object]:
     """What the stamp must say for `extras`."""
     project = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
@@ -42,7 +54,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Create or update the environment."""
     parser = argparse.ArgumentParser(prog="msv2 setup", description=__doc__)
     parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"comma-separated, or 'none' (default: {DEFAULT_EXTRAS})")
+    if not (ROOT / "pyproject.toml").exists():
+        sys.exit("error: msv2 setup works in a checkout; an installed msv2 gets extras by pip install 'msv2[EXTRA]'")
     asked = {extra for extra in parser.parse_args(argv).extras.split(",") if extra and extra != "none"}
+    if asked:
+        check_system()
+        check_extras(asked)
     installed = json.loads(STAMP.read_text()) if STAMP.exists() else {"extras": []}
     extras = asked | set(installed["extras"])  # never take away what an earlier set-up installed
     if installed == wanted_state(extras):

@@ -9,7 +9,7 @@ from msv2.document import effects, formats, registers, site
 from msv2.document.files import write_whole
 from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
-from spec.paths import ROOT
+from spec.paths import IN_CHECKOUT, ROOT
 
 EXAMPLES = """\
 examples:
@@ -41,6 +41,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "docs", metavar="DIR",
                         help="folder of the site (default: build/docs)")
     args = parser.parse_args(argv)
+    if not IN_CHECKOUT:
+        raise InputError(f"{ROOT} is not accepted: the pages are written in a checkout, and an installed msv2 has none")
     act = check if args.check else write
     for path, make in PAGES.items():
         act(path, make)

@@ -1,4 +1,7 @@
-"""`msv2 study list` lists the studies; `msv2 study run NAME ...`, or without `run`, runs one; NAME --help shows its options."""
+"""`msv2 study list` lists the studies. `msv2 study run NAME ...` runs a study; the word `run` can be omitted.
+
+`msv2 study run NAME --help` shows the options of a study.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,13 @@ from spec.errors import run_command_line
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Lists the studies, or runs the one that the first argument names with the others; returns the exit status.
+    """Lists the studies, or runs the study that the first argument names; the other arguments go to the study.
+
+    Returns:
+        The exit status.
 
     Raises:
-        InputError: no study is named, or there is none of this name.
+        InputError: no study is named, or there is no study of this name.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["list"]:

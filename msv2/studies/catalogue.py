@@ -1,8 +1,8 @@
-"""The catalogue of studies: what each is about, the commands that regenerate its reports, and whether these are up to date.
+"""The catalogue of studies. It holds the subject of each study, the commands that regenerate its reports, and their state.
 
-    msv2 study list                 a line for each study
-    msv2 study list --reports       a line for each report: its command, its cost, whether it is stale, and why
-    msv2 study run NAME [OPTION...] runs a study; NAME --help shows its options
+    msv2 study list                 lists the studies, one per line
+    msv2 study list --reports       lists the reports, with the command, the cost, and whether and why the report is stale
+    msv2 study run NAME [OPTION...] runs a study; `msv2 study run NAME --help` shows its options
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from spec.paths import REPORTS, ROOT
 
 @dataclass(frozen=True)
 class Report:
-    """One command of a study, and the files that it writes and the project keeps.
+    """A command of a study, with those of its output files that are kept in the repository.
 
     Attributes:
-        arguments: of the study's command, as a shell takes them.
-        outputs: files in reports/, the JSON with the provenance first; in another folder of the project where they have one.
-        minutes: minutes of processor time that the command takes, as estimated where no provenance has measured it.
-        needs: what the command needs beside the project, in words.
+        arguments: the arguments of the study's command, as typed in a shell.
+        outputs: the files, first the JSON file that has a provenance. A bare name is in reports/; other files are given with
+            their folder in the project.
+        minutes: the estimated processor time of the command in minutes, used if no provenance has a measured time.
+        needs: what the command needs in addition to the project, in words.
     """
 
     arguments: str
@@ -37,7 +38,7 @@ class Report:
 
     @cached_property
     def provenance(self) -> dict | None:
-        """Of the JSON; None where there is none."""
+        """The provenance in the JSON file; None if there is none."""
         path = REPORTS / self.outputs[0]
         if not self.outputs[0].endswith(".json") or not path.is_file():
             return None
@@ -45,7 +46,7 @@ class Report:
 
     @property
     def state(self) -> str:
-        """As record.state; a missing file is told."""
+        """The state as `record.state` returns it; a report with a missing file is stale."""
         missing = [name for name in self.outputs if not (ROOT / name if "/" in name else REPORTS / name).is_file()]
         if missing:
             return f"stale: {missing[0]} is missing"
@@ -55,24 +56,24 @@ class Report:
 
     @property
     def cost(self) -> str:
-        """Minutes of processor time: measured, or about as many as estimated."""
+        """The processor time in minutes as text: the measured time, or the estimate after a tilde."""
         measured = (self.provenance or {}).get("cpu_seconds")
-        return f"{measured / 60:,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
+        return f"{max(measured / 60, 0.1):,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its name, its module with `main(argv)`, one line about it, its reports."""
+    """A study: its name, the module that has its `main(argv)`, its subject in one line, and its reports."""
 
     name: str
     module: str
     about: str
     reports: tuple[Report, ...] = ()
     only: tuple[str, ...] = ()
-    """Arguments that come before those of the command line: a part of a module that does several things."""
+    """Arguments that are put before those of the command line. They select the study's part of a module with several parts."""
 
     def command(self, report: Report | None = None) -> str:
-        """The command that runs it, or that regenerates a report."""
+        """The command that runs the study, or that regenerates one of its reports."""
         return f"msv2 study run {self.name} {report.arguments if report else ''}".rstrip()
 
 
@@ -114,7 +115,7 @@ STUDIES = (
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
           (Report("", ("frames.json",), 25, SCENES),), ("--only", "frames")),
     Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
-          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 1),)),
+          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
           (Report("", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",
@@ -160,25 +161,25 @@ STUDIES = (
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("", _files("write_combining", "json", "md"), 2, SCENES),)),
 )
-"""All of them, by name."""
+"""All studies, sorted by name."""
 
 BY_NAME = {study.name: study for study in STUDIES}
 
 
 def find(name: str) -> Study:
-    """The study of a name.
+    """The study with this name.
 
     Raises:
-        InputError: there is none; the message names the nearest.
+        InputError: there is no study of this name; the message suggests the most similar name.
     """
     return BY_NAME[choice("study", name, BY_NAME)]
 
 
 def run_study(argv: Sequence[str]) -> int:
-    """Runs the study that the first argument names with the other arguments; returns its exit status.
+    """Runs the study that the first argument names, with the other arguments; returns its exit status.
 
     Raises:
-        InputError: no study is named, or there is none of that name.
+        InputError: no study is named, or there is no study of this name.
     """
     name, *rest = argv or [""]
     if name in ("", "-h", "--help"):
@@ -193,15 +194,15 @@ def run_study(argv: Sequence[str]) -> int:
 
 
 def list_studies(argv: Sequence[str] = ()) -> int:
-    """Prints the studies, or with --reports their reports; returns the exit status.
+    """Prints a list of the studies, or with --reports of their reports; returns the exit status.
 
     Raises:
-        InputError: a study is named that there is not.
+        InputError: there is no study of a given name.
     """
     with called_as("msv2 study list"):
         parser = command_parser("msv2 study list", "The studies and the state of their reports.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--reports", action="store_true", help="a line for each report: its command, its cost, why it is stale")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="show only these studies (default: all)")
+    parser.add_argument("--reports", action="store_true", help="list reports: command, cost, and why a report is stale")
     args = parser.parse_args(argv)
     studies = [find(name) for name in args.names] or list(STUDIES)
     print("\n".join(_report_lines(studies) if args.reports else _study_lines(studies)))
@@ -215,8 +216,8 @@ def _study_lines(studies: Sequence[Study]) -> list[str]:
         worst = next((state for state in ("stale", "unknown", "current") if state in states), "none")
         cost = " + ".join(report.cost for report in study.reports) or "-"
         lines.append(f"{study.name:<22}{cost:>12}  {worst:<9} {study.about}")
-    return [*lines, "", "~: estimated. reports: current, stale, or unknown where a report was written before reports had a "
-            "provenance;", "`msv2 study list --reports` says why. Run one with `msv2 study run NAME`."]
+    return [*lines, "", "~ marks an estimate. A report is current, stale, or unknown if it was written before reports had a "
+            "provenance.", "`msv2 study list --reports` says why. `msv2 study run NAME` runs a study."]
 
 
 def _report_lines(studies: Sequence[Study]) -> list[str]:

@@ -1,6 +1,6 @@
-"""The one writer of Markdown tables and pages: reports, and tables that are filled in between markers of a page.
+"""Writes Markdown tables and pages. All reports use this module, and so do the generated tables in other pages.
 
-A page shows a generated table between the lines `<!-- table:NAME -->` and `<!-- end -->`.
+A generated table stands between the lines `<!-- table:NAME -->` and `<!-- end -->` of its page.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from msv2.studies.report import html_page
 from spec.errors import InputError
 
 ABSENT = "(not measured yet)"
-"""What stands where a table has no rows."""
+"""The text in place of a table that has no rows."""
 
 _MARKED = re.compile(r"(<!-- table:(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 Table = Callable[[], str | None]
-"""Makes a table's text; None where its report is not there: what the page shows then stays."""
+"""A function that makes a table's text. It returns None if its report is missing, and then the page keeps its table."""
 
 
 def table(
@@ -30,11 +30,11 @@ def table(
     """A Markdown table without a line break at its end.
 
     Args:
-        head: names of the columns.
-        rows: cells of each row, shown by `str`.
-        left: number of columns whose text begins at the left; the others are aligned right. None: no column is.
-        words: names of further columns that are not aligned right.
-        empty: the whole text where there is no row.
+        head: the names of the columns.
+        rows: the cells of each row; they are converted by `str`.
+        left: how many of the first columns are aligned left; the others are aligned right. None aligns no column right.
+        words: the names of further columns that are not aligned right.
+        empty: the whole text if there is no row.
 
     Raises:
         ValueError: a row has more or fewer cells than the head.
@@ -54,7 +54,7 @@ def _fits(row: Sequence[object], head: Sequence[str]) -> bool:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Writes a page of UTF-8 text that ends with one line break, complete or not at all.
+    """Writes a page as UTF-8 text that ends with one line break. The file is written completely or not at all.
 
     Raises:
         InputError: the folder does not exist or is not writable.
@@ -64,7 +64,7 @@ def write_page(path: Path, text: str) -> None:
 
 
 def write_html(path: Path, title: str, text: str, pictures: Iterable[Path] = ()) -> None:
-    """Writes Markdown as one HTML page; pictures that it shows by the names of these files are put inside it.
+    """Converts Markdown to an HTML page and writes it. The page contains those of `pictures` that it shows by file name.
 
     Raises:
         InputError: the folder does not exist or is not writable.
@@ -77,16 +77,19 @@ def write_html(path: Path, title: str, text: str, pictures: Iterable[Path] = ())
 
 
 def fill(path: Path, tables: Mapping[str, Table], *, check: bool = False, complete: bool = False) -> int:
-    """Rewrites the generated tables of a page; with `check` nothing is written, and 1 is returned where it would change.
+    """Rewrites the generated tables of a page.
 
     Args:
-        path: of the page.
-        tables: by the name in the marker.
-        check: change nothing.
-        complete: every table must have a marker.
+        path: the path of the page.
+        tables: the functions that make the tables, by the name in the marker.
+        check: write nothing, and only find out whether the page would change.
+        complete: require a marker for every table.
+
+    Returns:
+        1 if `check` is set and the page would change, else 0.
 
     Raises:
-        InputError: the page has a marker of a table that there is not, or, with `complete`, lacks one.
+        InputError: the page has a marker for an unknown table, or `complete` is set and a marker is missing.
     """
     old = path.read_text(encoding="utf-8")
     missing = sorted(set(tables) - set(marked_tables(old))) if complete else []
@@ -108,5 +111,5 @@ def fill(path: Path, tables: Mapping[str, Table], *, check: bool = False, comple
 
 
 def marked_tables(text: str) -> list[str]:
-    """Names of the generated tables that a page shows, in order."""
+    """The names of the generated tables of a page, in their order on the page."""
     return [name for _, name, _ in _MARKED.findall(text)]

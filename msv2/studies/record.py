@@ -1,19 +1,19 @@
-"""The one writer of the JSON of reports: content, and where it comes from.
+"""Writes the JSON files of all reports: their content, and the provenance of this content.
 
-Every report ends with the object `provenance`:
+The last key of every report is `provenance`, an object with these keys:
 
-| key | what it is |
+| key | meaning |
 |---|---|
 | `command` | the command that wrote the report |
-| `commit` | 7 digits of the checkout's commit, with `+dirty` where tracked files differ from it; `unknown` without git |
+| `commit` | 7 digits of the commit, followed by `+dirty` if tracked files differ from it; `unknown` without git |
 | `configuration` | the resolved arguments, and every machine with all of its parameters |
-| `modules`, `sources` | modules that the numbers rest on, and the hash of these and of all that they import (spec.sources) |
-| `inputs` | hash of each file that was read: scenes, liberties, other reports |
-| `machine` | processor, cores, versions of Python and numpy |
-| `date` | when it was written, UTC |
-| `cpu_seconds`, `wall_seconds` | what the command took until then, its processes included |
-| `earlier` | provenances of rows that an earlier command wrote and this one left as they were |
-| `backfilled` | true where the object was made afterwards from the history: nothing is known of its hashes |
+| `modules`, `sources` | the modules that made the numbers, and a hash of these and of everything they import (spec.sources) |
+| `inputs` | a hash of each file that was read: scenes, liberty files, other reports |
+| `machine` | the processor, its number of cores, and the versions of Python and numpy |
+| `date` | the date and time of writing, in UTC |
+| `cpu_seconds`, `wall_seconds` | the time that the command had taken by then, with the processes that it started |
+| `earlier` | the provenances of rows that earlier commands wrote and this command left unchanged |
+| `backfilled` | true if the object was made later from the git history, so that its hashes are not known |
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ import numpy as np
 from golden.scenes.request import write_json
 from spec.config import AcceleratorConfig
 from spec.overrides import config_record
-from spec.paths import REPORTS, ROOT, data_folder
+from spec.paths import IN_CHECKOUT, REPORTS, ROOT, data_folder
 from spec.sources import fingerprint, sources_of
 
 PROVENANCE = "provenance"
-"""Key of the object in every report."""
+"""The key of the provenance in every report."""
 
 _PLACES = frozenset({"out", "work", "runs", "scheduler"})
-"""Arguments that name places and change no number; they are left out of the configuration."""
+"""Arguments that name places. They change no number and are left out of the configuration."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A command and when it began: `wall` of time.monotonic, `cpu` of `processor_seconds`."""
+    """A command and the time when it began: `wall` as of `time.monotonic`, `cpu` as of `processor_seconds`."""
 
     command: str
     wall: float
@@ -57,7 +57,7 @@ class Run:
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of the finished processes that it started, in seconds."""
+    """The processor time in seconds of this process and of the finished processes that it started."""
     return sum(os.times()[:4])
 
 
@@ -70,12 +70,12 @@ _run = [Run("", time.monotonic(), 0.0)]
 
 
 def begin(study: str, arguments: Iterable[str]) -> None:
-    """Reports that are written from now on come from this study with these arguments."""
+    """Sets the study and the arguments that the provenances of all later reports name."""
     _run[0] = begun(" ".join(["msv2 study run", study, *map(_word, arguments)]))
 
 
 def _word(text: str) -> str:
-    """A word of a command line as a shell takes it, with the variables MSV2_DATA and MSV2_PDK for their folders."""
+    """A word of a command line, quoted for a shell. The variables MSV2_DATA and MSV2_PDK stand for their folders."""
     word = shown(text)
     if not word.startswith(("MSV2_DATA/", "MSV2_PDK/")):
         return shlex.quote(word)
@@ -83,13 +83,13 @@ def _word(text: str) -> str:
 
 
 def command(module: str | None = None) -> str:
-    """The command that runs: of the study that `begin` named, else the interpreter's own."""
+    """The running command: that of the study named to `begin`, or else the command line of the interpreter."""
     arguments = list(map(_word, sys.argv))
     return _run[0].command or " ".join(["python", *(arguments if module is None else ["-m", module, *arguments[1:]])])
 
 
 def shown(value: object) -> str:
-    """A word of a command line without the folders of the machine that it ran on."""
+    """A word of a command line without paths that exist on this computer only."""
     text = str(value)
     for folder, name in ((ROOT, ""), (data_folder(), "MSV2_DATA/"), (os.environ.get("MSV2_PDK"), "MSV2_PDK/")):
         if folder is not None:
@@ -101,7 +101,7 @@ def shown(value: object) -> str:
 
 
 def plain(value: object) -> Any:
-    """A value of a configuration as JSON: machines with all of their parameters, paths as `shown`."""
+    """A value of a configuration in a form that JSON can store. Machines have all their parameters; for paths see `shown`."""
     if isinstance(value, argparse.Namespace):
         return {key: plain(item) for key, item in sorted(vars(value).items()) if key not in _PLACES}
     if isinstance(value, AcceleratorConfig):
@@ -114,7 +114,10 @@ def plain(value: object) -> Any:
 
 
 def commit() -> str:
-    """The checkout's commit, with `+dirty` where tracked files differ from it; `unknown` without git."""
+    """The checkout's commit, with `+dirty` where tracked files differ from it; `unknown` without git or a checkout."""
+    if not IN_CHECKOUT:
+        return "unknown"
+
     def git(*command: str) -> str | None:
         done = subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False)
         return done.stdout.strip() if done.returncode == 0 else None
@@ -127,7 +130,7 @@ def commit() -> str:
 
 
 def processor() -> str:
-    """The model of the processor, as the system names it."""
+    """The model of the processor, as the operating system names it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -137,21 +140,26 @@ def processor() -> str:
 
 
 def machine() -> dict[str, object]:
-    """What the report was made on; it names no host and no folder."""
+    """A description of the computer that makes the report. It contains no host name and no folder."""
     return {"processor": processor(), "cores": os.cpu_count(), "python": platform.python_version(), "numpy": np.__version__}
 
 
 def input_name(path: Path | str) -> str:
-    """How `inputs` names a file or folder: relative to the checkout, to MSV2_DATA or to MSV2_PDK."""
+    """The name of a file or folder in `inputs`. It is relative to the repository, to MSV2_DATA or to MSV2_PDK."""
     return shown(Path(path).absolute())
 
 
 def input_hash(path: Path) -> str:
-    """16 hexadecimal digits of a file, or of all files of a folder; of a report, of all but its provenance.
+    """16 hexadecimal digits of a file, or of all files of a folder.
+
+    Of a report, all but its provenance counts; of the folder of a training run, its model and its report count.
 
     Raises:
-        OSError: there is no such file.
+        OSError: the file does not exist.
     """
+    run = [path / name for name in ("model.ply", "report.json")]
+    if all(file.is_file() for file in run):
+        return fingerprint(run)
     if path.is_dir():
         return fingerprint(file for file in sorted(path.rglob("*")) if file.is_file())
     if path.parent == REPORTS and path.suffix == ".json":
@@ -162,33 +170,33 @@ def input_hash(path: Path) -> str:
 
 
 def liberties() -> list[Path]:
-    """The folder of liberty files that MSV2_PDK names; nothing where it names none."""
+    """A list of the folder of liberty files that MSV2_PDK names; it is empty if the variable is not set."""
     folder = os.environ.get("MSV2_PDK")
     return [Path(folder)] if folder else []
 
 
 def input_path(name: str) -> Path:
-    """Where an input of this name is now."""
+    """The present path of an input with this name in `inputs`."""
     head, _, rest = name.partition("/")
     folder = {"MSV2_DATA": data_folder(), "MSV2_PDK": Path(os.environ.get("MSV2_PDK", "MSV2_PDK"))}.get(head)
     return folder / rest if folder is not None else ROOT / name
 
 
 def _dotted(module: str) -> str:
-    """The name of a module that may be running as `__main__`."""
+    """The dotted name of a module, also if it runs as `__main__`."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     return spec.name if module == "__main__" and spec is not None else module
 
 
 OTHER_SOURCES = {"tb.frame.__main__": (ROOT / "tb" / "top" / "memory.sv",)}
-"""Files that are no Python, by the module that reads them."""
+"""Source files that are not Python, by the module that reads them."""
 
 
 def source_hash(modules: Iterable[str]) -> str:
-    """16 hexadecimal digits of modules and of everything of ours that they import or read.
+    """A hash of 16 hexadecimal digits of modules and of all the project's sources that they import or read.
 
     Raises:
-        ValueError: there is no such module.
+        ValueError: a module does not exist.
     """
     names = list(modules)
     return fingerprint([*sources_of(*names), *(path for name in names for path in OTHER_SOURCES.get(name, ()))])
@@ -198,13 +206,13 @@ def provenance(
     modules: Iterable[str], configuration: object = None, inputs: Iterable[Path | str] = (),
     earlier: Mapping[str, Any] | None = None,
 ) -> dict[str, object]:
-    """Where a report that is written now comes from.
+    """The provenance of a report that is written now.
 
     Args:
-        modules: dotted names of what the numbers rest on, those that run as processes of their own included.
+        modules: the dotted names of the modules that made the numbers, also of those that ran as separate processes.
         configuration: the parsed arguments, or a mapping; machines in it are written with all of their parameters.
-        inputs: files and folders that were read; those that do not exist, such as `embedded`, are left out.
-        earlier: the old report, where some of its rows stay in this one.
+        inputs: files and folders that were read; names of files that do not exist, such as `embedded`, are left out.
+        earlier: the old report, if some of its rows stay in this one.
     """
     names, run = sorted(set(map(_dotted, modules))), _run[0]
     paths = [path for path in map(Path, inputs) if path.exists()]
@@ -223,12 +231,13 @@ def write_report(
     path: Path, content: Mapping[str, Any], modules: Iterable[str], configuration: object = None,
     inputs: Iterable[Path | str] = (), earlier: Mapping[str, Any] | None = None,
 ) -> None:
-    """Writes a report and its provenance as JSON, complete or not at all; infinities and NaNs become null.
+    """Writes a report and its provenance as JSON. The file is written completely or not at all; infinities and NaNs become
+    null.
 
     Args:
-        path: of the JSON.
-        content: of the report; a provenance in it is replaced.
-        modules, configuration, inputs, earlier: of `provenance`.
+        path: the path of the JSON file.
+        content: the content of the report; a provenance in it is replaced.
+        modules, configuration, inputs, earlier: the arguments of `provenance`.
 
     Raises:
         InputError: the folder does not exist or is not writable.
@@ -238,10 +247,10 @@ def write_report(
 
 
 def state(made: Mapping[str, Any] | None) -> str:
-    """Whether a report is what its command would write today, judged by the hashes in its provenance.
+    """Tells from the hashes in a provenance whether the command would write the same report today.
 
     Returns:
-        `current`; `stale` and what has changed; or `unknown` and why nothing can be said.
+        `current`; or `stale` and what has changed; or `unknown` and the reason why.
     """
     if not made:
         return "unknown: it has no provenance"

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import textwrap
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 from msv2.document.files import write_whole
 from msv2.document.registers import MAKERS
 from msv2.verilog.lint import control_file
 from msv2.verilog.modules import Exported, exported
-from rtl.units import TOP, UNITS
+from rtl.units import TOP, UNITS, stage_of
 from spec.config import AcceleratorConfig
 from spec.errors import InputError
+from spec.overrides import config_record
 
 MEMORIES = "memories"
 """Folder of the memories' models, below that of the export."""
@@ -23,7 +24,7 @@ MEMORIES = "memories"
 _LINE, _WIDTH = "// ", 117
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Export:
     """What was written.
 
@@ -103,12 +104,10 @@ def _listed(names: object) -> str:
 
 
 def _description(config: AcceleratorConfig, unit: str, prefix: str, found: Exported) -> dict[str, object]:
-    machine = {f.name: getattr(config, f.name) for f in dataclasses.fields(config) if f.name != "formats"}
-    formats = {f.name: str(getattr(config.formats, f.name)) for f in dataclasses.fields(config.formats)}
     count = Counter(memory.shape for memory in found.placed)
     return {
-        "unit": unit, "doc": UNITS[unit].doc, "stage": UNITS[unit].stage, "top": found.top, "prefix": prefix,
-        "config": machine | {"formats": formats},
+        "unit": unit, "doc": UNITS[unit].doc, "stage": stage_of(unit), "top": found.top, "prefix": prefix,
+        "configuration": config_record(config),
         "ports": [{"name": name, "direction": way, "bits": bits} for name, way, bits in found.ports],
         "modules": list(found.logic),
         "memories": [

@@ -28,7 +28,7 @@ class RoundRobin(wiring.Component):
         self.count = count
         super().__init__({"asking": In(count), "served": In(1), "chosen": Out(range(max(2, count)))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         last = Signal(self.chosen.shape())
         m.d.comb += self.chosen.eq(last)

@@ -36,7 +36,7 @@ LENGTH_BITS, SIZE_BITS, PROTECTION_BITS = 8, 3, 3
 
 
 def _ports(prefix: str, channels: dict[str, dict[str, int]], master: bool) -> dict[str, Member]:
-    members = {}
+    members: dict[str, Member] = {}
     for channel, widths in channels.items():
         forward = Out if (channel in _FROM_MASTER) == master else In
         members |= {f"{prefix}_{channel}{name}": forward(width) for name, width in widths.items()}

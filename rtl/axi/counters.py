@@ -38,7 +38,7 @@ class StageCounters(wiring.Component):
             "valid": In(count), "ready": In(count), "active": In(1), "clear": In(1),
             "busy": each, "starved": each, "blocked": each})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         for i in range(self.count):
             happens = {
@@ -85,7 +85,7 @@ class PerformanceCounters(wiring.Component):
             **({"target": In(1), "next_pass": In(1)} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         names = stages(self.config)
         m.submodules.stages = watch = StageCounters(len(names))

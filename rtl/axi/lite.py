@@ -41,7 +41,7 @@ class LiteSlave(wiring.Component):
             "read": Out(1), "read_index": Out(INDEX_BITS), "read_data": In(32), "read_refused": In(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         address, words, asked = Signal(), Signal(), Signal()
         m.d.comb += [

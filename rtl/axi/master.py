@@ -73,7 +73,7 @@ class AxiMaster(wiring.Component):
             **bus.axi_master_ports("m_axi", self.id_bits),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         reading = self._read(m)
         writing = self._write(m)

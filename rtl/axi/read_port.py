@@ -50,7 +50,7 @@ class ReadQueue(wiring.Component):
             "requests": Out(stream.Signature(request)), "beats": In(stream.Signature(beat)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.queue = queue = SyncFIFOBuffered(width=self._record.width, depth=self.depth)
         credits = Signal(range(self.depth + 1), init=self.depth)

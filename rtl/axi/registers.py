@@ -75,7 +75,7 @@ class RegisterFile(wiring.Component):
             **({"counters": In(counters_layout(config))} if config.counters else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.slave = slave = LiteSlave()
         bus.join(m, self, slave, "s_axi")

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.colour_sum import ColourSum, by_degree
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
-from rtl.culling.views import ViewWriter
+from rtl.culling.views import RecordWriter
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.harmonics import terms
@@ -36,7 +36,7 @@ def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
 class ColourUnit(wiring.Component):
     """Reads a survivor's colour record, evaluates its harmonics, and writes one splat record for each of its levels.
 
-        survivors -+-> waiting --> Datapath(harmonics) --> ColourSum --> ViewWriter --> writes
+        survivors -+-> waiting --> Datapath(harmonics) --> ColourSum --> RecordWriter --> writes
                    |                                          ^
                    +-> reads ......... memory ......... data -+
 
@@ -47,9 +47,11 @@ class ColourUnit(wiring.Component):
     Ports:
         survivors: SurvivingSplat items; an item with `end` follows the last one of a frame.
         reads, data: read port of memory; colour_beats(sh_degree) beats at colour_base + index * beats, for every splat in
-        order. writes: one beat, a splat record (SplatView), for every level of every splat, in order. sh_degree: setting of the
-        frame, at most the parameter. colour_base, views_base, view_shift: settings of the frame. finished: `end` has come and
-        every write has been taken; high until the next frame's first item is taken. Settings may
+            order.
+        writes: one beat, a splat record (SplatRecord), for every level of every splat, in order.
+        sh_degree: setting of the frame, at most the parameter.
+        colour_base, views_base, view_shift: settings of the frame.
+        finished: `end` has come and every write has been taken; high until the next frame's first item is taken. Settings may
             change while it is high, and after a reset.
         error: the memory answered with an error; high until the next frame's first item. The frame goes on.
 
@@ -70,7 +72,7 @@ class ColourUnit(wiring.Component):
         carried = carried_layout(config)
         self._path = Datapath(harmonics_graph(config, sh_degree), interval=interval, carried=carried) if sh_degree else None
         self._sum = ColourSum(config, sh_degree=sh_degree, lanes=-(-terms(sh_degree) // interval), carried=carried)
-        self._views = ViewWriter(config, carried=carried)
+        self._views = RecordWriter(config, carried=carried)
         inside = self._path.schedule.depth if self._path else 0
         self._waiting = max(2, -(-COLOUR_LOOKAHEAD // interval) - inside)
         self._most = self._waiting + inside + 8  # 8 for the splats in registers between the queues
@@ -87,7 +89,7 @@ class ColourUnit(wiring.Component):
             "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.sum, m.submodules.views = total, views = self._sum, self._views
         of = data.StructLayout({

@@ -120,7 +120,7 @@ class ColourSum(wiring.Component):
             "idle": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         step, number, first, last = Signal(), Signal(range(len(self._steps))), Signal(), Signal()
         beats = self._beats(m, step, number, last)
@@ -161,7 +161,8 @@ class ColourSum(wiring.Component):
             for i, s in enumerate(self._steps):
                 with m.Case(i):
                     after = self._steps[i + 1].base if i + 1 < len(self._steps) else 0
-                    m.d.comb += [base.eq(s.base), following.eq(after), end.eq(self._by_degree(lambda d, s=s: s.end[d]))]
+                    ends = self._by_degree(s.end.__getitem__)
+                    m.d.comb += [base.eq(s.base), following.eq(after), end.eq(ends)]
         beats = self._by_degree(lambda d: colour_beats(self.config, d))
         enough = (place == base) & (place + count >= end)
         m.d.comb += move.eq((count != 0) & Mux(step, last | (following != place), place != base))

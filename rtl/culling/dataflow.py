@@ -3,9 +3,10 @@ operator instance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from amaranth.hdl import Const, Shape, ShapeCastable, ShapeLike, Value, ValueLike
 from amaranth.lib import data
@@ -58,8 +59,9 @@ class Operator:
 
     def make(self) -> FloatUnit:
         """A new instance of the unit."""
-        options = {"rounding": self.rounding} if self.rounding else {}
-        return self.unit(**dict(zip(self.ports, self.operands, strict=True)), result=self.result, **options)
+        options: dict[str, Any] = {"rounding": self.rounding} if self.rounding else {}
+        operands: dict[str, Any] = dict(zip(self.ports, self.operands, strict=True))
+        return self.unit(**operands, result=self.result, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class Node:
     operands: tuple[Node, ...] = ()
     operator: Operator | None = None
     subtract: bool = False
-    fn: Logic | None = None
+    fn: Any = None
     lets: bool = False
 
     @cached_property
@@ -108,7 +110,7 @@ class Node:
         return self.operands[0].stored if self.kind == "view" else self
 
 
-def _number(name: str, node: Node, kind: type | tuple[type, ...] = SmallFloat) -> Format:
+def _number(name: str, node: Node, kind: type | tuple[type, ...] = SmallFloat) -> Any:
     if not isinstance(node, Node):
         raise TypeError(f"{name} must be a Node, not {node!r}")
     if not isinstance(node.to, kind):
@@ -131,7 +133,7 @@ class Dataflow:
     ports: dict[str, tuple[Node, ...]] = field(default_factory=dict)
     outputs: dict[str, Node] = field(default_factory=dict)
 
-    def _new(self, *args: object, **options: object) -> Node:
+    def _new(self, *args: Any, **options: Any) -> Node:
         node = Node(*args, **options)
         self.nodes.append(node)
         return node
@@ -223,7 +225,7 @@ class Dataflow:
         _number("a", a)
         return self.view(f"minus_{a.name}", a.to, lambda x: x ^ (1 << (len(x) - 1)), a)
 
-    def dot3(self, to: SmallFloat, a: tuple[Node, Node, Node], b: tuple[Node, Node, Node]) -> Node:
+    def dot3(self, to: SmallFloat, a: tuple[Node, ...], b: tuple[Node, ...]) -> Node:
         """The scalar product a . b. Every product and every sum is rounded; sums are taken from left to right."""
         x, y, z = (self.mul(i, j, to) for i, j in zip(a, b, strict=True))
         return self.add(self.add(x, y, to), z, to)
@@ -252,7 +254,7 @@ class Dataflow:
         return self._new(name, "operation", to, operands, Operator(unit, formats, to, rounding), subtract)
 
     @staticmethod
-    def _unused(name: str, names: dict[str, object]) -> None:
+    def _unused(name: str, names: Mapping[str, object]) -> None:
         if name in names or name == "carried":
             raise ValueError(f"name must be a new one, not {name!r}")
 

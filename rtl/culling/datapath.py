@@ -66,7 +66,7 @@ class Datapath(wiring.Component):
         """The names of the ports that are settings."""
         return tuple(self._graph.ports)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         work = _Elaboration(m, platform, self, self.schedule)
         work.control()
@@ -162,9 +162,13 @@ class _Elaboration:
         for name, kind, instance, nodes in instances:
             self.m.d.comb += instance.valid.eq(Cat(self.now(self.plan.start[node]) for node in nodes).any())
             for port, operand in enumerate(kind.ports):
-                self.choose(getattr(instance, operand), f"{name}_{operand}", nodes, lambda node, port=port: self.read(
-                    node.operands[port], self.plan.start[node]), lambda node, port=port: (
-                        node.operands[port], self.plan.place(node.operands[port], self.plan.start[node])))
+                def value(node: Node, port: int = port) -> Value:
+                    return self.read(node.operands[port], self.plan.start[node])
+
+                def key(node: Node, port: int = port) -> tuple[Node, int]:
+                    return node.operands[port], self.plan.place(node.operands[port], self.plan.start[node])
+
+                self.choose(getattr(instance, operand), f"{name}_{operand}", nodes, value, key)
             if hasattr(instance, "subtract"):
                 self.choose(instance.subtract, f"{name}_subtract", nodes, lambda node: Const(node.subtract, 1),
                             lambda node: node.subtract)

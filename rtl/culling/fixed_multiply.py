@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat
+from amaranth.hdl import Cat, Value
 
 from rtl.fixed import as_integer, fits, modular
 from rtl.float.number import Let
@@ -45,7 +45,7 @@ class FixedMul(FloatUnit):
         total = p.reg("product", lambda low, high: (
             Cat(low[:half], (low[half:].as_signed() + high)).as_signed() >> (drop - 1)), low, high)
 
-        def finish(total):
+        def finish(total: Value) -> Value:
             rounded = let("rounded", as_integer((total + 1) >> 1))
             return Cat(modular(rounded, to), ~fits(rounded, to))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal, unsigned
+from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -60,10 +60,10 @@ class LevelTable(wiring.Component):
             "row_start": Out(tile_index(config).width),
         })
 
-    def _address(self, row: Signal, group: Signal):
+    def _address(self, row: Signal, group: Signal) -> Value:
         return Cat(group[: (self._groups - 1).bit_length()], row)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.words = words = memory.Memory(
             shape=data.ArrayLayout(self._code, LEVEL_GROUP), depth=self._rows * self._groups, init=[])

@@ -104,7 +104,7 @@ class NearTest(wiring.Component):
         self._carried = data.StructLayout({name: field.shape for name, field in point if name != "mean"})
         self.datapath = Datapath(near_graph(config), interval=config.point_interval, carried=self._carried)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.datapath = path = self.datapath
         connect_settings(m, self, path)

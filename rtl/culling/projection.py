@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 from amaranth.hdl import Cat, Module, Mux, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -16,12 +18,12 @@ from rtl.shapes import layout
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import EXTENT_SHARE, TILE, TILE_EDGE_MARGIN
-from spec.formats import SQ, UQ
+from spec.formats import SQ, UQ, SmallFloat
 from spec.memory import frame_settings
 from spec.records import TILE_BITS, projected_splat
 
 SETTINGS = ("rotation", "turn", "centre", "limits", "near", "width", "height")
-Triple = tuple[Node, Node, Node]
+Triple = tuple[Node, ...]
 """The components of a vector."""
 
 
@@ -31,7 +33,7 @@ class _Projection:
     def __init__(self, config: AcceleratorConfig) -> None:
         self.config, self.n, self.g = config, config.formats, Dataflow()
         fields = {f.name: f for f in frame_settings(config).fields}
-        self.settings = {
+        self.settings: dict[str, Any] = {
             name: self.g.settings(name, fields[name].format, fields[name].count) if fields[name].count > 1 else
             self.g.setting(name, fields[name].format) for name in SETTINGS}
 
@@ -60,7 +62,8 @@ class _Projection:
 
     def narrow(self, name: str, x: Node) -> Node:
         """x in the `work` format."""
-        return self.g.logic(name, self.n.work, lambda let, v: rescale(let, v, x.to, self.n.work), x, lets=True)
+        number = cast(SmallFloat, x.to)
+        return self.g.logic(name, self.n.work, lambda let, v: rescale(let, v, number, self.n.work), x, lets=True)
 
     def jacobian_row(self, i: int, slope: Node) -> Triple:
         """Row i of z J R, where J is the Jacobian of the projection and R the rotation from world to camera."""
@@ -87,7 +90,7 @@ class _Projection:
                 (g.sub(xy, wz, work), rest(xx, zz), g.add(yz, wx, work)),
                 (g.add(xz, wy, work), g.sub(yz, wx, work), rest(xx, yy)))
 
-    def splatted_axis(self, rows: list[Triple], column: Triple, scale: Node, near: Node) -> tuple[Node, Node]:
+    def splatted_axis(self, rows: list[Triple], column: Triple, scale: Node, near: Node) -> tuple[Node, ...]:
         """The x and y component, on the image plane, of one scaled axis of the ellipsoid."""
         g, work = self.g, self.n.work
         if self.config.point_interval != 1:  # shared operators need operands of one format
@@ -95,7 +98,7 @@ class _Projection:
         length = g.mul(scale, near, work)
         return tuple(g.mul(g.dot3(work, row, column), length, work) for row in rows)
 
-    def conic(self, axes: list[tuple[Node, Node]]) -> tuple[Node, Node]:
+    def conic(self, axes: list[tuple[Node, ...]]) -> tuple[Node, Node]:
         """Outputs the Cholesky factors of the conic. Returns the variances along x and y, including the low-pass."""
         g, work, to = self.g, self.n.work, self.n.conic
         p, t = zip(*axes, strict=True)
@@ -189,7 +192,7 @@ class Projection(wiring.Component):
             name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end")})
         self.datapath = Datapath(graph, interval=config.point_interval, carried=self._carried)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.datapath = path = self.datapath
         connect_settings(m, self, path)

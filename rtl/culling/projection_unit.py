@@ -49,7 +49,7 @@ class ProjectionUnit(wiring.Component):
             **{name: Out(COUNTER_BITS) for name in ("culled_near", "culled_faint", "culled_outside")}})
         self.near_test, self.projection = NearTest(config), Projection(config)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.near_test, m.submodules.projection = self.near_test, self.projection
         for unit, names in ((self.near_test, near.SETTINGS), (self.projection, projection.SETTINGS)):

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from math import inf
+from typing import Any
 
 from rtl.culling.dataflow import Node
 
@@ -45,7 +46,7 @@ class _Cut:
             while self._push(source, sink, inf, level, edges):
                 pass
 
-    def _push(self, a: Hashable, sink: Hashable, flow: float, level: dict, edges: dict) -> float:
+    def _push(self, a: Hashable, sink: Hashable, flow: float, level: dict[Hashable, int], edges: dict[Hashable, Any]) -> float:
         if a == sink:
             return flow
         for b in edges[a]:

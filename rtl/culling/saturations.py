@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -50,7 +52,7 @@ class SaturationCounters(wiring.Component):
             **{f"{name}_move": In(1) for name in STREAMS},
             "clear": In(1), **{saturation.name: Out(COUNTER_BITS) for saturation in SATURATIONS}})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         moved = {name: Signal(name=f"{name}_moved") for name in STREAMS}
         for name, was in moved.items():
@@ -65,7 +67,7 @@ class SaturationCounters(wiring.Component):
         found = Signal(len(numbers), name=f"{saturation.field}_found", reset_less=True)
         step, count = Signal(name=f"{saturation.field}_step"), getattr(self, saturation.name)
         m.d.sync += [
-            found.eq(Cat(at_limit(number, field.format) for number in numbers)), step.eq(moved & found.any()),
+            found.eq(Cat(at_limit(number, cast(Fixed, field.format)) for number in numbers)), step.eq(moved & found.any()),
             count.eq(count + step)]
         with m.If(self.clear):
             m.d.sync += count.eq(0)

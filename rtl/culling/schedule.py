@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 from rtl.culling.dataflow import Dataflow, Node, Operator
 from rtl.culling.retime import fewest_registers
@@ -59,7 +60,7 @@ class Schedule:
         """The operations of every instance, for every kind of operator."""
         found: dict[Operator, list[list[Node]]] = {}
         for node, number in self.instance.items():
-            users = found.setdefault(node.operator, [])
+            users = found.setdefault(_operator(node), [])
             users.extend([] for _ in range(number + 1 - len(users)))
             users[number].append(node)
         return found
@@ -206,21 +207,25 @@ class _Scheduler:
     def improve_one(self, node: Node, length: int) -> None:
         """Moves a node to the cycle with the fewest registers; of several, to the latest, which leaves its operands more
         freedom."""
-        touched, best = {node, *_sources(node)}, None
+        touched: set[Node] = {node, *_sources(node)}
+        best: tuple[int, int] | None = None
         self.take(node)
         for cycle in range(self.earliest(node), self.latest(node, length) + 1):
             if self.free(node, cycle):
                 self.start[node] = cycle
                 now = (self.bits(touched), -cycle)
                 best = min(best or now, now)
+        assert best is not None, f"{node.name} fits in no cycle"
         self.put(node, -best[1])
 
     def assign(self) -> dict[Node, int]:
         """Chooses instances: an operation goes to the free instance whose ports already read most of its operands' places."""
         made = Schedule(self.graph, self.interval, self.start, {}, 0)
-        instance, taken, known = {}, set(), defaultdict(set)
+        instance: dict[Node, int] = {}
+        taken: set[tuple[Any, int, int]] = set()
+        known: dict[Any, set[Any]] = defaultdict(set)
         for node in sorted((n for n in self.timed if n.operator), key=lambda n: self.start[n]):
-            kind, phase = node.operator, self.start[node] % self.interval
+            kind, phase = _operator(node), self.start[node] % self.interval
             places = {(port, *source(made, node, port)) for port in range(len(node.operands))}
             choices = [i for i in range(self.instances[kind]) if (kind, i, phase) not in taken]
             number = min(choices, key=lambda i: (len(places - known[kind, i]), len(known[kind, i])))
@@ -228,6 +233,11 @@ class _Scheduler:
             known[kind, number] |= places
             instance[node] = number
         return instance
+
+
+def _operator(node: Node) -> Operator:
+    assert node.operator, f"{node.name} is no operation"
+    return node.operator
 
 
 def _sources(node: Node) -> Iterator[Node]:

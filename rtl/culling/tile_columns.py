@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from amaranth.hdl import Cat, Const, Mux, Value, signed
 
 from rtl.culling.dataflow import Dataflow, Node
@@ -66,7 +68,8 @@ class _Ellipse:
         if x.to == self.view or self.config.point_interval == 1:
             return x
         if x not in self._wide:
-            self._wide[x] = self.g.view(f"wide_{x.name}", self.view, lambda bits: _as(bits, x.to, self.view), x)
+            number = cast(SmallFloat, x.to)
+            self._wide[x] = self.g.view(f"wide_{x.name}", self.view, lambda bits: _as(bits, number, self.view), x)
         return self._wide[x]
 
     def mul(self, a: Node, b: Node, to: SmallFloat) -> Node:
@@ -82,7 +85,8 @@ class _Ellipse:
         visible."""
         g, n, number = self.g, self.formats, falloff_format(self.config)
         faintest, margin = tables.log2_alpha_min(n), _raw(TILE_REACH_MARGIN, n.cut)
-        most = number.raw_max - margin if self.config.support_sigma is None else tables.support_exponent(self.config)
+        support = tables.support_exponent(self.config)
+        most = number.raw_max - margin if support is None else support
 
         def bounded(x: Value) -> Value:
             return Mux(x[-1], margin, Mux(x > most, most + margin, x + margin))

@@ -13,7 +13,7 @@ from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.queues import COUNTER_BITS
-from spec.records import TILE_BITS, Record, entry_item, projected_splat, surviving_splat, tile_index
+from spec.records import TILE_BITS, Record, intersection_item, projected_splat, surviving_splat, tile_index
 
 
 def kept_record(config: AcceleratorConfig) -> Record:
@@ -44,7 +44,7 @@ class TileExpand(wiring.Component):
     Ports:
         runs: `tested_run` items.
         splats: `kept_record` items, one per splat; each is taken with its splat's last run.
-        entries: EntryItem items; survivors: SurvivingSplat items. Both end with a frame's `end`.
+        entries: IntersectionItem items; survivors: SurvivingSplat items. Both end with a frame's `end`.
         obb: all tiles of a run touch, whatever the ellipse test found.
         touched, filtered: number of tiles that touch since `clear`, and how many of them were rejected; both are delayed by
             two cycles.
@@ -61,7 +61,7 @@ class TileExpand(wiring.Component):
         super().__init__({
             "runs": In(stream.Signature(tested_run(config))),
             "splats": In(stream.Signature(layout(kept_record(config)))),
-            "entries": Out(stream.Signature(layout(entry_item(config)))),
+            "entries": Out(stream.Signature(layout(intersection_item(config)))),
             "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
             "obb": In(1),
             "touched": Out(COUNTER_BITS),
@@ -70,7 +70,7 @@ class TileExpand(wiring.Component):
             "done": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         clipped = Signal(data.StructLayout({
             "tile": unsigned(tile_index(self.config).width), "begin": PLACE, "rest": PLACE, "nothing": 1, "level": unsigned(2),

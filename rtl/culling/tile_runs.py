@@ -6,7 +6,7 @@ from functools import reduce
 from itertools import pairwise
 from operator import or_
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
+from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -43,7 +43,7 @@ def _tested(config: AcceleratorConfig) -> data.StructLayout:
 class _Stage:
     """A register between two stages: `payload`, `valid`, and `ready`, which is high when the next stage takes the payload."""
 
-    def __init__(self, name: str, config: AcceleratorConfig, more: dict) -> None:
+    def __init__(self, name: str, config: AcceleratorConfig, more: dict[str, ShapeLike]) -> None:
         item = data.StructLayout({
             "splat": _tested(config), "row": unsigned(TILE_BITS), "group": unsigned(TILE_BITS - GROUP_PLACES), "last": 1,
             "end": 1, **more})
@@ -85,7 +85,7 @@ class TileRuns(wiring.Component):
             "runs": Out(stream.Signature(run_layout(config))),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         walked = _Stage("walked", self.config, {"begin": PLACE, "stop": PLACE})
         cut = _Stage("cut", self.config, {

@@ -10,14 +10,14 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.datapath import Datapath
 from rtl.culling.level_table import LevelTable
 from rtl.culling.tile_columns import tile_columns
-from rtl.culling.tile_expand import COUNTER_BITS, TileExpand, carried_run, kept_record
+from rtl.culling.tile_expand import TileExpand, carried_run, kept_record
 from rtl.culling.tile_runs import TileRuns
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
-from spec.queues import TILE_TEST_BESIDE
-from spec.records import TILE_BITS, entry_item, projected_splat, surviving_splat, tile_level
+from spec.queues import COUNTER_BITS, TILE_TEST_BESIDE
+from spec.records import TILE_BITS, intersection_item, projected_splat, surviving_splat, tile_level
 
 
 class TileTest(wiring.Component):
@@ -31,8 +31,8 @@ class TileTest(wiring.Component):
         splats: ProjectedSplat items; a frame ends with `end`. They are taken once the frame's level table is full.
         table: TileLevel items, one per tile of the frame, row-major. They are taken before a frame's splats, never while splats
             are inside.
-        entries: EntryItem items, one per intersection, splat by splat in the order of the input, for each splat by tile row,
-            then by column; then `end`.
+        entries: IntersectionItem items, one per intersection, splat by splat in the order of the input, for each splat by
+            tile row, then by column; then `end`.
         survivors: SurvivingSplat items of the splats with an intersection, in the same order; then `end`.
         width, height, obb: settings as in `frame_settings`.
         touched: number of the frame's intersections before the foveation filter. filtered: how many of them the filter rejects;
@@ -62,7 +62,7 @@ class TileTest(wiring.Component):
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))),
             "table": In(stream.Signature(layout(tile_level(config)))),
-            "entries": Out(stream.Signature(layout(entry_item(config)))),
+            "entries": Out(stream.Signature(layout(intersection_item(config)))),
             "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
             **{name: In(settings[name]) for name in ("width", "height", "obb")},
             "touched": Out(COUNTER_BITS),
@@ -71,7 +71,7 @@ class TileTest(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.levels = levels = LevelTable(self.config)
         m.submodules.runs = runs = TileRuns(self.config)

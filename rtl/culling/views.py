@@ -13,11 +13,11 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.harmonics import sum_format
-from spec.memory import BEAT_BITS, WORDS, splat_view, write_request
+from spec.memory import BEAT_BITS, WORDS, splat_record, write_request
 
 
-class ViewWriter(wiring.Component):
-    """Writes one splat record (SplatView), which is one beat, for every level at which a splat has an intersection.
+class RecordWriter(wiring.Component):
+    """Writes one splat record (SplatRecord), which is one beat, for every level at which a splat has an intersection.
 
     Parameters:
         config: the machine.
@@ -43,7 +43,7 @@ class ViewWriter(wiring.Component):
             "view_shift": In(2),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         sums, request, splat = self.sums, self.writes.payload, self.sums.payload.carried
         left, following, lowest, free = Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal(MAX_LEVELS), Signal()
@@ -69,7 +69,7 @@ class ViewWriter(wiring.Component):
 
     def _view(self, *both: Value) -> data.View:
         """The splat record for a level and the one above, both one-hot."""
-        splat, of = self.sums.payload.carried, layout(splat_view(self.config))
+        splat, of = self.sums.payload.carried, layout(splat_record(self.config))
         values = {name: getattr(splat, name) for name in ("mean2d", "conic", "depth", "bound")}
         opacity = [splat.log2_opacity[i].as_unsigned() for i in range(MAX_LEVELS)]
         values["log2_opacity"] = Cat(select(at, opacity) for at in both)

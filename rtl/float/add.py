@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Mux, unsigned
+from amaranth.hdl import Cat, Const, Mux, Value, unsigned
 
 from rtl.float.number import Let, fields, normalise, round_and_pack, shift_right, widened
 from rtl.float.unit import FloatUnit, check_kind
@@ -61,10 +61,10 @@ class FloatAdd(FloatUnit):
         to, window, x = self._formats[2], self._window, self._ordered(p, let)
         width = len(x["large"].value)
 
-        def top(significand):
+        def top(significand: Value) -> Value:
             return Cat(Const(0, window - width), significand)
 
-        def add(large, small, differ):
+        def add(large: Value, small: Value, differ: Value) -> Value:
             large, small = Cat(Const(0, 1), top(large), Const(0, 1)), Cat(small, Const(0, 1))
             return let("sum", (large + (small ^ differ.replicate(len(small))) + differ)[: len(large)])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Mux
+from amaranth.hdl import Cat, Const, Mux, Value
 
 from rtl.fixed import as_integer, fits, saturate
 from rtl.float.number import Let, fields, normalise, round_and_pack, shift_right
@@ -36,7 +36,7 @@ class FixedToFloat(FloatUnit):
         normal = p.reg("normal", lambda x: Cat(*normalise(let, x)), magnitude)
         exponent = width - 1 - self._a.frac_bits + self._result.bias  # biased exponent of the top bit
 
-        def finish(x, negative):
+        def finish(x: Value, negative: Value) -> Value:
             normal, places = x[:width], x[width:]
             return round_and_pack(let, self._result, normal, exponent - places, negative=negative, nonzero=normal[-1])
 
@@ -78,7 +78,7 @@ class FloatToFixed(FloatUnit):
         shifted = p.reg("shifted", lambda x, n, large: Cat(shift_right(let, Cat(top, x), n), large),
                         p.data("significand", a.significand).to(1), places, large)
 
-        def finish(x, negative):
+        def finish(x: Value, negative: Value) -> Value:
             x, large = x[:-1], x[-1]
             below = len(x) - (magnitude + 1)
             whole, half, rest = x[below:] | large.replicate(magnitude + 1), x[below - 1], x[: below - 1].any()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Mux
+from amaranth.hdl import Cat, Const, Mux, Value
 
 from rtl.float.number import Let, fields, product, round_and_pack_early
 from rtl.float.unit import FloatUnit, check_kind
@@ -41,7 +41,7 @@ class FloatMul(FloatUnit):
             p, let, "product", *(p.data(name, Cat(x[: number.sig_bits - 1], hidden)) for name, x, number in (
                 ("a", self.a, a_format), ("b", self.b, b_format))))
 
-        def finish(significand, exponent, negative, nonzero):
+        def finish(significand: Value, exponent: Value, negative: Value, nonzero: Value) -> Value:
             # The product of significands in [1, 2) lies in [1, 4).
             two = significand[-1]
             normal = Mux(two, significand, significand << 1)[: len(significand)]

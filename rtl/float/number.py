@@ -44,7 +44,7 @@ def widened(x: Value, width: int) -> Value:
 
 def normalise(let: Let, x: Value) -> tuple[Value, Value]:
     """x shifted left until its top bit is set, and the number of places. The top bit of the result is 0 only where x is 0."""
-    count = []
+    count: list[Value] = []
     for k in reversed(range((len(x) - 1).bit_length())):
         empty = let(f"empty_{1 << k}", ~x[-(1 << k) :].any())
         x = let(f"left_{1 << k}", Mux(empty, Cat(Const(0, 1 << k), x[: -(1 << k)]), x))

@@ -53,7 +53,7 @@ class FloatUnit(wiring.Component):
         """Builds the registers of the operation. Returns the result's bits and, above them, `saturated`, at stage `latency`."""
         raise NotImplementedError
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
 

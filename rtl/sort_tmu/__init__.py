@@ -14,8 +14,8 @@
     merge_tree      the tree of comparators that merges these runs
     handover        the line buffer or double buffer between the sorting unit and the array
 
-An intersection is a (splat, tile) pair. Intersections are ordered by the whole TileEntry record: native tile, then depth key,
-then Gaussian index. The order is made at three levels:
+An intersection is a (splat, tile) pair. Intersections are ordered by the whole Intersection record: native tile, then depth
+key, then Gaussian index. The order is made at three levels:
 
 - The coarse level is the binning of intersections by native tile, the top bits of the sort key, at the time they are found.
   The tile merge unit joins neighbouring tiles into groups, and the intersections of a group are read from memory in any order.

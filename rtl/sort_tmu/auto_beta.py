@@ -45,7 +45,7 @@ class AutoBeta(wiring.Component):
             "done": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         cap = self.config.sort_chunk
         bits = len(self.total) + 1

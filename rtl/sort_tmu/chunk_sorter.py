@@ -12,7 +12,7 @@ from rtl.shapes import layout
 from rtl.sort_tmu.merge_stage import Kind, MergeStage
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
-from spec.records import chunk_entry, tile_entry
+from spec.records import chunk_item, intersection
 
 
 class ChunkSorter(wiring.Component):
@@ -25,14 +25,15 @@ class ChunkSorter(wiring.Component):
         config: the machine; only `sort_buffer_bytes`, `row_width` and the format of the depth key are used.
 
     Ports:
-        chunks: ChunkEntry items. A chunk ends with `last`; an empty chunk is a single item with `last` and `empty`.
+        chunks: ChunkItem items. A chunk ends with `last`; an empty chunk is a single item with `last` and `empty`.
         sorted: the same chunks, each sorted. The order is total, because two equal records would be the same Gaussian in the
             same tile.
         oversize: strobe; the intersection being taken exceeds the capacity of its chunk. The chunk then leaves as several
             sorted runs of `sort_chunk` intersections, one after another, and only its very end carries `last`.
         busy: at least one item is inside.
 
-    Storage: memories of 2, 4, ... capacity items, each a TileEntry and 3 bits. For PAPER these are 8,190 items of 65 bits, so
+    Storage: memories of 2, 4, ... capacity items, each an Intersection and 3 bits. For PAPER these are 8,190 items of 65
+        bits, so
     532,350 bits against the 524,288 bits of the paper's 64 KB. Each stage also holds two items in registers, and there is a
     register for one item between stages.
     Throughput: one intersection per cycle at both ports, also from chunk to chunk. Latency: the first of n intersections leaves
@@ -43,15 +44,15 @@ class ChunkSorter(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        if tile_entry(config).width > 8 * ENTRY_BYTES:
+        if intersection(config).width > 8 * ENTRY_BYTES:
             raise ValueError(f"row_width must leave an entry {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         self.config, self.capacity = config, config.sort_chunk
-        items = stream.Signature(layout(chunk_entry(config)))
+        items = stream.Signature(layout(chunk_item(config)))
         super().__init__({"chunks": In(items), "sorted": Out(items), "oversize": Out(1), "busy": Out(1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
-        width = tile_entry(self.config).width
+        width = intersection(self.config).width
         stages = [MergeStage(width, 1 << k) for k in range(self.capacity.bit_length() - 1)]
         for k, stage in enumerate(stages):
             m.submodules[f"stage_{k}"] = stage
@@ -66,7 +67,7 @@ class ChunkSorter(wiring.Component):
         m.d.comb += [
             self.chunks.ready.eq(first.ready),
             first.valid.eq(self.chunks.valid),
-            first.payload.word.eq(Cat(item[f.name] for f in tile_entry(self.config).fields)),
+            first.payload.word.eq(Cat(item[f.name] for f in intersection(self.config).fields)),
             first.payload.last.eq(item.last),
             first.payload.kind.eq(
                 Mux(item.empty, Kind.EMPTY, Mux(place[0], Kind.SECOND, Mux((place == 0) & item.last, Kind.WHOLE, Kind.FIRST)))),
@@ -77,7 +78,7 @@ class ChunkSorter(wiring.Component):
         m.d.comb += [
             last.ready.eq(self.sorted.ready),
             self.sorted.valid.eq(last.valid),
-            Cat(out[f.name] for f in tile_entry(self.config).fields).eq(last.payload.word),
+            Cat(out[f.name] for f in intersection(self.config).fields).eq(last.payload.word),
             out.last.eq(last.payload.last),
             out.empty.eq(last.payload.kind == Kind.EMPTY),
         ]

@@ -55,7 +55,7 @@ class GroupTiles(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         source = self.groups
         # A tile passes three registers: as it arrives; once it is known to be in the open group; at the output, with `last`.

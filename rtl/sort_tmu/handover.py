@@ -19,7 +19,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
-from spec.records import chunk_entry
+from spec.records import chunk_item
 
 
 class LineBuffer(wiring.Component):
@@ -29,7 +29,7 @@ class LineBuffer(wiring.Component):
         config: the machine; only `line_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items; the order is kept.
+        sink, source: ChunkItem items; the order is kept.
         busy: the FIFO is not empty.
 
     Storage: line_buffer_bytes / 8 intersections. Throughput: one intersection per cycle. Latency: 2 cycles.
@@ -39,7 +39,7 @@ class LineBuffer(wiring.Component):
         self._entries = _checked(config).line_buffer_bytes // ENTRY_BYTES
         super().__init__(_ports(config))
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.entries = entries = SyncFIFOBuffered(width=len(self.sink.payload.as_value()), depth=self._entries)
         m.d.comb += [
@@ -61,7 +61,7 @@ class DoubleBuffer(wiring.Component):
         config: the machine; only `sort_buffer_bytes` and the format of an intersection are used.
 
     Ports:
-        sink, source: ChunkEntry items, order kept; a group ends with `last`.
+        sink, source: ChunkItem items, order kept; a group ends with `last`.
         busy: at least one item is inside.
 
     Storage: 2 `sort_chunk` intersections in one memory; the half that is written is never the one that is read. Throughput:
@@ -73,7 +73,7 @@ class DoubleBuffer(wiring.Component):
         self._capacity = _checked(config).sort_chunk
         super().__init__(_ports(config))
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item = self.sink.payload
         m.submodules.words = words = memory.Memory(shape=item.shape(), depth=2 * self._capacity, init=[])
@@ -124,5 +124,5 @@ def _checked(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
-    items = stream.Signature(layout(chunk_entry(config)))
+    items = stream.Signature(layout(chunk_item(config)))
     return {"sink": In(items), "source": Out(items), "busy": Out(1)}

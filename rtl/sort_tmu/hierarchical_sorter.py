@@ -17,7 +17,7 @@ from rtl.sort_tmu.spill_dispatch import SpillDispatch, cut_layout
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request, write_request
 from spec.queues import COUNTER_BITS, SORT_CUTS, SORT_MERGES, SORT_PARTS
-from spec.records import chunk_entry, tile_entry
+from spec.records import chunk_item, intersection
 
 
 class HierarchicalSorter(wiring.Component):
@@ -43,7 +43,7 @@ class HierarchicalSorter(wiring.Component):
         config: the machine; `sort_buffer_bytes`, `merge_ways`, `row_width` and the format of the depth key are used.
 
     Ports:
-        groups: ChunkEntry items. A group ends with `last`; an empty group is a single item with `last` and `empty`.
+        groups: ChunkItem items. A group ends with `last`; an empty group is a single item with `last` and `empty`.
         sorted: the same groups, each sorted.
         reads, data, writes, writes_idle: the memory ports; `writes_idle` goes low in the cycle after a write was taken and is
             high again when every write is in memory.
@@ -65,7 +65,7 @@ class HierarchicalSorter(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self._sorter = ChunkSorter(config)
         self.config = config
-        items = stream.Signature(layout(chunk_entry(config)))
+        items = stream.Signature(layout(chunk_item(config)))
         super().__init__({
             "groups": In(items),
             "sorted": Out(items),
@@ -82,9 +82,9 @@ class HierarchicalSorter(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, config = Module(), self.config
-        width = tile_entry(config).width
+        width = intersection(config).width
         m.submodules.sorter = sorter = self._sorter
         m.submodules.dispatch = dispatch = SpillDispatch(config)
         m.submodules.chunk_packer = chunk_packer = BeatPacker(config)
@@ -179,7 +179,7 @@ class HierarchicalSorter(wiring.Component):
         merge = merge_layout(self.config)
         m.submodules.merges = merges = SyncFIFOBuffered(width=merge.size, depth=SORT_MERGES)
         goal, head, out, back = data.View(merge, merges.r_data), tree.source.payload, self.sorted.payload, packer.sink.payload
-        fields = [out[f.name] for f in tile_entry(self.config).fields]
+        fields = [out[f.name] for f in intersection(self.config).fields]
         there, ready = tree.source.valid & merges.r_rdy, Mux(goal.back, packer.sink.ready, self.sorted.ready)
         ends = there & ready & head.last
         m.d.comb += [

@@ -17,6 +17,8 @@ shorter runs were, so that the rounds alternate between the part's place in the 
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -64,7 +66,7 @@ class _Place(wiring.Component):
             "sink": In(stream.Signature(self._shape)), "source": Out(stream.Signature(way_run(config))),
             "ring_base": In(BEAT_BITS), "ring_beats": In(BEAT_BITS), "ring_end": In(BEAT_BITS + 1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         given, turned = (Signal(self._shape, name=name, reset_less=True) for name in ("given", "turned"))
         given_valid, turned_valid, free = Signal(), Signal(), Signal()
@@ -112,14 +114,14 @@ class _Round:
         self.odd = Signal()  # this round's runs lie in the scratch half
         self._first, self._shift = run_beats(config), config.merge_ways.bit_length() - 1
 
-    def start(self, part: data.View) -> list:
+    def start(self, part: data.View) -> list[Any]:
         """The assignments that begin a part's first round."""
         return [
             self.part.eq(part), self.begin.eq(0), self.end.eq(part.beats), self.runs.eq(part.runs), self.longer_begin.eq(0),
             self.longer_end.eq(0), self.longer.eq(0), self.odd.eq(0), self.length.eq(self._first),
             self.longer_length.eq(self._first << self._shift)]
 
-    def turn(self) -> list:
+    def turn(self) -> list[Any]:
         """The assignments that begin the next round."""
         return [
             self.begin.eq(0), self.end.eq(self.longer_end), self.runs.eq(self.longer), self.longer_end.eq(0), self.longer.eq(0),
@@ -158,7 +160,7 @@ class MergePlan(wiring.Component):
             "ring_end": In(BEAT_BITS + 1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.place = place = _Place(self._config)
         wiring.connect(m, place.source, wiring.flipped(self.runs))

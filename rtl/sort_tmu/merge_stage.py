@@ -23,7 +23,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.sort_tmu.order import less
 
 
-class Kind(enum.Enum, shape=unsigned(2)):
+class Kind(enum.Enum, shape=unsigned(2)):  # type: ignore[call-arg]
     """The role of a run in its chunk; every item of the run carries it."""
 
     FIRST = 0
@@ -115,7 +115,7 @@ class MergeStage(wiring.Component):
         self.run, self.layout = run, item_layout(width)
         super().__init__({"sink": In(stream.Signature(self.layout)), "source": Out(stream.Signature(self.layout))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         sides = [_Side(number, self.layout, self.run) for number in range(2)]
         # `entering` and `leaving` are sides; `moves` says that an item leaves

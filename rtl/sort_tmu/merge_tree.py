@@ -42,7 +42,7 @@ class MergeNode(wiring.Component):
         items = stream.Signature(self._layout)
         super().__init__({"sinks": In(items).array(2), "source": Out(items)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         # gone[i]: the run of side i has ended, the other has not
         heads, gone = [sink.payload for sink in self.sinks], Signal(2)
@@ -99,7 +99,7 @@ class MergeTree(wiring.Component):
         items = stream.Signature(run_layout(width))
         super().__init__({"sinks": In(items).array(ways), "source": Out(items)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         runs = [wiring.flipped(sink) for sink in self.sinks]
         while len(runs) > 1:

@@ -14,7 +14,7 @@ from rtl.sort_tmu.merge_tree import run_layout
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, read_data, read_request
-from spec.records import tile_entry
+from spec.records import intersection
 
 _TAIL_BITS = (BEAT_ENTRIES - 1).bit_length()
 
@@ -58,7 +58,7 @@ class RunReader(wiring.Component):
         if way_beats < 2:
             raise ValueError(f"way_beats must be at least 2, not {way_beats!r}")
         self._config, self._ways, self._way_beats = config, config.merge_ways, way_beats
-        self._width = tile_entry(config).width
+        self._width = intersection(config).width
         super().__init__({
             "runs": In(stream.Signature(way_run(config))),
             "reads": Out(stream.Signature(layout(read_request(config)))),
@@ -69,7 +69,7 @@ class RunReader(wiring.Component):
             "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         self._fetched = data.StructLayout({
             "end": 1, "blank": 1, "tail": _TAIL_BITS, "way": range(self._ways)})

@@ -11,7 +11,7 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, WORDS, write_request
-from spec.records import tile_entry
+from spec.records import intersection
 
 _ENTRY_BITS = 8 * ENTRY_BYTES
 
@@ -22,7 +22,7 @@ def written_entry(config: AcceleratorConfig) -> data.StructLayout:
     `last` marks the end of its run. `fence` asks for a report when it and everything before it is in memory. With `nothing`
     there is no intersection, only the fence.
     """
-    return data.StructLayout({"word": tile_entry(config).width, "last": 1, "fence": 1, "nothing": 1})
+    return data.StructLayout({"word": intersection(config).width, "last": 1, "fence": 1, "nothing": 1})
 
 
 def written_beat() -> data.StructLayout:
@@ -51,7 +51,7 @@ class BeatPacker(wiring.Component):
             "source": Out(stream.Signature(written_beat())),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item, out = self.sink.payload, self.source.payload
         taken, left = self.sink.valid & self.sink.ready, self.source.valid & self.source.ready
@@ -111,7 +111,7 @@ class RunWriter(wiring.Component):
             "chunks_there": Out(1), "merged_there": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item = data.StructLayout({"request": written_beat(), "merged": 1})
         m.submodules.queue = queue = SyncFIFOBuffered(width=item.size, depth=self._depth)

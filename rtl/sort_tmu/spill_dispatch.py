@@ -11,7 +11,7 @@ from rtl.sort_tmu.merge_plan import part_layout, run_beats, run_bits
 from rtl.sort_tmu.run_writer import written_entry
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
-from spec.records import chunk_entry, tile_entry
+from spec.records import chunk_item, intersection
 
 
 def cut_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -48,7 +48,7 @@ class SpillDispatch(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig):
         self._config = config
-        bits, items = run_bits(config), stream.Signature(layout(chunk_entry(config)))
+        bits, items = run_bits(config), stream.Signature(layout(chunk_item(config)))
         super().__init__({
             "chunks": In(items),
             "cuts": In(stream.Signature(cut_layout(config))),
@@ -61,7 +61,7 @@ class SpillDispatch(wiring.Component):
             "overflow": Out(1), "active": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         bits, config = run_bits(self._config), self._config
         shift = run_beats(config).bit_length() - 1
@@ -125,7 +125,7 @@ class SpillDispatch(wiring.Component):
             run.last.eq(item.last | splits),
             run.fence.eq(ends | splits),
             run.nothing.eq(splits),
-            run.word.eq(item.as_value()[: tile_entry(self._config).width]),
+            run.word.eq(item.as_value()[: intersection(self._config).width]),
             self.chunks.ready.eq(Mux(
                 spills, self.run_entries.ready & admitted & ~splits, self.direct.ready & ~self.active)),
         ]

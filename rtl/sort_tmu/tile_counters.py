@@ -27,7 +27,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, frame_tiles, tile_hit, tile_index
+from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_index
 
 
 def tile_count_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -48,7 +48,7 @@ class TileCounters(wiring.Component):
         count_bits: bits of a counter.
 
     Ports:
-        hits: TileHit items of a frame, one per intersection in any order, then one with `end`.
+        hits: IntersectionTile items of a frame, one per intersection in any order, then one with `end`.
         tiles_x, tile_count: tiles of a row and of the frame, 1 or more; must be stable from the first hit to the last count.
             The last row may be shorter.
         begin_sweep: starts the sweep once the frame has ended; must be high for at least one cycle while `settled` is.
@@ -76,7 +76,7 @@ class TileCounters(wiring.Component):
         self.config, self.count_bits = config, count_bits
         tiles = frame_tiles(config)
         super().__init__({
-            "hits": In(stream.Signature(layout(tile_hit(config)))),
+            "hits": In(stream.Signature(layout(intersection_tile(config)))),
             "tiles_x": In(range(tiles + 1)),
             "tile_count": In(range(tiles + 1)),
             "begin_sweep": In(1),
@@ -89,7 +89,7 @@ class TileCounters(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         depth = frame_tiles(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])

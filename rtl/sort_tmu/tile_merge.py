@@ -11,7 +11,7 @@ from rtl.sort_tmu.auto_beta import AutoBeta
 from rtl.sort_tmu.group_tiles import GroupTiles
 from rtl.sort_tmu.tile_counters import TileCounters
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
+from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_group
 
 
 class TileMergeUnit(wiring.Component):
@@ -23,7 +23,7 @@ class TileMergeUnit(wiring.Component):
         count_bits: bits of a tile's counter; a full counter stays full and raises `saturated`.
 
     Ports:
-        hits: TileHit items, one per intersection in any order, then one with `end`. Frames follow each other.
+        hits: IntersectionTile items, one per intersection in any order, then one with `end`. Frames follow each other.
         groups: a TileGroup item for every tile, in tile order.
         tiles_x, tile_count: tiles of a row and of the frame, 1 or more.
         beta: merge threshold in intersections; 0 means 1.
@@ -46,7 +46,7 @@ class TileMergeUnit(wiring.Component):
         self.config, self._counters = config, TileCounters(config, count_bits=count_bits)
         tiles = frame_tiles(config)
         super().__init__({
-            "hits": In(stream.Signature(layout(tile_hit(config)))),
+            "hits": In(stream.Signature(layout(intersection_tile(config)))),
             "groups": Out(stream.Signature(layout(tile_group(config)))),
             "tiles_x": In(range(tiles + 1)),
             "tile_count": In(range(tiles + 1)),
@@ -58,7 +58,7 @@ class TileMergeUnit(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.counters = counters = self._counters
         m.submodules.auto_beta = auto_beta = AutoBeta(self.config)

@@ -46,7 +46,7 @@ class BeatRun(wiring.Component):
             "reads": Out(stream.Signature(layout(read_request(config)))),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         beat, left = Signal(BEAT_BITS, reset_less=True), Signal.like(self.count)
         m.d.comb += [self.busy.eq(left.any()), self.reads.valid.eq(self.busy), self.reads.payload.beat.eq(beat)]

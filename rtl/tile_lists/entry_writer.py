@@ -47,7 +47,7 @@ from spec.memory import (
     WORDS,
     write_request,
 )
-from spec.records import entry_item, frame_tiles, tile_entry, tile_hit
+from spec.records import frame_tiles, intersection, intersection_item, intersection_tile
 
 UNIT_BITS = BEAT_BITS - (FIRST_PAGE_BEATS - 1).bit_length()
 """Bits of a page's first unit."""
@@ -76,17 +76,18 @@ class _Slot(NamedTuple):
     next_tile: Value  # tile of the item in the stage before
 
 
-class EntryWriter(wiring.Component):
-    """Writes intersections (EntryItem) into memory, and passes the tile of each on to the tile merge unit (TileHit).
+class IntersectionWriter(wiring.Component):
+    """Writes intersections (IntersectionItem) into memory, and passes the tile of each on to the tile merge unit
+    (IntersectionTile).
 
     Parameters:
         config: the machine; `row_width` matters here.
         slots: number of pages that a tile may have beyond its first, up to DIRECTORY_SLOTS.
 
     Ports:
-        entries: the EntryItem items of a frame, then one with `end`. The next frame may follow at once.
-        hits: a TileHit for each intersection, in order, then one with `end`, which leaves only when all writes of the frame are
-            in memory.
+        entries: the IntersectionItem items of a frame, then one with `end`. The next frame may follow at once.
+        hits: an IntersectionTile for each intersection, in order, then one with `end`, which leaves only when all writes of
+            the frame are in memory.
         writes: one write for each intersection, in order, and before it one for a word of the directory where the intersection
             begins a page other than the first. Words that are not written repeat those that are.
         writes_idle: all writes that were taken are in memory.
@@ -115,16 +116,16 @@ class EntryWriter(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, *, slots: int = DIRECTORY_SLOTS):
         check_config(config)
-        if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+        if intersection(config).width > 8 * ENTRY_BYTES:
+            raise ValueError(f"row_width must let an Intersection fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         if not isinstance(slots, int) or isinstance(slots, bool):
             raise TypeError(f"slots must be an integer, not {slots!r}")
         if not 1 <= slots <= DIRECTORY_SLOTS:
             raise ValueError(f"slots must be in 1..{DIRECTORY_SLOTS}, not {slots!r}")
         self.config, self.slots = config, slots
         super().__init__({
-            "entries": In(stream.Signature(layout(entry_item(config)))),
-            "hits": Out(stream.Signature(layout(tile_hit(config)))),
+            "entries": In(stream.Signature(layout(intersection_item(config)))),
+            "hits": Out(stream.Signature(layout(intersection_tile(config)))),
             "writes": Out(stream.Signature(layout(write_request(config)))),
             "writes_idle": In(1),
             "directory_base": In(BEAT_BITS), "entries_base": In(BEAT_BITS), "entries_beats": In(BEAT_BITS),
@@ -132,7 +133,7 @@ class EntryWriter(wiring.Component):
             "full": Out(1), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         advance, passed, begun = Signal(), Signal(), Signal()
         slot = self._places(m, advance, passed, begun)
@@ -259,7 +260,7 @@ class EntryWriter(wiring.Component):
         wiring.connect(m, writes.source, wiring.flipped(self.writes))
         request, room = writes.sink.payload, writes.sink.ready
         p = Pipeline(m, load=slot.valid & sends, advance=room)
-        units, entry = slot.place[_PAGE_LOW:], Cat(slot.item[f.name] for f in tile_entry(self.config).fields)
+        units, entry = slot.place[_PAGE_LOW:], Cat(slot.item[f.name] for f in intersection(self.config).fields)
         page = Cat(units[1 : 1 + self.slots], Const(0, DIRECTORY_SLOTS - self.slots))  # one-hot where a page begins
         pairs = ((slot.place[:_BEAT_LOW] == i).replicate(WORDS // BEAT_ENTRIES) for i in range(BEAT_ENTRIES))
         parts = [page[i : i + WORDS] for i in range(0, DIRECTORY_SLOTS, WORDS)]

@@ -44,7 +44,7 @@ class GeometryReader(wiring.Component):
             "busy": Out(1), "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.beats = beats = BeatRun(self.config, INDEX_BITS)
         wiring.connect(m, beats.reads, wiring.flipped(self.reads))

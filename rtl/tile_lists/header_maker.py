@@ -67,7 +67,7 @@ class HeaderMaker(wiring.Component):
             **mask_port(config), **({"done": Out(1)} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         waits = data.StructLayout({"count": COUNT_BITS, "ends": 1})
         m.submodules.waiting = waiting = SyncFIFOBuffered(width=waits.size, depth=waiting_tiles(self.config))

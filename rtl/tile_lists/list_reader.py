@@ -17,11 +17,11 @@ from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BITS, WORDS
 from spec.queues import LIST_BEATS
-from spec.records import chunk_entry, tile_entry, tile_group
+from spec.records import chunk_item, intersection, tile_group
 
 
 class ListReader(wiring.Component):
-    """Turns TileGroup items into the intersections of their tiles, as ChunkEntry items. The order of a tile's intersections is
+    """Turns TileGroup items into the intersections of their tiles, as ChunkItem items. The order of a tile's intersections is
     that in which they were written.
 
     Parameters:
@@ -31,7 +31,7 @@ class ListReader(wiring.Component):
         tiles: TileGroup items of every tile of a frame, in order. A tile's count is the number of its intersections in memory.
         directory_base, entries_base: first beats of the directory and of the intersections; stable during a frame.
         reads, data: read port of memory. The directory is read only for tiles with more than one page.
-        groups: ChunkEntry items; `last` is set in a group's last intersection. A group without intersections gives no item, and
+        groups: ChunkItem items; `last` is set in a group's last intersection. A group without intersections gives no item, and
             `empty` is always 0.
         clear: strobe: resets `error`.
         error: memory answered with an error. The intersections of such beats are undefined, but are passed on, and pages whose
@@ -49,18 +49,18 @@ class ListReader(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig):
         check_config(config)
-        if tile_entry(config).width > 8 * ENTRY_BYTES:
-            raise ValueError(f"row_width must let a TileEntry fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
+        if intersection(config).width > 8 * ENTRY_BYTES:
+            raise ValueError(f"row_width must let an Intersection fit {8 * ENTRY_BYTES} bits, not {config.row_width!r}")
         self.config = config
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_group(config)))),
             "directory_base": In(BEAT_BITS), "entries_base": In(BEAT_BITS),
             **read_port(config),
-            "groups": Out(stream.Signature(layout(chunk_entry(config)))),
+            "groups": Out(stream.Signature(layout(chunk_item(config)))),
             "clear": In(1), "error": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.listed = listed = ListedTiles(self.config)
         m.submodules.walk = walk = PageWalk(self.config)
@@ -101,7 +101,7 @@ class ListReader(wiring.Component):
             taken.eq(self.data.valid & self.data.ready),
             flight.r_en.eq(taken),
             self.groups.valid.eq(valid),
-            Cat(item[f.name] for f in tile_entry(self.config).fields).eq(entries),
+            Cat(item[f.name] for f in intersection(self.config).fields).eq(entries),
             item.last.eq(last & ~more.any()),
             pointers.valid.eq(slots_valid), pointers.payload.eq(slots[BEAT_BITS - UNIT_BITS : BEAT_BITS]),
         ]

@@ -59,7 +59,7 @@ class ListedTiles(wiring.Component):
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_group(config)))), "listed": Out(stream.Signature(listed_layout(config)))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         item, held, valid = self.tiles.payload, Signal(self.listed.payload.shape(), reset_less=True), Signal()
         filled = item.count.any()
@@ -103,7 +103,7 @@ class PageWalk(wiring.Component):
             "wanted": Out(stream.Signature(wanted_layout())),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.waiting = waiting = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LIST_TILES)
         m.submodules.pointers = pointers = SyncFIFOBuffered(width=UNIT_BITS, depth=LIST_POINTERS)

@@ -47,7 +47,7 @@ class TableLoader(wiring.Component):
             **mask_port(config), **({"rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.beats = beats = BeatRun(self.config, len(self.tile_count))
         m.submodules.table = table = TileSettings(self.config)

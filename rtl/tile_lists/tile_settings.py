@@ -56,7 +56,7 @@ class TileSettings(wiring.Component):
             **mask_port(config), **({"rendered": Out(1)} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         width, size = tile_setting(self.config).width, 8 * TILE_SETTING_BYTES
         items = Signal(data.ArrayLayout(width, BEAT_TILES), reset_less=True)

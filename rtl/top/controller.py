@@ -91,7 +91,7 @@ class FrameController(wiring.Component):
             **({"stereo": In(1), "target": Out(1), "next_pass": Out(1)} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         rows, stops, resets = Signal(range(2 * self.config.row_width // TILE)), Signal(), Signal(range(_RESET_CYCLES))
         idle, bites = Signal(self._watchdog_bits), Signal()

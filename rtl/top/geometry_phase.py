@@ -11,13 +11,13 @@ from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
 from rtl.culling.tile_test import TileTest
 from rtl.shapes import layout
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.tile_lists.tile_settings import mask_port
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
-from spec.records import frame_tiles, tile_hit
+from spec.records import frame_tiles, intersection_tile
 from spec.saturations import SATURATIONS
 
 READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
@@ -34,7 +34,7 @@ _COUNTS = (
 class GeometryPhase(wiring.Component):
     """Geometry reader, projection, tile test, colour unit and entry writer::
 
-        geometry ─► GeometryReader ─► ProjectionUnit ─► TileTest ─► EntryWriter ─► entries
+        geometry ─► GeometryReader ─► ProjectionUnit ─► TileTest ─► IntersectionWriter ─► entries
                                                           ▲   │         └─► hits
         tiles ─► TableLoader ─────────────────────────────┘   └─► ColourUnit ─► views
                                                         colour ─────┘
@@ -47,7 +47,8 @@ class GeometryPhase(wiring.Component):
         clear: strobe before a frame.
         start_table, start: strobes, in this order; the second may come once `table_done` is high.
         reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
-        hits: TileHit items for the tile merge unit; the frame's `end` follows when the last intersection has been written.
+        hits: IntersectionTile items for the tile merge unit; the frame's `end` follows when the last intersection has been
+            written.
         table_done: the table of tiles has been read since `clear`.
         done: all splat records of the frame are in memory. That its intersections are in memory too is shown by the end of
             `hits`.
@@ -67,18 +68,19 @@ class GeometryPhase(wiring.Component):
         self.config = config
         super().__init__({
             **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
-            "start_table": In(1), "hits": Out(stream.Signature(layout(tile_hit(config)))), "table_done": Out(1), "full": Out(1),
+            "start_table": In(1), "hits": Out(stream.Signature(layout(intersection_tile(config)))), "table_done": Out(1),
+            "full": Out(1),
             **({**mask_port(config), "rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.reader = reader = GeometryReader(self.config)
         m.submodules.loader = loader = TableLoader(self.config)
         m.submodules.projection = projection = ProjectionUnit(self.config)
         m.submodules.tile_test = tile_test = TileTest(self.config)
         m.submodules.colour = colour = ColourUnit(self.config, sh_degree=self.config.sh_degree)
-        m.submodules.writer = writer = EntryWriter(self.config)
+        m.submodules.writer = writer = IntersectionWriter(self.config)
         for unit in (reader, loader, projection, tile_test, colour, writer):
             connect_settings(m, self, unit)
         wiring.connect(m, loader.levels, tile_test.table)

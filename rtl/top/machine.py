@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, ClockDomain, ClockSignal, DomainRenamer, Module, Mux, ResetSignal, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
@@ -43,7 +45,7 @@ class Machine(wiring.Component):
             "interrupt": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
         m.submodules.controller = controller = FrameController(self.config)
@@ -135,7 +137,7 @@ class Machine(wiring.Component):
             wiring.connect(m, getattr(unit, f"writes_{name}"), master.writes[place])
             m.d.comb += getattr(unit, f"idle_{name}").eq(master.writes_idle[place])
 
-    def _connect_readers(self, m: Module, name: str, queue: ReadQueue, users: list) -> None:
+    def _connect_readers(self, m: Module, name: str, queue: ReadQueue, users: list[Any]) -> None:
         if len(users) == 1:
             wiring.connect(m, getattr(users[0], f"reads_{name}"), queue.reads)
             wiring.connect(m, queue.data, getattr(users[0], f"data_{name}"))

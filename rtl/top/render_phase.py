@@ -21,7 +21,7 @@ from rtl.warp_unit.warp_unit import EVENTS as WARP_EVENTS
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import AcceleratorConfig
 from spec.queues import COUNTER_BITS, OUTPUT_DRAINS
-from spec.records import frame_tiles, tile_hit, tile_index
+from spec.records import frame_tiles, intersection_tile, tile_index
 from spec.registers import STEREO_EVENTS, STEREO_STAGES, STEREO_WRITE_CLIENTS
 
 READERS, WRITERS = ("tiles", "entries", "spill", "views"), ("spill", "frame")
@@ -88,7 +88,8 @@ class RenderPhase(wiring.Component):
         self.config = config
         super().__init__({
             **phase_ports(config, READERS, writers(config), stages(config), _COUNTS),
-            "hits": In(stream.Signature(layout(tile_hit(config)))), "counted": Out(1), "overflow": Out(1), "saturated": Out(1),
+            "hits": In(stream.Signature(layout(intersection_tile(config)))), "counted": Out(1), "overflow": Out(1),
+            "saturated": Out(1),
             **(self._stereo_ports() if config.stereo else {}),
         })
 
@@ -97,7 +98,7 @@ class RenderPhase(wiring.Component):
         return {"rendered_tiles": In(tiles), "mask_tile": In(tile), "mask": Out(1),
                 **{name: Out(COUNTER_BITS) for name in STEREO_EVENTS}}
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.tile_merge = merge = TileMergeUnit(self.config)
         m.submodules.fork = fork = Fork(merge.groups.payload.shape())

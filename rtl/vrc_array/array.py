@@ -29,7 +29,7 @@ from rtl.vrc_array.row import PIPELINE, VrcRow
 from rtl.vrc_array.setup import SetupUnit
 from spec.config import AcceleratorConfig
 from spec.queues import ARRAY_TILES, COUNTER_BITS
-from spec.records import array_entry, pixel_row, tile_header
+from spec.records import array_splat, pixel_row, tile_header
 
 
 class VrcArray(wiring.Component):
@@ -61,7 +61,7 @@ class VrcArray(wiring.Component):
         self.config, self._collect = config, Collect(config, lines=lines)
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_header(config)))),
-            "entries": In(stream.Signature(layout(array_entry(config)))),
+            "entries": In(stream.Signature(layout(array_splat(config)))),
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "ops": Out(COUNTER_BITS),
@@ -70,7 +70,7 @@ class VrcArray(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.setup = setup = SetupUnit(self.config)
         m.submodules.sequencer = sequencer = BlockSequencer(self.config)

@@ -17,7 +17,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import shape
-from rtl.vrc_array.row import pixel_layout
+from rtl.vrc_array.pixel_core import pixel_layout
 from spec.config import AcceleratorConfig
 from spec.tables import BLEND_INDEX_BITS, smoothstep_table
 
@@ -67,7 +67,7 @@ class BlendWeights(wiring.Component):
             "weights": Out(data.ArrayLayout(shape(n.blend_weight), config.cores_x)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
         start, along_x, along_y = (p.data(f"plane_{i}", self.plane[i]) for i in range(3))
@@ -121,7 +121,7 @@ class Blend(wiring.Component):
             "mixed": Out(data.ArrayLayout(pixel_layout(config), lanes)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
         for x in range(self.config.cores_x):

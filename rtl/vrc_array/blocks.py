@@ -12,6 +12,8 @@ are enough.
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -57,7 +59,7 @@ class BlockSequencer(wiring.Component):
             "waits": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         if self.config.blocks == 1:
             op = self.ops.payload
@@ -69,7 +71,7 @@ class BlockSequencer(wiring.Component):
             self._sequence(m)
         return m
 
-    def _issue(self, m: Module, strobe: Value, op, polynomial: dict[str, Value], block: Value | None) -> None:
+    def _issue(self, m: Module, strobe: Value, op: Any, polynomial: dict[str, Value], block: Value | None) -> None:
         """Registers the op at `issue`, for one block."""
         out = self.issue
         m.d.comb += [self.issued.eq(strobe), self.draining.eq(strobe & op.drain)]
@@ -124,11 +126,11 @@ class BlockSequencer(wiring.Component):
         polynomial = {name: here[name] for name in ("exponent", "slope_x", "slope_y")}
         self._issue(m, strobe, op, polynomial, Cat(column, row))
 
-    def _steps(self, p: Pipeline, wide: int, high: int):
+    def _steps(self, p: Pipeline, wide: int, high: int) -> Any:
         """The op after two stages, with the differences of its exponent over a block along x and along y."""
         n, op = self.config.formats, p.data("op", self.ops.payload)
 
-        def step(name: str, slope: Value, curve: Value, shift: int):
+        def step(name: str, slope: Value, curve: Value, shift: int) -> Any:
             half = p.reg(f"{name}_half", lambda c: (c << 2 * shift - 1) - (c << shift - 1), p.data("curve", curve))
             return p.reg(name, lambda h, s: modular(h + (s << shift), n.exponent), half, p.data("slope", slope)).at(2)
 

@@ -29,8 +29,10 @@ buffer follow.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import reduce
 from operator import or_
+from typing import Any
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -41,7 +43,8 @@ from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import layout, shape
 from rtl.vrc_array import expand
 from rtl.vrc_array.blend import BLEND_LATENCY, Blend, BlendWeights, weights_latency
-from rtl.vrc_array.row import PIPELINE, SUMS_LATER, pixel_layout
+from rtl.vrc_array.pixel_core import pixel_layout
+from rtl.vrc_array.row import PIPELINE, SUMS_LATER
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
@@ -119,7 +122,7 @@ class Collect(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         place = self._places(m)
         end = place_latency(self.config)
@@ -191,7 +194,7 @@ class Collect(wiring.Component):
 
     def _picked(self, m: Module) -> data.View:
         """The pixels of the row that finishes, after two stages of multiplexing; transmittances are delayed to their sums."""
-        def cat(pick) -> list[Value]:
+        def cat(pick: Callable[[Any], Value]) -> list[Value]:
             return [Cat(pick(bank) for lane in row.pixels for bank in lane) for row in self.rows]
 
         t = self._joined(m, "t", [row.draining for row in self.rows], cat(lambda pixel: pixel.transmittance))
@@ -218,7 +221,7 @@ class Collect(wiring.Component):
         m.d.sync += joined.eq(reduce(or_, groups))
         return joined
 
-    def _blended(self, m: Module, place: dict, valid: Value, pixels: data.View) -> list[data.View]:
+    def _blended(self, m: Module, place: dict[str, Any], valid: Value, pixels: data.View) -> list[data.View]:
         """One blended pixel per column, BLEND_LATENCY cycles later."""
         m.submodules.weights = weights = BlendWeights(self.config)
         m.submodules.blend = blend = Blend(self.config)
@@ -228,7 +231,7 @@ class Collect(wiring.Component):
         m.d.comb += [blend.valid.eq(valid), blend.weights.eq(weights.weights), blend.pixels.eq(pixels)]
         return list(blend.mixed)
 
-    def _buffer(self, m: Module, place: dict, mixed: list[data.View], shown: Signal) -> None:
+    def _buffer(self, m: Module, place: dict[str, Any], mixed: list[data.View], shown: Signal) -> None:
         """Adds the buffer. Its first row is offered while `shown` is high; values that `config` leaves out are not stored."""
         members = dict(self.pixels.payload.shape())
         if not self.config.depth:

@@ -8,7 +8,7 @@ along y, which are linear in x, are expanded in the same way.
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, signed
+from amaranth.hdl import Module, Value, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -61,7 +61,7 @@ class Expand(wiring.Component):
             "slopes": Out(data.ArrayLayout(signed(n.slope.width), columns)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         issue, end = self.issue, latency(self.config)
         p = Pipeline(m, load=issue.op.valid)
@@ -81,16 +81,16 @@ class Expand(wiring.Component):
         for doubling in range(latency(self.config)):
             stride = 1 << doubling
 
-            def even(s, c, shift=2 * doubling):
+            def even(s: Value, c: Value, shift: int = 2 * doubling) -> Value:
                 return modular((s << 1) + (c << shift), n.exponent)
 
-            def odd(s, c, shift=2 * doubling):
+            def odd(s: Value, c: Value, shift: int = 2 * doubling) -> Value:
                 return modular((s << 1) + (c << shift + 1) + (c << shift), n.exponent)
 
-            def forward(e, s):
+            def forward(e: Value, s: Value) -> Value:
                 return modular(e + s, n.exponent)
 
-            def along_y(s, c, shift=doubling):
+            def along_y(s: Value, c: Value, shift: int = doubling) -> Value:
                 return modular(s + (c << shift), n.slope)
 
             for x, (e, s) in list(exponents.items()):

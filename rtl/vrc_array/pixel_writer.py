@@ -12,6 +12,8 @@ gives no beat::
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -69,7 +71,7 @@ class PixelWriter(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)
@@ -105,7 +107,7 @@ class PixelWriter(wiring.Component):
         self._count(m, packed | sends, inside[:WORDS])
         return m
 
-    def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple:
+    def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple[Any, ...]:
         """The first register stage.
 
         Returns the row's words, the number of the frame's pixels before it, the number of pixels from its first one to the
@@ -141,7 +143,7 @@ class PixelWriter(wiring.Component):
         colour = [display_byte(row.colour[3 * lane + c], n.accumulator) for c in range(3)]
         return Cat(colour, ~display_byte(row.transmittance[lane], n.transmittance))
 
-    def _count(self, m: Module, busy, inside) -> None:
+    def _count(self, m: Module, busy: Value, inside: Value) -> None:
         """Counts tiles that have arrived and pixels that have left."""
         row, tiles = Signal(range(TILE * TILE // self.config.cores_x)), Signal.like(self.tile_count)
         with m.If(self.rows.valid & self.rows.ready):

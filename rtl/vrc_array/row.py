@@ -21,6 +21,8 @@ does so behind its multiplexer.
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, Const, Module, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -133,7 +135,7 @@ class VrcRow(wiring.Component):
             ]
         return m
 
-    def _delayed(self, m: Module) -> tuple[list, list[Value]]:
+    def _delayed(self, m: Module) -> tuple[list[Any], list[Value]]:
         """The op in cycles 0 to 4, and its `valid`, which alone has a reset; drives op_out and the strobes."""
         op, valid = [self.op_in], [self.op_in.valid]
         for cycle in range(1, PIPELINE + SUMS_LATER):
@@ -152,7 +154,7 @@ class VrcRow(wiring.Component):
         ]
         return op, valid
 
-    def _banks(self, m: Module, op: list, valid: list[Value]) -> tuple[dict[int, Signal], dict[int, Signal], Signal]:
+    def _banks(self, m: Module, op: list[Any], valid: list[Value]) -> tuple[dict[int, Signal], dict[int, Signal], Signal]:
         """One-hot banks to read and to write in cycles 2 to 4, and to weigh in cycle 3; decoded once for the whole row."""
         read, write = ({cycle: Signal(self.config.banks, name=f"{name}{cycle}", reset_less=True) for cycle in (2, 3, 4)}
                        for name in ("read", "write"))

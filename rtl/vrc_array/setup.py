@@ -24,7 +24,7 @@ from rtl.shapes import layout, shape
 from rtl.stream import Buffer
 from rtl.vrc_array.polynomial import Polynomial, check_formats, polynomial
 from spec.config import AcceleratorConfig
-from spec.records import array_entry, pixel_op, tile_header
+from spec.records import array_splat, pixel_op, tile_header
 from spec.tables import log2_alpha_min, support_exponent
 
 LATENCY = 15
@@ -68,14 +68,14 @@ class SetupUnit(wiring.Component):
         self.config = config
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_header(config)))),
-            "entries": In(stream.Signature(layout(array_entry(config)))),
+            "entries": In(stream.Signature(layout(array_splat(config)))),
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "stopped": In(config.level_banks),
             "ops": Out(stream.Signature(layout(pixel_op(config)))),
             "skipped": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.buffer = buffer = Buffer(self.ops.payload.shape())
         wiring.connect(m, buffer.source, wiring.flipped(self.ops))

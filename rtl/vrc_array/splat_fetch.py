@@ -34,9 +34,9 @@ from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.vrc_array.splat_tags import SplatTags, line_bits
 from spec.config import AcceleratorConfig
-from spec.memory import BEAT_BITS, read_data, read_request, splat_view
+from spec.memory import BEAT_BITS, read_data, read_request, splat_record
 from spec.queues import COUNTER_BITS, VIEWS_PENDING
-from spec.records import array_entry, chunk_entry, tile_use
+from spec.records import array_splat, chunk_item, tile_use
 
 LATENCY = 5
 """Cycles from an intersection's transfer to its record at `entries` if nothing waits and the record is in the cache."""
@@ -49,9 +49,9 @@ class SplatFetch(wiring.Component):
         pending: intersections that may wait for memory, 1 or more.
 
     Ports:
-        sorted: ChunkEntry items in rendering order; only `index` and `empty` are used. Items with `empty` are dropped.
+        sorted: ChunkItem items in rendering order; only `index` and `empty` are used. Items with `empty` are dropped.
         tiles: TileUse items of every tile, in the order of the intersections.
-        entries: ArrayEntry items, as many as the counts of `tiles`, in order.
+        entries: ArraySplat items, as many as the counts of `tiles`, in order.
         reads, data: the memory's read port; one beat for every miss, in order.
         views_base, view_shift: settings of the frame: where the splat records lie in memory.
         clear: strobe between frames: the records in memory may change from here on. No intersection is taken while the tags are
@@ -76,9 +76,9 @@ class SplatFetch(wiring.Component):
             raise ValueError(f"pending must be 1 or more, not {pending!r}")
         self.config, self.pending = config, pending
         super().__init__({
-            "sorted": In(stream.Signature(layout(chunk_entry(config)))),
+            "sorted": In(stream.Signature(layout(chunk_item(config)))),
             "tiles": In(stream.Signature(layout(tile_use(config)))),
-            "entries": Out(stream.Signature(layout(array_entry(config)))),
+            "entries": Out(stream.Signature(layout(array_splat(config)))),
             "reads": Out(stream.Signature(layout(read_request(config)))),
             "data": In(stream.Signature(layout(read_data(config)))),
             "views_base": In(BEAT_BITS),
@@ -90,7 +90,7 @@ class SplatFetch(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.tags = tags = SplatTags(self.config)
         m.submodules.requests = requests = Buffer(self.reads.payload.shape())
@@ -148,11 +148,11 @@ class SplatFetch(wiring.Component):
 
         A record that arrives from memory bypasses its line, because the line is written in that cycle and cannot be read.
         """
-        view_layout = layout(splat_view(self.config))
-        m.submodules.lines = lines = memory.Memory(shape=view_layout, depth=self.config.splat_cache_lines, init=[])
+        record_layout = layout(splat_record(self.config))
+        m.submodules.lines = lines = memory.Memory(shape=record_layout, depth=self.config.splat_cache_lines, init=[])
         write, read = lines.write_port(), lines.read_port(transparent_for=())
-        beat, entry = Signal(view_layout), Signal(self.entries.payload.shape(), reset_less=True)
-        came, passed, passes = Signal(view_layout, reset_less=True), Signal(), Signal(reset_less=True)
+        beat, entry = Signal(record_layout), Signal(self.entries.payload.shape(), reset_less=True)
+        came, passed, passes = Signal(record_layout, reset_less=True), Signal(), Signal(reset_less=True)
         level, blend = Signal(2, reset_less=True), Signal(reset_less=True)
         room, leaves, moves = Signal(), Signal(), Signal()
         m.d.comb += [
@@ -178,7 +178,7 @@ class SplatFetch(wiring.Component):
         with m.If(leaves):
             m.d.sync += self.entries.valid.eq(passed)
         with m.If(leaves & passed):
-            view = view_layout(Mux(passes, came.as_value(), read.data.as_value()))
+            view = record_layout(Mux(passes, came.as_value(), read.data.as_value()))
             m.d.sync += [entry[name].eq(view[name]) for name in ("mean2d", "conic", "log2_opacity", "colour", "depth")]
             m.d.sync += [entry.use[0].eq(view.bound >= level), entry.use[1].eq(blend & (view.bound > level))]
         m.d.sync += self.error.eq((self.error & ~self.clear) | self.data.valid & self.data.ready & self.data.payload.error)

@@ -66,7 +66,7 @@ class SplatTags(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         sets, set_bits = self.config.splat_cache_lines // CACHE_WAYS, line_bits(self.config) - _WAY_BITS
         tag = data.StructLayout({"valid": 1, "above": INDEX_BITS - set_bits, "level": 2})

@@ -82,7 +82,7 @@ class RingBank(wiring.Component):
             "wipe": In(1), "wipe_pair": In(pair),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         key_bits, moved = disparity(self.config).width, self.moved
         compared = Signal(moved_layout(self.config), reset_less=True)

@@ -25,7 +25,7 @@ class Delay(wiring.Component):
         self._shape, self._cycles = shape, cycles
         super().__init__({"load": In(1), "early": In(shape), "late": Out(shape)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.ring = ring = memory.Memory(shape=self._shape, depth=self._cycles, init=[])
         write, read = ring.write_port(), ring.read_port()

@@ -95,7 +95,7 @@ class Disparity(wiring.Component):
             "carries": Out(1), "early": Out(carried_layout(config)), "late": In(carried_layout(config)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         n, p = self.config.formats, Pipeline(m, load=self.load)
         loads = p.control("load", self.load)
@@ -110,11 +110,11 @@ class Disparity(wiring.Component):
         may = p.reg("fits", lambda may, over: may & ~over, may, over)
         x = p.data("x", self.place.x)
         goes = p.reg("goes", lambda x: Mux(self.source_right, self.last - x, x)[: len(x)], x)
-        most = p.reg("most", lambda goes: Mux(goes < reach(self.config), goes, reach(self.config)), goes)
+        farthest = p.reg("most", lambda goes: Mux(goes < reach(self.config), goes, reach(self.config)), goes)
         ring = p.data("ring", Cat(self.place.sub, x.value[: (TILE - 1).bit_length()], self.place.slot))
         m.d.comb += [
             self.carries.eq(loads.at(colour.stage)), self.early.place.as_value().eq(ring.at(colour.stage)),
-            self.early.most.eq(most.at(colour.stage)), self.early.colour.as_value().eq(colour.value),
+            self.early.most.eq(farthest.at(colour.stage)), self.early.colour.as_value().eq(colour.value),
             self.early.background.eq(background.value)]
         if raw.stage != colour.stage + carried_cycles(self.config):
             raise AssertionError(f"{raw.stage - colour.stage} cycles, not {carried_cycles(self.config)}")

@@ -7,7 +7,7 @@ residual would take three products of as many bits each.
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux
+from amaranth.hdl import Cat, Module, Mux, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -44,7 +44,7 @@ class Divider(wiring.Component):
             "quotient": Out(quotient_bits),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.load)
         divisor = p.data("divisor", self.divisor)
@@ -56,7 +56,7 @@ class Divider(wiring.Component):
         for _ in range(self.latency):
             bits = len(self.divisor)
 
-            def step(remainder, rest, divisor, bits=bits):
+            def step(remainder: Value, rest: Value, divisor: Value, bits: int = bits) -> Value:
                 doubled = Cat(rest[-1], remainder)
                 less = doubled - divisor
                 return Cat(~less[-1], rest[:-1], Mux(less[-1], doubled[:bits], less[:bits]))

@@ -48,7 +48,7 @@ class Fill(wiring.Component):
             "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         slot, advance = self.slots.payload, Signal()
         m.d.comb += [advance.eq(~self.filled.valid | self.filled.ready), self.slots.ready.eq(advance)]
@@ -76,14 +76,14 @@ def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, p
     found: list[Staged] = []
     for top in range(7, -1, -_BITS_A_STAGE):
         def stage(alive: Value, rank: Value, *planes: Value) -> Value:
-            bits = []
+            bits: list[Value] = []
             for plane in planes:
                 alive, rank, bit = _halved(m, alive, rank, plane)
                 bits.insert(0, bit)
             return Cat(alive, rank, *bits)
 
         both = p.reg(f"median_{channel}", stage, alive, rank, *(planes[top - i] for i in range(_BITS_A_STAGE)))
-        alive, rank, bits = (both.map(lambda v, a=a, b=b: v[a:b]) for a, b in (
+        alive, rank, bits = (both.map(lambda v, a=a, b=b: v[a:b]) for a, b in (  # type: ignore[misc]
             (0, len(NEIGHBOURS)), (len(NEIGHBOURS), -_BITS_A_STAGE), (-_BITS_A_STAGE, None)))
         found.insert(0, bits)
     return Cat(bits.at(both.stage) for bits in found)

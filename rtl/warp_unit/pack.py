@@ -18,6 +18,8 @@ beat could be overwritten::
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -85,7 +87,7 @@ class Pack(wiring.Component):
             "commits": Out(1), "column_ends": Out(1), "strip_ends": Out(1), "column": Out(column_bits(config)), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         lanes = range(self.config.warp_lanes)
         commits, sub, word = self.commits, Signal(range(sub_rows(self.config))), Signal(ADDRESS_BITS, reset_less=True)
@@ -139,7 +141,7 @@ class Pack(wiring.Component):
     def _row(self, lane: int, sub: Value) -> Value:
         return Cat(Const(lane, (self.config.warp_lanes - 1).bit_length()), sub)
 
-    def _queue(self, m: Module, commits: Signal, sub: Signal, word: Signal, complete: Signal) -> tuple:
+    def _queue(self, m: Module, commits: Signal, sub: Signal, word: Signal, complete: Signal) -> tuple[Any, ...]:
         """The queue of groups with complete beats: its head, whether there is one, whether there is free space, its pop."""
         depth, shape = queue_groups(self.config), _complete_layout(self.config)
         words = Array(Signal(shape, name=f"complete_{i}", reset_less=True) for i in range(depth))

@@ -97,7 +97,7 @@ class RowQueue(wiring.Component):
             "pixel": Out(source_layout(config)), "tile_ends": Out(1), "busy": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         depth = queue_rows(self.config)
         m.submodules.store = store = memory.Memory(shape=row_layout(self.config), depth=depth, init=[])

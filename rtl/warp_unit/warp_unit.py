@@ -100,7 +100,7 @@ class WarpUnit(wiring.Component):
             **{name: Out(COUNTER_BITS) for name in EVENTS},
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         carries: list[Value] = []
         self._last = Signal(column_bits(self.config), name="last")

@@ -104,7 +104,7 @@ class Window(wiring.Component):
             "slots": Out(stream.Signature(slot_layout(config))),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         step, real = Signal(), Signal(sub_rows(self.config) + 2)
         more, there = self._places(m, step)

@@ -49,7 +49,7 @@ class AxiBench(wiring.Component):
             **bus.axi_master_ports("m_axi", id_bits(READERS, WRITERS)),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.master = master = AxiMaster(self._config, READERS, WRITERS, IN_FLIGHT)
         bus.join(m, self, master, "m_axi")

@@ -17,9 +17,9 @@ FOLDER = cache_folder("emitted")
 
 
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
-    """Verilog, from the cache where rtl/, spec/, Amaranth and the configuration are as they were.
+    """The Verilog of a unit. It comes from the cache if rtl/, spec/, Amaranth and the configuration have not changed.
 
-    It is emitted by `emit(config)` or, without `emit`, as the unit of this name in `rtl.units`.
+    `emit(config)` emits it, or, without `emit`, `rtl.units` emits the unit of this name.
     """
     parameters = config.with_(name="any")  # machines that differ only in their name share one entry
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import cache
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.captured import scene_argument
-from golden.scenes.request import resolve
+from golden.scenes.request import parse_request, resolve
 from spec.config import AcceleratorConfig
 
 TRAINED = ("truck", "rock_sh3")
-"""Captured scenes whose frames the suites play where they are there."""
+"""Captured scenes whose frames the suites play if they are present."""
 
 
 def traced_frame(
     config: AcceleratorConfig, scene: str, size: str, gaze: str = "none", levels: int | None = None,
 ) -> tuple[str, Frame]:
-    """Name and frame of a scene at a size such as "640x360", with a gaze where it is "x,y".
+    """The name and the frame of a scene at a size such as "640x360". `gaze` is "x,y" or "none".
 
     `scene` is what golden.scenes.captured.scene_argument returns.
     """
-    request = resolve(argparse.Namespace(
-        scene=scene, size=size, camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
+    more = () if levels is None else ("--levels", str(levels))
+    request = resolve(parse_request(scene, "--size", size, "--gaze", gaze, "--background", "0.2,0.5,0.9", *more))
     return f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}", render(
         request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
 

@@ -37,7 +37,7 @@ class ColourBench(Bench):
              "delay": MOST_DELAY.bit_length()},
             {"finished": 1, "error": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = self._unit
         self.join(m, unit, apart=("data",))

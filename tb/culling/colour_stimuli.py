@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from golden.msv2_ref.colour import survivor_views
+from golden.msv2_ref.colour import survivor_records
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.formats import Fixed
-from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, colour_beats, read_data, read_request, splat_view, write_request
+from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, colour_beats, read_data, read_request, splat_record, write_request
 from spec.packing import pack
 from spec.records import INDEX_BITS, Record, gaussian_colour, surviving_splat
 
@@ -77,10 +77,10 @@ class Case:
         reads = np.zeros(len(splats) * beats, read_request(config).dtype)
         place = self.colour_base + splats["index"].astype(np.int64)[:, None] * beats + np.arange(beats)
         reads["beat"] = place.reshape(-1) & ((1 << BEAT_BITS) - 1)
-        views, place = survivor_views(config, splats, records, self.sh_degree, self.view_shift)
+        views, place = survivor_records(config, splats, records, self.sh_degree, self.view_shift)
         writes = np.zeros(len(views), write_request(config).dtype)
         writes["beat"], writes["strobe"] = (self.views_base + place) & ((1 << BEAT_BITS) - 1), (1 << WORDS) - 1
-        patterns = pack(splat_view(config), views)
+        patterns = pack(splat_record(config), views)
         writes["word"] = words_of(np.pad(patterns, ((0, 0), (0, BEAT_BYTES - patterns.shape[1]))))
         return {"reads": reads, "writes": writes}
 

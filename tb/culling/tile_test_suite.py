@@ -9,7 +9,7 @@ import numpy as np
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
-from spec.records import entry_item, projected_splat, surviving_splat, tile_level
+from spec.records import intersection_item, projected_splat, surviving_splat, tile_level
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -39,7 +39,7 @@ def playback(config: AcceleratorConfig) -> Playback:
         name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}", module="tile_test",
         verilog=emitted("tile_test", config),
         inputs=(Stream("splats", projected_splat(config)), Stream("table", tile_level(config))),
-        outputs=(Stream("entries", entry_item(config)), Stream("survivors", surviving_splat(config))),
+        outputs=(Stream("entries", intersection_item(config)), Stream("survivors", surviving_splat(config))),
         settings=tuple((name, widths[name]) for name in ("width", "height", "obb")),
         observed=(("touched", 32), ("filtered", 32), ("busy", 1)))
 

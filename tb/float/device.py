@@ -108,7 +108,7 @@ class FloatBench(wiring.Component):
             **{f"{name}_out": Out(stream.Signature(layout(pair[1]))) for name, pair in records.items()},
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         for name, operation in self._operations.items():
             m.submodules[name] = unit = operation.make()

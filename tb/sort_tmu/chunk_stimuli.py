@@ -8,17 +8,17 @@ import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
-from spec.records import INDEX_BITS, chunk_entry, frame_tiles
+from spec.records import INDEX_BITS, chunk_item, frame_tiles
 
 ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
 """The orders in which the intersections of a chunk may arrive."""
 
 
 def items_of(config: AcceleratorConfig, chunks: Iterable[np.ndarray]) -> np.ndarray:
-    """ChunkEntry items of chunks, each an (N, 3) array of tile, depth key and index. N may be 0."""
+    """ChunkItem items of chunks, each an (N, 3) array of tile, depth key and index. N may be 0."""
     parts = []
     for chunk in chunks:
-        part = np.zeros(max(len(chunk), 1), chunk_entry(config).dtype)
+        part = np.zeros(max(len(chunk), 1), chunk_item(config).dtype)
         if len(chunk):
             part["tile"], part["depth_key"], part["index"] = chunk.T
         part["empty"], part["last"][-1] = not len(chunk), 1

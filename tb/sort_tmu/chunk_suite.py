@@ -9,7 +9,7 @@ import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
-from spec.records import chunk_entry
+from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
@@ -33,7 +33,7 @@ one chunk to the next."""
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The sorter of a configuration, emitted as Verilog, with a file at each stream."""
-    record = chunk_entry(config)
+    record = chunk_item(config)
     return Playback(
         name=f"sort-{config.sort_chunk}", module="chunk_sorter",
         verilog=emitted("chunk_sorter", config),

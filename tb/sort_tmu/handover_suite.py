@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from spec.config import DEFAULT, TINY, AcceleratorConfig
-from spec.records import chunk_entry
+from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -30,7 +30,7 @@ PORTS = ("sink", "source")
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The buffer of a configuration, emitted as Verilog, with a file at each stream."""
-    record = chunk_entry(config)
+    record = chunk_item(config)
     return Playback(
         name=f"handover-{'line' if config.incremental else config.sort_chunk}", module="handover",
         verilog=emitted("handover", config), inputs=(Stream("sink", record),),

@@ -10,7 +10,7 @@ import numpy as np
 from golden.msv2_ref.sort import sort_chunks
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
-from spec.records import chunk_entry
+from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
@@ -46,7 +46,7 @@ _WATCHDOG = 200_000
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The sorter of a configuration, emitted as Verilog, with files at its streams and a memory at its memory ports."""
-    record = chunk_entry(config)
+    record = chunk_item(config)
     return with_memory(Playback(
         name=f"hierarchical-{config.sort_chunk}-{config.merge_ways}", module="hierarchical_sorter",
         verilog=emitted("hierarchical_sorter", config),

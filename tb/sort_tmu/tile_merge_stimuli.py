@@ -9,7 +9,7 @@ import numpy as np
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.tile_merge import auto_beta, count_tiles, tile_groups
 from spec.config import AcceleratorConfig
-from spec.records import tile_hit
+from spec.records import intersection_tile
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Case:
         return {"tiles_x": self.tiles_x, "tile_count": self.tiles, "auto": self.beta is None, "beta": self.beta or 0}
 
     def items(self, config: AcceleratorConfig) -> np.ndarray:
-        """The TileHit items of all frames."""
-        rows = np.zeros(sum(len(hits) + 1 for hits in self.frames), tile_hit(config).dtype)
+        """The IntersectionTile items of all frames."""
+        rows = np.zeros(sum(len(hits) + 1 for hits in self.frames), intersection_tile(config).dtype)
         ends = np.cumsum([len(hits) + 1 for hits in self.frames]) - 1
         rows["end"][ends] = 1
         rows["tile"][rows["end"] == 0] = np.concatenate(self.frames)
@@ -59,7 +59,7 @@ class Case:
         return {"saturated": saturated, "outside": outside, "beta_used": beta, "busy": 0}
 
 
-def random_hits(rng: np.random.Generator, tiles: int, entries: int) -> np.ndarray:
+def random_tiles(rng: np.random.Generator, tiles: int, entries: int) -> np.ndarray:
     """Tiles of about `entries` intersections: counts over several orders of magnitude, empty tiles, and bursts of one tile."""
     weight = np.exp(rng.normal(0, 2, tiles)) * (rng.random(tiles) < 0.7)
     weight[rng.integers(tiles)] += 1
@@ -71,7 +71,7 @@ def random_case(rng: np.random.Generator, name: str, widest: int, entries: int, 
     """Frames of one random shape and merge threshold."""
     tiles_x, tiles_y = (int(n) for n in rng.integers(1, widest + 1, 2))
     beta = [None, int(rng.integers(0, 2 + 4 * entries // (tiles_x * tiles_y)))][int(rng.integers(2))]
-    return Case(name, tiles_x, tiles_y, tuple(random_hits(rng, tiles_x * tiles_y, entries) for _ in range(frames)), beta)
+    return Case(name, tiles_x, tiles_y, tuple(random_tiles(rng, tiles_x * tiles_y, entries) for _ in range(frames)), beta)
 
 
 def corner_cases(widest: int) -> list[Case]:
@@ -79,7 +79,7 @@ def corner_cases(widest: int) -> list[Case]:
     frame."""
     rng, none = np.random.default_rng(0), np.empty(0, np.int64)
     turns = np.tile(np.arange(3), 400)
-    mixed = random_hits(rng, 7 * 5, 800)
+    mixed = random_tiles(rng, 7 * 5, 800)
     return [
         Case("no entries", 4, 3, (none, none), None),
         Case("no entries, then some, then none", 4, 3, (none, turns, none), None),
@@ -88,11 +88,11 @@ def corner_cases(widest: int) -> list[Case]:
         Case("tiles in turn", 3, 1, (turns, turns[:-1], np.sort(turns)), 500),
         Case("two tiles in turn", 2, 1, (turns % 2, np.repeat(turns % 2, 2)), 1),
         *(Case(f"beta {beta}", 7, 5, (mixed,), beta) for beta in (0, 1, 2, 1000, (1 << 24) - 1)),
-        Case("one row", widest, 1, (random_hits(rng, widest, 900),), None),
-        Case("one column", 1, widest, (random_hits(rng, widest, 900),), None),
+        Case("one row", widest, 1, (random_tiles(rng, widest, 900),), None),
+        Case("one column", 1, widest, (random_tiles(rng, widest, 900),), None),
         Case("tiles outside the frame", 4, 3, (np.concatenate([turns, [12, 15, 12]]), turns), 50),
         Case("tiles outside the last frame", 4, 3, (turns, np.concatenate([[12, 15, 12], turns])), 50),
-        Case("largest frame", widest, widest, (random_hits(rng, widest * widest, 3 * widest * widest),), None),
+        Case("largest frame", widest, widest, (random_tiles(rng, widest * widest, 3 * widest * widest),), None),
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
 from spec.constants import TILE
-from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
+from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_group
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -36,7 +36,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     return Playback(
         name=f"tmu-{config.row_width}", module="tile_merge_unit",
         verilog=emitted("tile_merge_unit", config),
-        inputs=(Stream("hits", tile_hit(config)),), outputs=(Stream("groups", tile_group(config)),),
+        inputs=(Stream("hits", intersection_tile(config)),), outputs=(Stream("groups", tile_group(config)),),
         settings=(("tiles_x", bits), ("tile_count", bits), ("beta", COUNT_BITS), ("auto", 1)),
         observed=(("saturated", 1), ("outside", 1), ("beta_used", COUNT_BITS), ("busy", 1)))
 

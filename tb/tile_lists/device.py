@@ -15,7 +15,7 @@ from rtl.emit import to_verilog
 from rtl.shapes import layout
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.stream import Fork
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
@@ -27,10 +27,10 @@ from spec.records import (
     INDEX_BITS,
     Field,
     Record,
-    chunk_entry,
-    entry_item,
+    chunk_item,
     frame_tiles,
     gaussian_point,
+    intersection_item,
     tile_group,
     tile_header,
     tile_level,
@@ -69,17 +69,17 @@ class ListDevice(Bench):
         self.config = config
         tiles = frame_tiles(config).bit_length()
         super().__init__(
-            {"load": load_item(config), "entries": entry_item(config)},
-            {"written": write_request(config), "groups": chunk_entry(config), "headers": tile_header(config),
+            {"load": load_item(config), "entries": intersection_item(config)},
+            {"written": write_request(config), "groups": chunk_item(config), "headers": tile_header(config),
              "uses": tile_use(config), "levels": tile_level(config), "points": gaussian_point(config)},
             {"tiles_x": tiles, "tile_count": tiles, "beta": COUNT_BITS, "entries_beats": BEAT_BITS, "gaussians": INDEX_BITS,
              **dict.fromkeys(_BASES, BEAT_BITS), "latency": 10, "hesitates": 8, "bad": BEAT_BITS}, OBSERVED)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         config = self.config
         units = {
-            "writer": EntryWriter(config), "merge": TileMergeUnit(config), "fork": Fork(layout(tile_group(config))),
+            "writer": IntersectionWriter(config), "merge": TileMergeUnit(config), "fork": Fork(layout(tile_group(config))),
             "reader": ListReader(config), "headers": HeaderMaker(config), "table": TableLoader(config),
             "geometry": GeometryReader(config)}
         for name, unit in units.items():
@@ -112,7 +112,7 @@ class ListDevice(Bench):
         ]
         return m
 
-    def _frames(self, m: Module, writer: EntryWriter) -> Signal:
+    def _frames(self, m: Module, writer: IntersectionWriter) -> Signal:
         """Whether intersections are accepted: a frame remains to be done, and everything of the previous one has left."""
         frames, opens, within, begun = Signal(8), Signal(), Signal(), Signal()
         listed, headers, uses = Signal(COUNT_BITS + 1), Signal.like(self.tile_count), Signal.like(self.tile_count)

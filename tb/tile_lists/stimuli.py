@@ -25,10 +25,10 @@ from spec.packing import pack
 from spec.records import (
     INDEX_BITS,
     Record,
-    entry_item,
     gaussian_geometry,
     gaussian_point,
-    tile_entry,
+    intersection,
+    intersection_item,
     tile_header,
     tile_level,
     tile_use,
@@ -47,7 +47,7 @@ class Case:
     Attributes:
         name: the case's name, for messages.
         tiles_x, tiles_y: the numbers of tile columns and rows.
-        frames: for each frame (intersections,) TileEntry records in the order of arrival.
+        frames: for each frame (intersections,) Intersection records in the order of arrival.
         table: (tiles,) TileSetting records.
         geometry: (gaussians,) GaussianGeometry records.
         beta: the merge threshold.
@@ -114,9 +114,9 @@ class Case:
         load["beat"][:-1] = np.concatenate([base + np.arange(len(words)) for base, words in beats])
         load["word"][:-1] = np.concatenate([words for _, words in beats])
         load["strobe"][:-1], load["frames"][-1] = (1 << WORDS) - 1, len(self.frames)
-        items = np.zeros(sum(len(frame) + 1 for frame in self.frames), entry_item(config).dtype)
+        items = np.zeros(sum(len(frame) + 1 for frame in self.frames), intersection_item(config).dtype)
         items["end"][np.cumsum([len(frame) + 1 for frame in self.frames]) - 1] = 1
-        for f in tile_entry(config).fields:
+        for f in intersection(config).fields:
             items[f.name][items["end"] == 0] = np.concatenate([frame[f.name] for frame in self.frames])
         return {"load": load, "entries": items}
 
@@ -185,7 +185,7 @@ def random_rows(record: Record, rng: np.random.Generator, count: int) -> np.ndar
 
 def random_entries(config: AcceleratorConfig, rng: np.random.Generator, tile: np.ndarray) -> np.ndarray:
     """Random intersections of these tiles."""
-    rows = random_rows(tile_entry(config), rng, len(tile))
+    rows = random_rows(intersection(config), rng, len(tile))
     rows["tile"] = tile
     return rows
 
@@ -221,7 +221,7 @@ def random_counts(rng: np.random.Generator, tiles: int) -> np.ndarray:
 def traced_case(config: AcceleratorConfig, frame: Frame, name: str, beta: int) -> Case:
     """A traced frame with its intersections in the order of their Gaussians."""
     entries, registers = frame.entries, frame.registers
-    rows = np.zeros(len(entries.splat), tile_entry(config).dtype)
+    rows = np.zeros(len(entries.splat), intersection(config).dtype)
     rows["tile"] = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     rows["index"], rows["depth_key"] = entries.splat, frame.projected.depth_key[entries.splat]
     table = np.zeros(len(registers.header), tile_setting(config).dtype)

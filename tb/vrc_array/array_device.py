@@ -10,7 +10,7 @@ from golden.msv2_ref.array import Pixels
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.queues import COUNTER_BITS
-from spec.records import array_entry, pixel_row, tile_header
+from spec.records import array_splat, pixel_row, tile_header
 from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream
 
@@ -20,7 +20,7 @@ def vrc_playback(config: AcceleratorConfig) -> Playback:
     """The array of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
         name=f"vrc-{config.cores_x}x{config.cores_y}", module="vrc_array", verilog=emitted("vrc_array", config),
-        inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
+        inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_splat(config))),
         outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
         observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1)), apart=("pixel_core",))
 

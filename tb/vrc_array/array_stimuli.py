@@ -10,7 +10,7 @@ import numpy as np
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import AMP_MAX, EXPONENT_SCALE, LOW_PASS, TILE
-from spec.records import array_entry, tile_header
+from spec.records import array_splat, tile_header
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Case:
 
         name: the case's name, for messages.
         headers: (tiles,) TileHeader records.
-        entries: (sum of counts,) ArrayEntry records.
+        entries: (sum of counts,) ArraySplat records.
         background: (3,) raw values in the format `colour`.
         background: (3,) raw `colour`.
     """
@@ -77,7 +77,7 @@ def random_entries(
     lies anywhere.
     """
     n = config.formats
-    entries = np.zeros(count, array_entry(config).dtype)
+    entries = np.zeros(count, array_splat(config).dtype)
     sigma = np.exp(rng.uniform(np.log(0.05), np.log(200), (count, 2)))
     centre = np.array([x, y]) * TILE + TILE / 2
     mean = centre + rng.normal(size=(count, 2)) * (reach / 2 + sigma.min(axis=1, keepdims=True))
@@ -95,7 +95,7 @@ def random_entries(
 
 def flat_entries(config: AcceleratorConfig, opacity: np.ndarray | Sequence[int], depth: int = 5000) -> np.ndarray:
     """Entries without falloff: in both levels, the exponent of every pixel is the given raw `log2_opacity` (N,)."""
-    entries = np.zeros(len(opacity), array_entry(config).dtype)
+    entries = np.zeros(len(opacity), array_splat(config).dtype)
     entries["use"] = 1
     entries["log2_opacity"] = np.asarray(opacity)[:, None]
     colour = 300 + np.arange(len(opacity))[:, None] * np.array([37, 101, 211, 59, 157, 251])

@@ -13,7 +13,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request
 from spec.queues import COUNTER_BITS
-from spec.records import array_entry, chunk_entry, tile_use
+from spec.records import array_splat, chunk_item, tile_use
 from tb.common.bench import Bench
 from tb.common.playback import Playback
 
@@ -27,12 +27,12 @@ class FetchBench(Bench):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__(
-            {"sorted": chunk_entry(config), "tiles": tile_use(config), "data": read_data(config)},
-            {"entries": array_entry(config), "reads": read_request(config)},
+            {"sorted": chunk_item(config), "tiles": tile_use(config), "data": read_data(config)},
+            {"entries": array_splat(config), "reads": read_request(config)},
             {"views_base": BEAT_BITS, "view_shift": 2, "frame": 8, "delay": MOST_DELAY.bit_length()},
             {"hits": COUNTER_BITS, "misses": COUNTER_BITS, "error": 1, "busy": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = SplatFetch(self.config)
         self.join(m, unit, apart=("data",))

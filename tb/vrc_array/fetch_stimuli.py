@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.msv2_ref.frame_memory import splat_views
+from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.formats import Fixed
-from spec.memory import splat_view
-from spec.records import INDEX_BITS, array_entry, chunk_entry, frame_tiles, tile_use
+from spec.memory import splat_record
+from spec.records import INDEX_BITS, array_splat, chunk_item, frame_tiles, tile_use
 
 INDICES = 1 << INDEX_BITS
 
@@ -25,10 +25,10 @@ class Case:
     Attributes:
         name: the case's name, for messages.
         tiles: (tiles,) TileUse records.
-        sorted: ChunkEntry items, including those that stand for an empty group.
+        sorted: ChunkItem items, including those that stand for an empty group.
         index, level: (intersections,) int64, the splat and the level of each record that is needed.
-        views: (intersections,) SplatView, the splat records as memory holds them.
-        entries: (intersections,) ArrayEntry, the expected output.
+        views: (intersections,) SplatRecord, the splat records as memory holds them.
+        entries: (intersections,) ArraySplat, the expected output.
     """
 
     name: str
@@ -50,10 +50,10 @@ class Tile:
 
 
 def random_views(config: AcceleratorConfig, rng: np.random.Generator, index: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """(N,) SplatView records with random bits; equal index and level give equal records."""
+    """(N,) SplatRecord records with random bits; equal index and level give equal records."""
     _, which = np.unique(index * MAX_LEVELS + level, return_inverse=True)
-    views = np.zeros(which.max(initial=-1) + 1, splat_view(config).dtype)
-    for f in splat_view(config).fields:
+    views = np.zeros(which.max(initial=-1) + 1, splat_record(config).dtype)
+    for f in splat_record(config).fields:
         low, high = f.raw_range if isinstance(f.format, Fixed) else (0, (1 << f.format.width) - 1)
         views[f.name] = rng.integers(low, high + 1, views[f.name].shape)
     return views[which]
@@ -70,12 +70,12 @@ def case_of(config: AcceleratorConfig, name: str, tiles: Sequence[Tile], seed: i
     level, blend = (np.repeat(uses[field].astype(np.int64), uses["count"]) for field in ("level", "blend"))
     views = random_views(config, rng, index, level)
 
-    entries = np.zeros(len(index), array_entry(config).dtype)
+    entries = np.zeros(len(index), array_splat(config).dtype)
     for field in ("mean2d", "conic", "log2_opacity", "colour", "depth"):
         entries[field] = views[field]
     entries["use"] = np.stack([views["bound"] >= level, (blend == 1) & (views["bound"] >= level + 1)], 1)
 
-    items = np.zeros(len(index), chunk_entry(config).dtype)
+    items = np.zeros(len(index), chunk_item(config).dtype)
     items["index"], items["depth_key"] = index, rng.integers(0, config.formats.depth_key.raw_max + 1, len(index))
     items["tile"] = np.repeat(np.arange(len(tiles)) % frame_tiles(config), uses["count"])
     items["last"] = rng.integers(0, 2, len(index))
@@ -93,10 +93,10 @@ def traced_case(name: str, frame: Frame) -> Case:
     uses["level"], uses["blend"], uses["count"] = frame.registers.header[:, 0], frame.registers.header[:, 1], counts
     index, tile = e.splat.astype(np.int64), np.repeat(np.arange(len(counts)), counts)
     level = frame.registers.header[tile, 0]
-    items = np.zeros(len(index), chunk_entry(config).dtype)
+    items = np.zeros(len(index), chunk_item(config).dtype)
     items["index"], items["tile"], items["depth_key"] = index, tile, frame.projected.depth_key[index]
     items["last"] = np.diff(frame.groups[tile], append=-1) != 0
-    return Case(name, uses, items, index, level, splat_views(frame, MAX_LEVELS)[index, level], frame.array_entries)
+    return Case(name, uses, items, index, level, splat_records(frame, MAX_LEVELS)[index, level], frame.array_entries)
 
 
 def _again(config: AcceleratorConfig) -> Case:

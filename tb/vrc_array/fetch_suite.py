@@ -7,7 +7,7 @@ import numpy as np
 from golden.msv2_ref.fetch import find_misses
 from rtl.vrc_array.splat_fetch import LATENCY
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
-from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_view
+from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_record
 from spec.packing import pack
 from spec.queues import CACHE_WAYS
 from tb.common import exact
@@ -84,11 +84,11 @@ class Plan:
 
 def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N,) ReadData with the splat records in their lowest bits and random bits above."""
-    patterns = pack(splat_view(config), views)
+    patterns = pack(splat_record(config), views)
     spare = np.zeros((len(views), BEAT_BYTES - patterns.shape[1]), np.uint8)
     words = np.concatenate([patterns, spare], 1).view("<u4").astype(np.int64).reshape(len(views), WORDS)
-    words[:, -1] |= rng.integers(0, 1 << BEAT_BYTES * 8 - splat_view(config).width, len(views)) << (
-        32 - (BEAT_BYTES * 8 - splat_view(config).width))
+    words[:, -1] |= rng.integers(0, 1 << BEAT_BYTES * 8 - splat_record(config).width, len(views)) << (
+        32 - (BEAT_BYTES * 8 - splat_record(config).width))
     data = np.zeros(len(views), read_data(config).dtype)
     data["word"] = words
     return data

@@ -28,7 +28,7 @@ class WriterBench(Bench):
              "frame": 8},
             {"pixels": COUNTER_BITS, "finished": 1, "busy": 1, "early": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = PixelWriter(self.config)
         self.join(m, unit)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from golden.msv2_ref.pipeline import Frame, render
+from golden.msv2_ref.pipeline import Frame
 from golden.scenes.captured import scene_argument
-from golden.scenes.request import resolve
 from spec.config import AcceleratorConfig
-from tb.common.scenes import TRAINED
+from tb.common.scenes import TRAINED, traced_frame
 from tb.vrc_array.array_stimuli import Case
 
 _TILES, _ENTRIES = 12, 6000
@@ -49,9 +47,6 @@ def _whole_frames(config: AcceleratorConfig) -> list[Case]:
     cases = []
     for scene in scenes:
         for gaze, levels in (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]:
-            request = resolve(argparse.Namespace(
-                scene=scene, size="160x96", camera="orbit", gaze=gaze, levels=levels, background="0.2,0.5,0.9", seed=0))
-            frame = render(
-                request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+            _, frame = traced_frame(config, scene, "160x96", gaze, levels)
             cases.append(case_of(frame, f"traced {Path(scene).stem}{', foveated' * (gaze != 'none')}"))
     return cases

@@ -40,7 +40,7 @@ class WarpBench(Bench):
              "target_frame_base": BEAT_BITS, "tile_count": frame_tiles(config).bit_length(), "frame": 8},
             {**dict.fromkeys(EVENTS, COUNTER_BITS), "finished": 1, "busy": 1, "early": 1})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = WarpUnit(self.config)
         self.join(m, unit)

@@ -9,7 +9,7 @@ import numpy as np
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.records import array_entry, tile_header
+from spec.records import array_splat, tile_header
 
 
 class Op(NamedTuple):
@@ -163,7 +163,7 @@ class ArrayByTheText:
 
     def render(self, headers: np.ndarray, entries: np.ndarray, background: list[int]) -> np.ndarray:
         """(tiles, 16, 16, 5) int64 of record arrays."""
-        as_header, as_entry = tile_header(self.config), array_entry(self.config)
+        as_header, as_entry = tile_header(self.config), array_splat(self.config)
         rows, at, out = [as_entry.unpack(as_entry.pack(entry)) for entry in entries], 0, []
         for packed in headers:
             header = as_header.unpack(as_header.pack(packed))

@@ -25,7 +25,7 @@ class FaultyUnit(wiring.Component):
     out: Out(stream.Signature(RECORD.width))
     count: Out(8)
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         word = Signal(RECORD.width)
         full, here, again, free, moves = Signal(), Signal(), Signal(), Signal(), Signal()

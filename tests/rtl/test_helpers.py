@@ -183,7 +183,7 @@ class Sum(wiring.Component):
         inputs = {"x": In(8), "y": In(8), "load": In(1), "advance": In(1)}
         super().__init__({**inputs, "total": Out(10)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.load, advance=self.advance)
         twice = p.reg("twice", lambda y: y + y, p.data("y", self.y).to(2))

@@ -11,10 +11,10 @@ from rtl.shapes import layout
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer
 from rtl.stream import Buffer
 from spec.config import TINY
-from spec.records import chunk_entry
+from spec.records import chunk_item
 
 CONFIG = TINY.with_(sort_buffer_bytes=256, line_buffer_bytes=64)
-RECORD = chunk_entry(CONFIG)
+RECORD = chunk_item(CONFIG)
 QUICK = settings(max_examples=12, derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
 LONG = settings(QUICK, max_examples=150)
 
@@ -26,7 +26,7 @@ GROUPS = st.lists(st.integers(1, 40), min_size=1, max_size=4)
 
 
 def items_of(groups: list[int]) -> list[int]:
-    """Bit patterns of ChunkEntry items, numbered, `last` at a group's end."""
+    """Bit patterns of ChunkItem items, numbered, `last` at a group's end."""
     lasts = [n == count - 1 for count in groups for n in range(count)]
     return [RECORD.pack({"index": n, "depth_key": 3 * n, "tile": n % 7, "last": last, "empty": 0})
             for n, last in enumerate(lasts)]

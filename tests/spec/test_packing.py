@@ -8,7 +8,7 @@ import pytest
 from spec.config import TINY
 from spec.memory import MEMORY_RECORDS, tile_setting
 from spec.packing import pack, pattern_bytes, unpack
-from spec.records import RECORDS, Record, chunk_entry, tile_entry
+from spec.records import RECORDS, Record, chunk_item, intersection
 
 
 def random_rows(record: Record, count: int, seed: int = 0) -> np.ndarray:
@@ -50,14 +50,14 @@ def test_patterns_are_as_short_as_the_record(make):
 
 
 def test_no_rows_give_no_patterns():
-    record = tile_entry(TINY)
+    record = intersection(TINY)
     patterns = pack(record, np.zeros(0, record.dtype))
     assert patterns.shape == (0, pattern_bytes(record)) and len(unpack(record, patterns)) == 0
 
 
 def test_records_that_begin_as_another_pack_as_it():
-    rows = random_rows(chunk_entry(TINY), 20)
-    record = tile_entry(TINY)
+    rows = random_rows(chunk_item(TINY), 20)
+    record = intersection(TINY)
     alone = np.zeros(20, record.dtype)
     for f in record.fields:
         alone[f.name] = rows[f.name]

@@ -65,7 +65,7 @@ class Store(wiring.Component):
         self._words, self._clocked, self._writes = words, clocked, writes
         super().__init__({"address": In(range(words)), "data": In(width), "write": In(1), "found": Out(width)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         contents = [37 * row % 256 for row in range(self._words)]
         m.submodules.rows = rows = memory.Memory(shape=len(self.data), depth=self._words, init=contents)

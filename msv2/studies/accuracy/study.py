@@ -70,12 +70,17 @@ def over_scenes(
     name: str, description: str, argv: Sequence[str] | None, rows_of: Callable[[Request, str], list[dict[str, object]]],
     more: Sequence[Path] = (),
 ) -> tuple[list[dict[str, object]], argparse.Namespace]:
-    """The command line of a measurement: its rows, of every scene and view asked for, and its arguments, with `scenes`.
+    """Runs the command line of a measurement.
 
     Args:
-        name: of the study.
-        rows_of: given a request without a gaze and the scene's name.
-        more: models measured besides, where they exist.
+        name: the name of the study.
+        description: the description of the command.
+        argv: the arguments; None for those of the process.
+        rows_of: makes the rows of a request without a gaze and of the scene's name.
+        more: further models to measure if they exist.
+
+    Returns:
+        The rows of all requested scenes and cameras, and the parsed arguments, in which `scenes` lists the measured scenes.
     """
     parser = command_parser(f"msv2 study run {name}", description, "example: MSV2_DATA=data %(prog)s --size 640x360")
     add_request_arguments(parser, size="640x360")
@@ -94,14 +99,14 @@ def over_scenes(
 
 
 def keep(args: argparse.Namespace, name: str, module: str, report: dict[str, object], page: str) -> None:
-    """NAME.json and NAME.md in the folder that is asked for; the page is printed too.
+    """Writes NAME.json and NAME.md into the requested folder, and prints the page.
 
     Args:
-        args: of `over_scenes`.
-        name: of the report.
+        args: the arguments from `over_scenes`.
+        name: the name of the report.
         module: the dotted name of the study's module.
-        report: of the JSON.
-        page: of the Markdown.
+        report: the content of the JSON file.
+        page: the text of the Markdown file.
     """
     out = make_folder(args.out)
     write_report(out / f"{name}.json", report, [module], {"arguments": args, "machine": PAPER}, args.scenes)

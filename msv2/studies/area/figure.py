@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from msv2.studies.picture import find_pyplot, save_figure
+
 
 def draw(report: dict, path: Path) -> None:
     """Draws three bar charts into a PNG file: the parts beside the paper's, the groups of units, and all builds."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+    pyplot = find_pyplot()
     figure, (parts, groups, builds) = pyplot.subplots(1, 3, figsize=(15, 4.2), gridspec_kw={"width_ratios": [1, 1.7, 1.7]})
     bottom = [0.0, 0.0]
     for part in report["split"]:
@@ -40,5 +38,4 @@ def draw(report: dict, path: Path) -> None:
     figure.text(0.995, 0.005, f"{report['commit']}, {report['builds']['1ghz']['config']}", ha="right", fontsize=7)
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    save_figure(figure, path)

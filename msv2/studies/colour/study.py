@@ -1,8 +1,8 @@
 """Measures the errors of colours and the work and the gates of the colour unit: reports/colour.json and docs/colour.md's
 tables.
 
-    msv2 study run colour            measure all (minutes where nothing is cached) and write the tables
-    msv2 study run colour --check    exit 1 where the page differs from what the report gives
+    msv2 study run colour            measures everything (minutes if nothing is cached) and writes the tables
+    msv2 study run colour --check    the exit status is 1 if the page differs from the report
 
 The errors are those of the golden renderer's colours, for several numbers of fraction bits of `sh_basis`, against float64
 spherical harmonics of the same offsets and coefficients. Gates are generic and are counted as msv2/studies/area/culling.py
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from amaranth.lib import wiring
 
-from golden.msv2_ref.colour import survivor_views
+from golden.msv2_ref.colour import survivor_records
 from msv2.studies import page
 from msv2.studies.area.culling import CLOCK_PS
 from msv2.studies.record import write_report
@@ -29,7 +29,7 @@ from rtl.culling.colour_sum import ColourSum
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import Cost, cost, schedule
-from rtl.culling.views import ViewWriter
+from rtl.culling.views import RecordWriter
 from spec import harmonics
 from spec.command_line import command_parser
 from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
@@ -59,13 +59,13 @@ PARTS: dict[str, Callable[[AcceleratorConfig], wiring.Component]] = {
     "colour_unit": ColourUnit,
     "datapath": lambda c: Datapath(harmonics_graph(c, SH_DEGREE), interval=splat_interval(c), carried=carried_layout(c)),
     "colour_sum": lambda c: ColourSum(c, sh_degree=SH_DEGREE, lanes=lanes(c), carried=carried_layout(c)),
-    "view_writer": lambda c: ViewWriter(c, carried=carried_layout(c)),
+    "view_writer": lambda c: RecordWriter(c, carried=carried_layout(c)),
 }
 """The colour unit and its parts. The queue of survivors and the reads belong to the unit itself."""
 
 TITLES = {
     "colour_unit": "`ColourUnit`, all of it", "datapath": "`Datapath`: the functions", "colour_sum": "`ColourSum`: their sums",
-    "view_writer": "`ViewWriter`"}
+    "view_writer": "`RecordWriter`"}
 
 
 def random_splats(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +100,7 @@ def error_rows() -> list[dict[str, object]]:
             found = np.floor(exact + 0.5)
         else:
             config = PAPER.with_(formats=replace(PAPER.formats, sh_basis=SQ(0, fraction)))
-            found = survivor_views(config, survivors, records, SH_DEGREE, 0)[0]["colour"][:, :3]
+            found = survivor_records(config, survivors, records, SH_DEGREE, 0)[0]["colour"][:, :3]
         error = found - exact
         rows.append({"fraction": fraction, "rms": round(float(np.sqrt(np.mean(error**2))), 4),
                      "largest": round(float(np.abs(error).max()), 4)})

@@ -31,7 +31,7 @@ from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
 from spec.overrides import add_config_arguments, config_from
 from spec.paths import ROOT
 from spec.queues import COUNTER_BITS
-from spec.records import array_entry, frame_tiles, tile_header
+from spec.records import array_splat, frame_tiles, tile_header
 from tb.common.exact import Planned, planned, run_plan
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames
@@ -54,14 +54,14 @@ class ArrayAndWriter(wiring.Component):
         self.config, self._array = config, VrcArray(config, lines=lines)
         super().__init__({
             "tiles": In(stream.Signature(layout(tile_header(config)))),
-            "entries": In(stream.Signature(layout(array_entry(config)))),
+            "entries": In(stream.Signature(layout(array_splat(config)))),
             "writes": Out(stream.Signature(layout(write_request(config)))),
             "background": In(3 * config.formats.colour.width),
             "width": In(14), "height": In(14), "tile_count": In(range(frame_tiles(config) + 1)), "limited": In(1),
             **{name: Out(COUNTER_BITS) for name in _OBSERVED}, "finished": Out(1),
         })
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.array = array = self._array
         m.submodules.writer = writer = PixelWriter(self.config)
@@ -101,7 +101,7 @@ def playback(config: AcceleratorConfig, lines: int | None) -> Playback:
     return Playback(
         name=f"drains-{config.cores_x}x{config.cores_y}", module="array_and_writer",
         verilog=to_verilog(ArrayAndWriter(config, lines), "array_and_writer"),
-        inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
+        inputs=(Stream("tiles", tile_header(config)), Stream("entries", array_splat(config))),
         outputs=(Stream("writes", write_request(config)),),
         settings=(("background", 3 * config.formats.colour.width), *sizes),
         observed=(*((name, COUNTER_BITS) for name in _OBSERVED), ("finished", 1)), apart=("pixel_core",))
@@ -125,7 +125,7 @@ def plan_of(frames: dict[str, Frame]) -> list[Planned]:
 
 
 def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tuple[str, ...]], bool]:
-    """Rows of the table, and whether every bit was right."""
+    """The rows of the table, and whether every bit was right."""
     plan, lines, right = plan_of(traced_frames(config, size)), [], True
     for kind, machine, rows in buffers(config):
         outcome = run_plan(playback(machine, rows), plan, folder / kind.replace(" ", "-").replace(",", ""))

@@ -22,11 +22,11 @@ from tqdm import tqdm
 
 from golden import threads as parallel
 from golden.msv2_ref.plan import Work, work_for
-from golden.scenes.files import atomic_output
 from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve
 from msv2.studies import page
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
 from msv2.studies.energy.frame import counter_counts, frame_energy, load_table
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
 from spec.command_line import choice, command_parser
@@ -209,14 +209,10 @@ def area_table(areas: Mapping[str, EffectArea]) -> str:
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
     """Draws bars of the ratios by which each frame saves. Does nothing without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
+    pyplot = find_pyplot()
+    if pyplot is None:
         print("no picture: matplotlib is not installed (make setup EXTRAS=train)")
         return
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     names = ("golden_ratio", *(name for name in RATIOS if any(name in row for row in rows)))
     figure, axes = pyplot.subplots(figsize=(8, 3.5), layout="constrained")
     for i, name in enumerate(names):
@@ -228,9 +224,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     axes.set_xticks(range(len(rows)), [row["frame"] for row in rows])
     axes.set_ylabel("all but a second eye / called for")
     axes.legend(ncols=len(names), fontsize=8)
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=120)
-    pyplot.close(figure)
+    save_figure(figure, path, dpi=120)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, WIRE_SHARE
 from msv2.studies.energy.table import Table
 from msv2.studies.page import table
+from msv2.studies.picture import find_pyplot, save_figure
 
 OTHERS = (
     {"design": "129FPS (2026)", "node": "28 nm, 800 MHz", "frame": "1920x1080", "mj_per_frame": 0.219 / 129 * 1e3,
@@ -20,7 +21,7 @@ _SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], energies: Table) -> str:
-    """The page; every number is of `content` or `energies`."""
+    """The page. Every number on it comes from `content` or `energies`."""
     lines = [
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "
@@ -70,13 +71,9 @@ def _name(frame: dict[str, object]) -> str:
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
     """Draws bars of the frames' energies by part, and of the chip's by unit. Returns False without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
+    pyplot = find_pyplot()
+    if pyplot is None:
         return False
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     chip = [{unit: sum(parts[part] for part in CHIP) for unit, parts in frame["by_unit_mj"].items()} for frame in frames]
     largest = sorted(chip[0], key=lambda unit: -sum(one.get(unit, 0.0) / sum(one.values()) for one in chip))[:_SHOWN]
     shares = [{unit: one.get(unit, 0.0) / sum(one.values()) for unit in largest} for one in chip]
@@ -95,6 +92,5 @@ def plot(frames: list[dict[str, object]], path: Path) -> bool:
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     axes[1].set_yticks([])
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    save_figure(figure, path)
     return True

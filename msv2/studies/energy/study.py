@@ -5,8 +5,8 @@ frame.json that `python -m tb.frame` wrote, and from the frames in reports/machi
 reports/energy_per_operation.json, which `msv2 study run energy_per_operation` measures.
 
 examples:
-  msv2 study run energy                                     the embedded scene, garden_large where MSV2_DATA has it,
-                                                                   and the frames of reports/machine.json
+  msv2 study run energy                                     the embedded scene, garden_large if MSV2_DATA has it,
+                                                            and the frames of reports/machine.json
   msv2 study run energy truck.splat --size 1280x720         one frame
   msv2 study run energy --frame build/frame/frame.json      a frame through the RTL
 """
@@ -33,7 +33,7 @@ from spec.paths import REPORTS, ROOT, cache_folder
 
 CACHE = cache_folder("traces")
 FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
-"""Scene, size and gaze of the frames that are modelled where no scene is named; a trained one where MSV2_DATA has it."""
+"""Scene, size and gaze of the frames that are modelled if no scene is named. A scene that MSV2_DATA lacks is left out."""
 
 MACHINE = REPORTS / "machine.json"
 """The report of frames through the RTL with its counters (`make results`)."""

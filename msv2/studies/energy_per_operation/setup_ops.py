@@ -10,7 +10,7 @@ from amaranth.sim import Simulator
 
 from rtl.vrc_array.setup import SetupUnit
 from spec.config import AcceleratorConfig
-from spec.records import array_entry, pixel_op, tile_header
+from spec.records import array_splat, pixel_op, tile_header
 
 
 def setup_ops(config: AcceleratorConfig, headers: np.ndarray, entries: np.ndarray, background: int) -> np.ndarray:
@@ -29,7 +29,7 @@ def setup_ops(config: AcceleratorConfig, headers: np.ndarray, entries: np.ndarra
         await feed(ctx, dut.tiles, [tile_header(config).pack(row) for row in headers])
 
     async def pairs(ctx) -> None:
-        await feed(ctx, dut.entries, [array_entry(config).pack(row) for row in entries])
+        await feed(ctx, dut.entries, [array_splat(config).pack(row) for row in entries])
 
     async def take(ctx) -> None:
         ctx.set(dut.ops.ready, 1)

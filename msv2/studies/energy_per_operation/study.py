@@ -22,7 +22,7 @@ from msv2.studies.energy_per_operation.work import WORK
 from msv2.studies.kept import fingerprint, kept
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.scenes import MODELS
-from spec.command_line import command_parser
+from spec.command_line import choice, command_parser
 from spec.config import PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -89,8 +89,8 @@ def _line(row: dict[str, object]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     args = _arguments(argv)
-    if args.unit and args.unit not in (*WORK, *DEFAULTS):
-        raise InputError(f"unit {args.unit!r} is not accepted: choose one of {', '.join((*WORK, *DEFAULTS))}")
+    if args.unit:
+        choice("unit", args.unit, (*WORK, *DEFAULTS))
     if flow.libyosys is None:
         raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
     find_files(ASAP7)

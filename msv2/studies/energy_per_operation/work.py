@@ -12,7 +12,7 @@ from golden.msv2_ref.pipeline import Frame
 from msv2.studies.energy_per_operation.gates import Window
 from msv2.studies.energy_per_operation.setup_ops import setup_ops
 from spec.config import AcceleratorConfig
-from spec.records import array_entry, chunk_entry, frame_tiles, pixel_op, tile_header
+from spec.records import array_splat, chunk_item, frame_tiles, pixel_op, tile_header
 from tb.common.exact import Planned, planned
 from tb.common.playback import Playback, Stream
 from tb.culling import colour_device, colour_suite
@@ -101,8 +101,8 @@ def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     groups = [group for group in whole_groups(frame) if len(group) <= config.sort_chunk]
     plan = hierarchical_suite.plan_of(config, name, groups)
     playback = replace(  # without the test bench's memory
-        hierarchical_suite.playback(config), inputs=(Stream("groups", chunk_entry(config)),),
-        outputs=(Stream("sorted", chunk_entry(config)),))
+        hierarchical_suite.playback(config), inputs=(Stream("groups", chunk_item(config)),),
+        outputs=(Stream("sorted", chunk_item(config)),))
     return Work("hierarchical_sorter", "entry", _moved("sorted"), playback, plan, Window(8000, 600),
                 constants={"reads__ready": 1, "writes__ready": 1, "writes_idle": 1})
 
@@ -128,7 +128,7 @@ def setup(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     background = background_bits(config, case.background)
     plan = planned(name, {"tiles": case.headers, "entries": case.entries},
                    {"ops": setup_ops(config, case.headers, case.entries, background)}, settings={"background": background})
-    playback = Playback("setup", "setup", "", (Stream("tiles", tile_header(config)), Stream("entries", array_entry(config))),
+    playback = Playback("setup", "setup", "", (Stream("tiles", tile_header(config)), Stream("entries", array_splat(config))),
                         (Stream("ops", pixel_op(config)),), (("background", 3 * config.formats.colour.width),))
     return Work("setup", "op", _moved("ops"), playback, plan, Window(50, 200, whole=True))
 

@@ -1,11 +1,12 @@
-"""The pictures of the README, of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
+"""Draws the README's pictures of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
 
     msv2 study run gallery                     seconds; needs no simulator
     msv2 study run gallery --size 480x270      larger pictures
 
 `foveated.png` is a frame of four levels by the integer golden renderer, whose every bit is that of the RTL, beside the levels
-of its tiles. `renderers.png` is the panel of the demo: the ray-traced reference, the float64 oracle, the golden renderer,
-their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
+of its tiles. The levels are random subsets of the points, as large as the levels that training keeps on this scene by
+reports/training.json. `renderers.png` is the panel of the demo: the ray-traced reference, the float64 oracle, the golden
+renderer, their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
 """
 
 from __future__ import annotations
@@ -14,43 +15,56 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras, render_reference
+from golden.scenes.files import atomic_output, read_json
 from golden.scenes.gaze import Display, foveation_map
-from golden.scenes.levels import enhanced_levels
-from golden.scenes.pictures import depth_picture, levels_picture, save_png
+from golden.scenes.levels import smfr_levels
+from golden.scenes.model import GaussianModel
+from golden.scenes.pictures import depth_picture, levels_picture
 from golden.scenes.request import make_folder, parse_size
 from msv2.cli.demo import ERROR_GAIN, heat_picture, panel_picture
+from msv2.studies.training.labels import OURS
 from spec.command_line import command_parser
 from spec.config import PAPER
-from spec.paths import DOCS
+from spec.paths import DOCS, REPORTS
 
-FRAME, PANEL = (384, 216), (160, 120)
+FRAME, PANEL = (480, 270), (192, 144)
 """Sizes in pixels of the frame in `foveated.png` and of each picture in `renderers.png`."""
 
-FOLDER = DOCS / "images"
+FOLDER, TRAINING = DOCS / "images", REPORTS / "training.json"
+PALETTE = 256
+"""Colours of a picture, so that it is small."""
+
+
+def leveled(model: GaussianModel) -> GaussianModel:
+    """The model with random nested subsets as levels, each with the share of the points that training leaves in it."""
+    found = read_json(TRAINING)["scenes"][0]["comparison"]
+    percent = next(row["points_percent"] for row in found if row["method"] == OURS)
+    return smfr_levels(model, counts=[round(len(model) * share / 100) for share in percent])
 
 
 def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
-    """A frame of four levels with the gaze in its centre, and the picture of its levels, (H, W, 3) float in 0..1."""
+    """A frame of four levels with the gaze in its centre, and the picture of its levels as (H, W, 3) float in 0..1."""
     gaze = (size[0] / 2, size[1] / 2)
     foveation = foveation_map(Display(*size), gaze)
     frame = pipeline.render(
-        enhanced_levels(cached_embedded_model()), embedded_cameras(*size)[0], config=PAPER, foveation=foveation)
+        leveled(cached_embedded_model()), embedded_cameras(*size)[0], config=PAPER, foveation=foveation)
     return frame, levels_picture(frame.image, foveation)
 
 
 def frame_and_levels(size: tuple[int, int]) -> np.ndarray:
-    """`foveated.png`, uint8."""
+    """The picture `foveated.png` as uint8."""
     frame, levels = foveated(size)
     return panel_picture([("foveated frame, four levels, the gaze in the centre", frame.image),
                           ("level of each tile: red is the fovea, mixed colours blend", levels)], 2)
 
 
 def panels(size: tuple[int, int]) -> np.ndarray:
-    """`renderers.png`, uint8."""
+    """The picture `renderers.png` as uint8."""
     model, camera = cached_embedded_model(), embedded_cameras(*size)[0]
     oracle, golden = render_oracle(model, camera), pipeline.render(model, camera, config=PAPER)
     frame, levels = foveated(size)
@@ -63,14 +77,15 @@ def panels(size: tuple[int, int]) -> np.ndarray:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work."""
+    """Runs the command line: draws both pictures and writes them."""
     parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
-                        help="of the foveated frame (default: %(default)s)")
+                        help="size of the foveated frame (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="output folder (default: docs/images)")
     args = parser.parse_args(argv)
     size, out = parse_size(args.size), make_folder(args.out)
     for name, made in (("foveated", frame_and_levels(size)), ("renderers", panels(PANEL))):
-        save_png(out / f"{name}.png", made)
+        with atomic_output(out / f"{name}.png") as file:
+            Image.fromarray(made).quantize(PALETTE).save(file, format="PNG", optimize=True)
         print(f"{out / name}.png: {(out / f'{name}.png').stat().st_size / 1024:.0f} KB")
     return 0

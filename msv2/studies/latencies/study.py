@@ -27,12 +27,13 @@ from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.tile_test import TileTest
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
 from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.row import VrcRow
 from spec import records
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
@@ -166,7 +167,7 @@ def colour_unit(config: AcceleratorConfig) -> dict[str, int]:
 
 def entry_writer(config: AcceleratorConfig) -> dict[str, int]:
     """The first intersection of a tile, up to its write."""
-    dut = EntryWriter(config)
+    dut = IntersectionWriter(config)
     return {"entry_writer": latency(
         dut, to(dut.entries, 0), dut.writes.valid, high=[dut.hits.ready, dut.writes.ready, dut.writes_idle],
         settings={"entries_beats": 1 << 16, "tile_count": 1})}
@@ -176,7 +177,7 @@ def tile_merge_unit(config: AcceleratorConfig) -> dict[str, int]:
     """The end of a frame, up to the first group."""
     dut = TileMergeUnit(config)
     return {"tile_merge_unit": latency(
-        dut, to(dut.hits, word(records.tile_hit(config), end=1)), dut.groups.valid, high=[dut.groups.ready],
+        dut, to(dut.hits, word(records.intersection_tile(config), end=1)), dut.groups.valid, high=[dut.groups.ready],
         settings={"tiles_x": 1, "tile_count": 1})}
 
 
@@ -202,7 +203,7 @@ def readers(config: AcceleratorConfig) -> dict[str, int]:
 def handover(config: AcceleratorConfig) -> dict[str, int]:
     """Through the line buffer, a group's first intersection; through the double buffer, from a group's last intersection to the
     output of its first."""
-    entry, found = records.chunk_entry(config), {}
+    entry, found = records.chunk_item(config), {}
     for name, dut, words in (("line_buffer", LineBuffer(config), [0]),
                              ("double_buffer", DoubleBuffer(config), [0, 0, word(entry, last=1)])):
         found[name] = latency(dut, to(dut.sink, *words), dut.source.valid, high=[dut.source.ready])
@@ -255,6 +256,7 @@ MEASURES: tuple[Callable[[AcceleratorConfig], dict[str, int]], ...] = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all units, prints the latencies and writes the report."""
+    command_parser("msv2 study run latencies", __doc__).parse_args(argv)
     cycles = {name: value for measure in MEASURES for name, value in measure(PAPER).items()}
     print(cycles)
     write_report(REPORT, {"config": PAPER.name, "cycles": cycles}, [__name__], {"config": PAPER})

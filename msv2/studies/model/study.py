@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import add_request_arguments, add_stereo_arguments, take_stereo_arguments
+from golden.scenes.request import parse_request
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import COMMAND, kept_frame
@@ -62,16 +62,11 @@ _KEPT = (
 
 def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
     """The parsed arguments of a report's frame."""
-    parser = argparse.ArgumentParser()
-    add_request_arguments(parser)
-    add_stereo_arguments(parser)
     argv = [scene, "--size", "x".join(map(str, row["size"]))]
     argv += ["--gaze", ",".join(map(str, row["gaze"]))] if row.get("gaze") else []
     argv += ["--levels", str(row["levels"])] if row["levels"] > 1 else []
     argv += ["--stereo"] if "target_cycles" in row else []
-    args = parser.parse_args(argv)
-    take_stereo_arguments(args)
-    return args
+    return parse_request(*argv)
 
 
 def machine(row: Mapping[str, object]) -> AcceleratorConfig:

@@ -14,7 +14,7 @@ from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.captured import captured_path
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import add_request_arguments, parse_size, resolve
+from golden.scenes.request import parse_request, parse_size, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.kept import fingerprint
 from msv2.studies.scenes import MODELS
@@ -61,7 +61,7 @@ class Compared:
 
 
 def scene_file(scene: str) -> Path | None:
-    """Where a captured scene, one that was trained here, or a model file is; None where it is not."""
+    """The path of a captured scene, of a scene that was trained here, or of a model file; None if it does not exist."""
     captured = captured_path(scene) if scene in MODELS and scene != EMBEDDED else None
     places = [captured, ROOT / "build" / "train" / scene / "model.ply", Path(scene)]
     return next((place for place in places if place is not None and place.exists()), None)
@@ -83,10 +83,8 @@ def request(scene: str, size: str, camera: str = "orbit") -> argparse.Namespace:
     if path is None:
         raise InputError(f"SCENE {scene!r} is not accepted: 'embedded', a model file, a scene of MSV2_DATA or build/train are")
     width, height = parse_size(size)
-    parser = argparse.ArgumentParser()
-    add_request_arguments(parser)
-    return parser.parse_args([str(path), "--size", size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", str(LEVELS),
-                              "--camera", camera])
+    gaze = f"{width / 2:g},{height / 2:g}"
+    return parse_request(str(path), "--size", size, "--gaze", gaze, "--levels", str(LEVELS), "--camera", camera)
 
 
 def compared(scene: str, size: str, camera: str = "orbit", *, config: AcceleratorConfig = TWO_EYES) -> Compared:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from msv2.studies.performance.machines import BANDWIDTHS, BOTH, GPU, GSCORE, MACHINES, WARPING
+from msv2.studies.picture import find_pyplot, save_figure
 from perf.model import FrameCycles
 
 STAGES = ("sort", "handover", "fetch", "array", "pixel_write")
@@ -16,21 +17,9 @@ STAGES = ("sort", "handover", "fetch", "array", "pixel_write")
 SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
 
-def _pyplot():
-    """matplotlib's pyplot, or None where it is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
-        return None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
-
-
 def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -> list[str]:
     """Draws all pictures as performance_*.png. Returns their names; none without matplotlib."""
-    pyplot, made = _pyplot(), []
+    pyplot, made = find_pyplot(), []
     if pyplot is None:
         return made
     for name, picture in (("tiles", _tiles), ("timeline", _timeline), ("bars", _bars), ("area", _area),
@@ -38,8 +27,7 @@ def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -
         figure = picture(pyplot, timelines if name == "timeline" else content)
         if figure is not None:
             figure.tight_layout()
-            figure.savefig(folder / f"performance_{name}.png", dpi=100)
-            pyplot.close(figure)
+            save_figure(figure, folder / f"performance_{name}.png", dpi=100)
             made.append(name)
     return made
 

@@ -17,11 +17,12 @@ from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_merge import tile_groups
 from msv2.studies import page
+from msv2.studies.picture import find_pyplot, save_figure
 from spec.constants import TILE
 from spec.formats import Fixed, Format
 from spec.records import (
     Record,
-    array_entry,
+    array_splat,
     gaussian_colour,
     gaussian_geometry,
     pixel_op,
@@ -161,7 +162,7 @@ def profile(frame: Frame, profiles: Profiles) -> dict[str, int]:
     _add_rows(profiles, projected_splat(config), projected_splats(config, words, frame.registers)[:-1])
     _add_rows(profiles, tile_group(config), tile_groups(config, counts, frame.registers.tiles_x, None))
     _add_rows(profiles, tile_header(config), frame.headers)
-    _add_rows(profiles, array_entry(config), frame.array_entries)
+    _add_rows(profiles, array_splat(config), frame.array_entries)
     dropped = _add_ops(profiles, frame)
     row = pixel_row(config)
     for f in row.fields:
@@ -199,16 +200,12 @@ SHOWN_BITS = 16
 def picture(fields: Sequence[Mapping[str, object]], path: Path) -> bool:
     """Draws the bits to spare of each field, with dots where values lie at the format's limit. Returns False without
     matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
+    pyplot = find_pyplot()
+    if pyplot is None:
         return False
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     shown = [f for f in fields if f["margin_bits"] is not None]
     places = range(len(shown))
-    figure, axes = plt.subplots(figsize=(8, 0.17 * len(shown) + 1))
+    figure, axes = pyplot.subplots(figsize=(8, 0.17 * len(shown) + 1))
     axes.barh(places, [min(f["margin_bits"], SHOWN_BITS) for f in shown], color="#49708a", height=0.7)
     for place, f in zip(places, shown, strict=True):
         if f["margin_bits"] > SHOWN_BITS:
@@ -225,6 +222,5 @@ def picture(fields: Sequence[Mapping[str, object]], path: Path) -> bool:
     axes.grid(axis="x", linewidth=0.4)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    save_figure(figure, path, bbox_inches="tight")
     return True

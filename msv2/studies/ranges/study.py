@@ -1,14 +1,13 @@
-"""Which values the records of real frames take: ranges.json, ranges.md and ranges.png."""
+"""Measures the ranges of values in the records of real frames, for ranges.json, ranges.md and ranges.png."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 from golden.msv2_ref.pipeline import render
 from golden.scenes.captured import scene_argument
-from golden.scenes.request import make_folder, resolve
+from golden.scenes.request import make_folder, parse_request, resolve
 from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
 from msv2.studies.record import write_report
@@ -19,9 +18,9 @@ from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import REPORTS
 
 EPILOG = """\
-Writes ranges.json, ranges.md and ranges.png: of every field of every record the least and the largest value, how many lie at
-the format's limit, and how many bits are spare. Without scenes: the embedded one, and those of MSV2_DATA where it is set.
-Each scene is rendered without a gaze and with one in the frame's middle (four levels).
+Writes ranges.json, ranges.md and ranges.png: for every field of every record the smallest and the largest value, the
+number of values at the format's limit, and the number of spare bits. If no scene is named, the embedded scene and those of
+MSV2_DATA are used. Each scene is rendered without a gaze, and with a gaze in the centre of the frame (four levels).
 
 examples:
   msv2 study run ranges
@@ -30,7 +29,7 @@ examples:
 
 
 def default_scenes() -> list[str]:
-    """The embedded scene, and the captured ones that are there."""
+    """The embedded scene, and the captured scenes that are present."""
     return list(filter(None, map(scene_argument, MODELS)))
 
 
@@ -41,8 +40,8 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
     for scene in scenes:
         for gaze, levels in (("none", None), ("middle", 4)):
             where = "none" if gaze == "none" else ",".join(str(int(part) // 2) for part in size.split("x"))
-            request = resolve(argparse.Namespace(
-                scene=scene, size=size, camera="orbit", gaze=where, levels=levels, background="0,0,0", seed=0))
+            more = ("--levels", str(levels)) if levels else ()
+            request = resolve(parse_request(scene, "--size", size, "--gaze", where, *more))
             frame = render(request.model, request.camera, config=config, foveation=request.foveation,
                            background=request.background)
             name = f"{Path(scene).stem} {size}{', four levels' if levels else ''}"

@@ -36,8 +36,8 @@ MODEL = REPORTS / "model.json"
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run report", __doc__)
-    parser.add_argument("scene", nargs="*", metavar="SCENE", help="see msv2 study run performance --help")
-    parser.add_argument("--size", default="640x360", metavar="WxH", help="of the frames (default: 640x360)")
+    parser.add_argument("scene", nargs="*", metavar="SCENE", help="scenes, as for `msv2 study run performance`")
+    parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--area", default="kept", choices=("kept", "measured"),
                         help="kept: the areas in reports/area.json (default); measured: synthesise again")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR",

@@ -1,4 +1,7 @@
-"""The README's own tables: the headline beside the paper, and a small one for each of the project's three questions."""
+"""The README's own tables: the main results compared with the paper, and three small tables.
+
+The small tables are about the trade-off between accuracy and time, the hard cases, and the cost of effects.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,13 @@ Row = tuple[str, str, str, str]
 
 RENDERERS = {"oracle": "float64 oracle", "golden": "integer golden renderer", "gradient": "differentiable renderer",
              "rtl": "RTL of the machine"}
-"""Names of msv2.cases.case.COLUMNS."""
+"""The full names of the renderers in `msv2.cases.case.COLUMNS`."""
 
 RATIOS = ("golden_ratio", "simulation_ratio", "cycles_ratio", "energy_ratio", "area_ratio")
 
 
 def headline_table(reports: Reports) -> str | None:
-    """The paper and ours, twelve rows at most; the large misses are among them. None where a report is not there."""
+    """The paper's results and ours, in at most twelve rows, which include the large misses. None if a report is missing."""
     needed = ("frames", "accuracy", "model", "area", "performance", "training")
     if any(name not in reports for name in needed):
         return None
@@ -99,7 +102,7 @@ def _training(reports: Reports) -> Iterable[Row]:
 
 
 def tradeoff_table(reports: Reports) -> str | None:
-    """What accuracy costs in time: the default machine, the presets, and the two large steps, six rows at most."""
+    """The time that accuracy costs, in at most six rows: the default machine, the presets, trained levels, and two eyes."""
     if "tradeoff" not in reports:
         return None
     shown = {("default", ""): "`paper`", ("preset", "precise"): "`precise`", ("preset", "balanced"): "`balanced`",
@@ -121,7 +124,7 @@ def tradeoff_table(reports: Reports) -> str | None:
 
 
 def stability_table(reports: Reports) -> str | None:
-    """Hard cases and seeded faults by renderer."""
+    """The results of the hard cases and of the seeded faults, by renderer."""
     if "stability" not in reports:
         return None
     report, rows = reports["stability"], []
@@ -140,7 +143,7 @@ def stability_table(reports: Reports) -> str | None:
 
 
 def effects_table(reports: Reports) -> str | None:
-    """What frames do not pay for: all effects but a second eye over those that the frame calls for."""
+    """The cost that frames avoid: the ratio of running all effects except a second eye to running only the needed ones."""
     if "effects" not in reports:
         return None
     rows, head = [], ("frame", "effects called for", "golden renderer's time", "simulation's time", "cycles", "energy", "area")
@@ -153,4 +156,4 @@ def effects_table(reports: Reports) -> str | None:
 
 HEADLINE_TABLES: dict[str, Callable[[Reports], str | None]] = {
     "headline": headline_table, "tradeoff": tradeoff_table, "stability": stability_table, "effects": effects_table}
-"""By name; None where a report is not there."""
+"""The tables by name. A function returns None if a report is missing."""

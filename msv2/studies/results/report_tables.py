@@ -1,4 +1,4 @@
-"""Tables of docs/results.md: the cycle model, area and energy, performance, two eyes, effects."""
+"""The tables of docs/results.md about the cycle model, area and energy, performance, two eyes, and effects."""
 
 from __future__ import annotations
 

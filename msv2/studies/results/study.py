@@ -1,14 +1,14 @@
-"""Runs what the generated tables rest on, keeps the numbers in reports/, and writes the tables of README.md and docs/.
+"""Runs the measurements for the generated tables, stores the numbers in reports/, and writes the tables of README.md and docs/.
 
-    msv2 study run results                      everything but training (hours where nothing is kept); scenes in MSV2_DATA,
-                                                liberties in MSV2_PDK
+    msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
+                                                scenes from MSV2_DATA and liberty files from MSV2_PDK
     msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
                                                 culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
-                                                finished runs in build/train are not trained again, else it takes hours
-    msv2 study run results --only synthesis --unit splat_fetch    one unit's row alone; the others stay
+                                                it takes hours, but finished runs in build/train are not trained again
+    msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
     msv2 study run results --only tables        only writes the tables again, from reports/
-    msv2 study run results --check              exit 1 where a page differs from what reports/ give
+    msv2 study run results --check              the exit status is 1 if a page differs from the reports
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def measure_machine() -> None:
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
-    """`frame_row` of every frame, a view and options, whose scene is there, some at a time."""
+    """The `frame_row` of every wanted frame, given as a view and options, if its scene is present. Several run in parallel."""
     here = {view for view, _ in available(dict.fromkeys(view for view, *_ in wanted))}
     with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) // 2)) as pool:
         return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if frame[0] in here]))
@@ -184,7 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
-    parser.add_argument("--unit", choices=SYNTHESISED, help="of the part synthesis: this row alone")
+    parser.add_argument("--unit", choices=SYNTHESISED, help="with --only synthesis, update only this row")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":

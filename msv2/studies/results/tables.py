@@ -202,18 +202,18 @@ TABLES: dict[str, Callable[[Reports], str | None]] = {
     "order": order_table, "shared": shared_table, "time": time_table, **TRAINING_TABLES, **REPORT_TABLES,
     **HEADLINE_TABLES,
 }
-"""By name; None where a table's report is not there: what the page has stays."""
+"""The tables by name. A function returns None if its report is missing, and then the page keeps its table."""
 
 
 PAGES = (ROOT / "README.md", DOCS / "results.md", DOCS / "units.md")
-"""Pages with generated tables of these."""
+"""The pages in which these tables stand."""
 
 
 def fill(path: Path, reports_folder: Path, *, check: bool = False) -> int:
-    """Rewrites the generated tables of a page; with `check` nothing is written, and 1 is returned where it would change.
+    """Rewrites the generated tables of a page. With `check` it writes nothing, and returns 1 if the page would change.
 
     Raises:
-        InputError: the page has a marker of a table that there is not.
+        InputError: the page has a marker for an unknown table.
     """
     reports = load_reports(reports_folder)
     return page.fill(path, {name: partial(table, reports) for name, table in TABLES.items()}, check=check)

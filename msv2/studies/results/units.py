@@ -60,19 +60,22 @@ UNITS = (
     ("float from, to fixed", "float/convert", "../host/rounding", "sim TEST=float",
      "{fixed_to_float}, {float_to_fixed} cycles, 1/cycle", "fixed_to_float, float_to_fixed"),
 )
-"""Title, source, golden module, tests, latency and throughput by the names of `unit_cycles`, names of synthesised units."""
+"""For each unit: title, source, golden module, tests, latency and throughput, and names of synthesised units.
+
+The braces in latency and throughput stand for numbers of `unit_cycles`.
+"""
 
 
 class _Cycles(dict):
-    """Numbers by name; what was not measured is shown as such."""
+    """Numbers by name. A number that was not measured is shown as a question mark."""
 
     def __missing__(self, name: str) -> str:
         return "?"
 
 
 def unit_cycles(reports: Reports) -> dict[str, int]:
-    """Latencies by name: those that the RTL states and its tests hold, those that reports/latencies.json measured; `interval`
-    is the colour unit's."""
+    """Latencies by name. Some are constants of the RTL, which its tests verify; the others were measured for
+    reports/latencies.json. `interval` is that of the colour unit."""
     stated = {
         "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
         "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
@@ -83,7 +86,7 @@ def unit_cycles(reports: Reports) -> dict[str, int]:
 
 
 def units_table(reports: Reports) -> str:
-    """Source, golden, tests, latency, throughput and area of every RTL unit; rates are those of the paper's machine."""
+    """The source, golden module, tests, latency, throughput and area of every RTL unit. Rates are those of PAPER's machine."""
     synthesis, cycles = {r["unit"]: r for r in reports.get("synthesis", {"rows": []})["rows"]}, unit_cycles(reports)
     rows = [[*unit[:4], unit[4].format_map(cycles), _areas(synthesis, unit[5])] for unit in UNITS]
     header = ["unit", "rtl/", "golden/msv2_ref/", "make, or tests/rtl/vrc_array/", "latency, throughput",
@@ -92,7 +95,7 @@ def units_table(reports: Reports) -> str:
 
 
 def _areas(synthesis: dict[str, dict], names: str) -> str:
-    """Areas and slacks of the named units, as far as they were synthesised, and their memories."""
+    """The areas and slacks of those of the named units that were synthesised, and the size of their memories."""
     found = [synthesis[name] for name in names.split(", ") if name in synthesis]
     bits = sum(r.get("memory_bits", 0) for r in found)
     memories = f" and {bits / 8192:,.1f} KB" if bits else ""

@@ -2,9 +2,9 @@
 
     msv2 study run sorting          scenes in MSV2_DATA (minutes)
 
-The sorter of the paper's machine alone, from Verilog, every entry compared: its groups come as fast as it takes them, what it
-gives is taken at once, and its memory answers after `LATENCY` cycles. The table of docs/results.md is made of it by
-msv2/studies/results/tables.py.
+The sorter of PAPER's machine is simulated alone, from Verilog, and all of its outputs are compared. It receives groups as fast
+as it accepts them, its output is accepted at once, and its memory answers after `LATENCY` cycles. From the report,
+msv2/studies/results/tables.py makes the table in docs/results.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from msv2.studies.record import write_report
 from msv2.studies.scenes import View, available, places
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.paths import REPORTS, ROOT
 from tb.common.exact import Outcome, Planned, rate
@@ -30,7 +31,7 @@ SIZES = ("256x144", "640x360")
 
 
 def group_lengths(items: np.ndarray) -> np.ndarray:
-    """(groups,) the number of intersections in each group of ChunkEntry items."""
+    """(groups,) the number of intersections in each group of ChunkItem items."""
     ends = np.flatnonzero(items["last"])
     counted = np.concatenate(([0], np.cumsum(items["empty"] == 0)))
     return np.diff(counted[ends + 1], prepend=0)
@@ -61,8 +62,9 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all frames and writes the report."""
+    command_parser("msv2 study run sorting", __doc__).parse_args(argv)
     views = [View(scene, SIZES[0]) for scene in TRAINED]
-    list(available(views))  # names what is not there
+    list(available(views))  # prints the missing scenes
     report = measure(PAPER, SIZES, ROOT / "build" / "results")
     write_report(REPORT, report, [__name__], {"config": PAPER, "sizes": SIZES}, places(views))
     return 0

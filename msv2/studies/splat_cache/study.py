@@ -59,7 +59,7 @@ def _frames(config: AcceleratorConfig) -> Iterator[tuple[str, Frame]]:
 
 
 def measure(name: str, frame: Frame) -> dict[str, object]:
-    """A frame's numbers, ready for JSON."""
+    """The numbers of a frame, in a form that JSON can store."""
     index, level = accesses(frame)
     return {
         "frame": name, "entries": len(index), "tiles": len(frame.registers.header),
@@ -69,7 +69,7 @@ def measure(name: str, frame: Frame) -> dict[str, object]:
 
 
 def report(row: Mapping[str, Any]) -> str:
-    """A frame's section in Markdown."""
+    """The section about a frame, as Markdown."""
     entries, views = row["entries"], row["views"]
     cells = []
     for found in row["misses"]:
@@ -89,7 +89,7 @@ Written by `msv2 study run splat_cache`. A miss is a beat of {BEAT_BYTES} bytes,
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes splat_cache.json and the page splat_cache.md."""
+    """Runs the command line: writes splat_cache.json and the page splat_cache.md."""
     parser = command_parser("msv2 study run splat_cache", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "splat_cache.md", metavar="FILE",
                         help="the page; the JSON is beside it (default: reports/splat_cache.md)")

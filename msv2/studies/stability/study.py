@@ -1,10 +1,11 @@
-"""The hard cases on all renderers, and what became of them as a page and as a picture: stability.json, .md and .png.
+"""Runs the hard cases on all renderers, and writes the results as stability.json, a page stability.md and a picture
+stability.png.
 
     msv2 study run stability                                    everything (half an hour), into build/stability
-    msv2 study run stability --keep                             and into reports/
-    msv2 study run stability --columns oracle,golden --no-faults    in a minute, without torch and without a simulator
+    msv2 study run stability --keep                             the same, and also into reports/
+    msv2 study run stability --columns oracle,golden --no-faults    a minute; needs neither torch nor a simulator
 
-Every option but --keep is one of `python -m msv2.cases`, which runs the cases.
+`python -m msv2.cases` runs the cases. Except for --keep, all options are options of that command.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output, read_json
+from golden.scenes.files import read_json
 from golden.scenes.request import make_folder
 from msv2.cases import command
 from msv2.cases.case import COLUMNS
 from msv2.cases.report import HEADINGS
 from msv2.studies.page import table, write_page
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import write_report
 from spec.paths import REPORTS
 
@@ -28,14 +30,14 @@ FOLDER = "build/stability"
 
 
 def summary(report: Mapping[str, Any]) -> str:
-    """How many cases and seeded faults there are, and what became of them."""
+    """A line with the numbers of cases and seeded faults, of failed cases and of caught faults."""
     faults = report["faults"]
     caught = f"; {report['seeded_faults_caught']} of {len(faults)} seeded faults caught" if faults else ""
     return f"{len(report['results'])} cases, {report['failed']} failed{caught}; {report['seconds'] / 60:.1f} minutes"
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """The page stability.md; everything on it is in stability.json."""
+    """The page stability.md. All of its content is also in stability.json."""
     names = [name for name in COLUMNS if name in report["columns"]]
     rows = []
     for case, found in report["results"].items():
@@ -53,20 +55,17 @@ def markdown(report: Mapping[str, Any]) -> str:
 
 def picture(report: Mapping[str, Any], path: Path) -> bool:
     """The table as a picture: a square for each outcome, a bar for the worst error; False where matplotlib is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
+    pyplot = find_pyplot()
+    if pyplot is None:
         return False
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     colours = {"pass": "#4c9f70", "FAIL": "#c8402f", "-": "#dddddd"}
     rows, columns = report["results"], [name for name in COLUMNS if name in report["columns"]]
-    figure, (grid, bars) = plt.subplots(1, 2, figsize=(9, 0.2 * len(rows) + 1.2), sharey=True, width_ratios=(len(columns), 4))
+    figure, (grid, bars) = pyplot.subplots(
+        1, 2, figsize=(9, 0.2 * len(rows) + 1.2), sharey=True, width_ratios=(len(columns), 4))
     for y, row in enumerate(rows.values()):
         for x, name in enumerate(columns):
             if name in row["columns"]:
-                grid.add_patch(plt.Rectangle((x, y - 0.45), 0.92, 0.9, color=colours[row["columns"][name]["outcome"]]))
+                grid.add_patch(pyplot.Rectangle((x, y - 0.45), 0.92, 0.9, color=colours[row["columns"][name]["outcome"]]))
     grid.set_xlim(0, len(columns))
     grid.set_ylim(len(rows) - 0.5, -0.5)
     grid.set_xticks([x + 0.46 for x in range(len(columns))], [HEADINGS[name] for name in columns])
@@ -82,21 +81,19 @@ def picture(report: Mapping[str, Any], path: Path) -> bool:
     for side in ("top", "right", "bottom", "left"):
         grid.spines[side].set_visible(False)
     figure.tight_layout()
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=110)
-    plt.close(figure)
+    save_figure(figure, path)
     return True
 
 
 def write(report: Mapping[str, Any], folder: Path, options: Sequence[str], earlier: Mapping[str, Any] | None = None) -> None:
-    """stability.json with its provenance, stability.md, and stability.png where matplotlib is installed."""
+    """Writes stability.json with its provenance, stability.md, and, if matplotlib is installed, stability.png."""
     write_report(make_folder(folder) / "stability.json", report, MODULES, {"cases": options}, earlier=earlier)
     write_page(folder / "stability.md", markdown(report))
     picture(report, folder / "stability.png")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command line's work; 1 where a case fails or a seeded fault is not caught."""
+    """Runs the command line; returns 1 if a case fails or a seeded fault is not caught."""
     parser = argparse.ArgumentParser(prog="msv2 study run stability", description=__doc__, add_help=False,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-h", "--help", action="store_true")

@@ -10,29 +10,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output
 from msv2.studies.cycles import cycles_of
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.threshold.scenes import TRAINED
 from msv2.studies.threshold.summary import over_poses, rendered
 
 
 def save_plot(scenes: Sequence[Mapping[str, Any]], path: Path) -> None:
     """Draws a PNG with a panel per scene: our thresholds as points, and both eyes rendered by our model and by v1-H."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     columns = min(2, len(scenes))
     lines = -(-len(scenes) // columns)
-    figure, axes = pyplot.subplots(lines, columns, figsize=(5 * columns, 3.8 * lines), squeeze=False, constrained_layout=True)
+    figure, axes = find_pyplot().subplots(
+        lines, columns, figsize=(5 * columns, 3.8 * lines), squeeze=False, constrained_layout=True)
     for axis, scene in zip(axes.flat, scenes, strict=False):
         _panel(axis, scene)
     for axis in axes.flat:
         axis.set_visible(axis.has_data())
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=110)
-    pyplot.close(figure)
+    save_figure(figure, path)
 
 
 def _panel(axis: Any, scene: Mapping[str, Any]) -> None:

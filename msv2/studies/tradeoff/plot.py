@@ -6,13 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.axes import Axes
 
-from golden.scenes.files import atomic_output
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.tradeoff.knobs import DEFAULT, WORDS
-
-matplotlib.use("Agg")
 
 LEAST_LOSS = 1e-5
 """Losses below this many decibels are drawn at this value, because the scale is logarithmic and some settings gain by
@@ -23,14 +20,10 @@ _MARKS = "os^vD<>pPX*hd"
 
 def save(picture: str, content: Mapping[str, Any], path: Path) -> None:
     """Draws one of `report.PICTURES` as a PNG."""
-    from matplotlib import pyplot
-
     count = 3 if picture == "machine" else 2
-    figure, axes = pyplot.subplots(1, count, figsize=(6.5 * count, 5.2), constrained_layout=True)
+    figure, axes = find_pyplot().subplots(1, count, figsize=(6.5 * count, 5.2), constrained_layout=True)
     {"machine": _machine, "simulation": _simulation, "training": _training}[picture](axes, content)
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=100)
-    pyplot.close(figure)
+    save_figure(figure, path, dpi=100)
 
 
 def _machine(axes: list[Axes], content: Mapping[str, Any]) -> None:

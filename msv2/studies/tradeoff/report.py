@@ -37,13 +37,13 @@ def known_areas(path: Path) -> dict[AcceleratorConfig, float]:
 
 
 def write(content: Content, out: Path, name: str, configuration: object = None, inputs: Sequence[Path | str] = ()) -> None:
-    """NAME.json, NAME.md, NAME.html, and of each of PICTURES a CSV and, where matplotlib is installed, a PNG.
+    """Writes NAME.json, NAME.md and NAME.html, and for each of PICTURES a CSV file and, if matplotlib is installed, a PNG file.
 
     Args:
-        content: of the report.
+        content: the content of the report.
         out: an existing folder.
-        name: of the files.
-        configuration, inputs: of the provenance.
+        name: the name of the files.
+        configuration, inputs: the configuration and the inputs for the provenance.
     """
     write_report(out / f"{name}.json", content, ["msv2.studies.tradeoff.study"], configuration, inputs)
     tables = {"machine": machinetable(content["machine"]), "simulation": [dict(r) for r in content["simulation"]["rows"]],
@@ -64,7 +64,7 @@ def write(content: Content, out: Path, name: str, configuration: object = None, 
 
 
 def machinetable(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Flat rows, a column a number."""
+    """The rows in flat form, with one number per column."""
     out = []
     for row in rows:
         flat = {k: v for k, v in row.items() if not isinstance(v, list | dict)}
@@ -79,7 +79,7 @@ def machinetable(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def trainingtable(runs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A row a stage."""
+    """A table with one row for each stage of the training."""
     return [{"scene": run["scene"], "variant": run["variant"], "size": "x".join(map(str, run["size"])), **stage}
             for run in runs for stage in run["stages"]]
 
@@ -114,7 +114,7 @@ def recommendation(content: Content) -> str:
     for budget in BUDGETS:
         row = content["recommended"][budget.name]
         if row is None:
-            rows.append([budget.name, "none", *["-"] * 8])
+            rows.append([budget.name, "none", *["-"] * len(COSTS)])
             continue
         rows.append([budget.name, _what(row), *_costs(row)])
     return table(["loss accepted", "fastest setting", *COSTS], rows)

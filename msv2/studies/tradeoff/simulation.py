@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -16,7 +15,7 @@ from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
-from golden.scenes.request import resolve
+from golden.scenes.request import parse_request, resolve
 from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.speed import float32
 from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
@@ -84,8 +83,7 @@ def _frame(request: SceneRequest) -> tuple[GaussianModel, Camera]:
     if run_scene(request.path):
         scene = load(request)
         return scene.model("", 1, None), scene.cameras[0]
-    shown = resolve(argparse.Namespace(scene=request.path, size=request.size, camera="0", gaze="none", levels=None,
-                                       background="0,0,0", seed=0))
+    shown = resolve(parse_request(request.path, "--size", request.size, "--camera", "0"))
     return first_level(shown.model), shown.camera
 
 

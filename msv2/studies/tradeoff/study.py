@@ -20,7 +20,7 @@ from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, rec
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
-from spec.command_line import command_parser
+from spec.command_line import choice, command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
 from spec.paths import REPORTS
@@ -70,8 +70,7 @@ def scene_request(args: argparse.Namespace) -> SceneRequest:
     Raises:
         InputError: a size, a variant or a scale is not valid.
     """
-    if args.rtl_config not in CONFIGS:
-        raise InputError(f"config {args.rtl_config!r} is not accepted: choose one of {', '.join(CONFIGS)}")
+    choice("config", args.rtl_config, CONFIGS)
     parse_size(args.size)
     parse_size(args.rtl_size)
     variants = [tuple(text.split("=", 1)) for text in args.variant]

@@ -1,4 +1,4 @@
-"""The tables of training in docs/results.md, made of reports/training*.json; needs no torch."""
+"""The tables of training in docs/results.md, made from reports/training*.json. The module needs no torch."""
 
 from __future__ import annotations
 

@@ -255,7 +255,7 @@ def make_tables(args: argparse.Namespace, tables: Sequence[str], device: str) ->
 def write(
     folder: Path, name: str, scenes: list[Mapping[str, Any]], shown: list[Shown], args: argparse.Namespace | None = None,
 ) -> None:
-    """The files, of the scenes so far; `args` are those of the provenance."""
+    """Writes the files for the scenes that are finished so far. `args` are the arguments for the provenance."""
     modules = [__name__, "golden.train", *["tb.frame.__main__"] * bool(args and args.rtl)]
     inputs = [text.partition("@")[0] for text in (args.scenes if args else ())]
     write_report(folder / f"{name}.json", {"scenes": scenes}, modules, {"arguments": args}, inputs)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output
 from msv2.studies.cycles import CYCLES
+from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.training.labels import CRITERION_LABELS
 from msv2.studies.training.latency import CRITERIA, Version, proportionality
 from msv2.studies.training.level_curves import LevelCurve
@@ -32,13 +32,8 @@ class Shown:
 
 def save_plots(scenes: Sequence[Shown], path: Path) -> None:
     """Draws a PNG with a row per scene: latency against points and against intersections per tile, and the levels' HVSQ."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     columns = 3 if any(shown.curves or shown.plain_curves for shown in scenes) else 2
-    figure, axes = pyplot.subplots(
+    figure, axes = find_pyplot().subplots(
         len(scenes), columns, figsize=(4.7 * columns, 3.8 * len(scenes)), squeeze=False, constrained_layout=True)
     for row, shown in zip(axes, scenes, strict=True):
         if shown.versions:
@@ -49,9 +44,7 @@ def save_plots(scenes: Sequence[Shown], path: Path) -> None:
             _levels(row[2], shown)
         for axis in row:
             axis.set_visible(axis.has_data())
-    with atomic_output(path) as file:
-        figure.savefig(file, format="png", dpi=110)
-    pyplot.close(figure)
+    save_figure(figure, path)
 
 
 def _latency(axis: Any, shown: Shown, quantity: str, label: str) -> None:

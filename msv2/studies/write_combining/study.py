@@ -53,7 +53,7 @@ def _percent(share: float) -> str:
 
 
 def _rows(views: Sequence[View]) -> Iterator[dict[str, object]]:
-    """Numbers of each frame whose scene is there."""
+    """The numbers of each frame whose scene is present."""
     for view, path in available(views):
         name, frame = traced_frame(PAPER, path, view.size)
         tile = arriving_tiles(frame)
@@ -70,7 +70,7 @@ which a beat of {BEAT_BYTES} bytes waits each; a line is chosen by the tile's lo
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes write_combining.json and the page write_combining.md."""
+    """Runs the command line: writes write_combining.json and the page write_combining.md."""
     parser = command_parser("msv2 study run write_combining", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "write_combining.md", metavar="FILE",
                         help="the page; the JSON is beside it (default: reports/write_combining.md)")

@@ -12,7 +12,7 @@ from golden.msv2_ref.pipeline import render
 from spec.config import DEFAULT, TINY, AcceleratorConfig, NumberFormats
 from spec.constants import EXPONENT_SCALE, LOW_PASS
 from spec.formats import SQ, UQ
-from spec.records import array_entry, tile_header
+from spec.records import array_splat, tile_header
 from spec.tables import t_stop
 from tests.helpers.array_by_the_text import ArrayByTheText
 from tests.helpers.golden_samples import map_for, random_model, turned_view
@@ -33,12 +33,12 @@ def conic_bits(angle: np.ndarray, major: np.ndarray, minor: np.ndarray, config: 
 
 
 def random_entries(rng: np.random.Generator, tiles: np.ndarray, config: AcceleratorConfig = DEFAULT) -> np.ndarray:
-    """One ArrayEntry per row of `tiles` (n, 2): splats in and around their tile, from dots and needles to giants.
+    """One ArraySplat per row of `tiles` (n, 2): splats in and around their tile, from dots and needles to giants.
 
     A quarter lie far off, where pairs are dropped. Factors come from covariances with the low-pass, as in the machine.
     """
     n, f = len(tiles), config.formats
-    entries = np.zeros(n, array_entry(config).dtype)
+    entries = np.zeros(n, array_splat(config).dtype)
     distance = np.where(rng.random((n, 1)) < 0.25, 200.0, 12.0)
     entries["mean2d"] = f.mean2d.quantise(tiles * 16 + 8 + distance * rng.normal(size=(n, 2)))
     entries["conic"] = conic_bits(rng.uniform(0, np.pi, n), *10 ** rng.uniform(-2, 3, (2, n)), config)
@@ -79,7 +79,7 @@ def test_random_tiles(seed):
     tiles = np.column_stack([headers["tile_x"], headers["tile_y"]]).repeat(headers["count"], axis=0)
     entries = random_entries(rng, tiles)
     text = ArrayByTheText(DEFAULT)
-    kept = [text.polynomial(array_entry(DEFAULT).unpack(array_entry(DEFAULT).pack(e)), *t) is not None
+    kept = [text.polynomial(array_splat(DEFAULT).unpack(array_splat(DEFAULT).pack(e)), *t) is not None
             for e, t in zip(entries, tiles.tolist(), strict=True)]
     assert 0 < sum(kept) < len(kept)  # dropped pairs are among them
     got = assert_by_the_text(DEFAULT, headers, entries, rng.integers(0, 1024, 3).tolist())
@@ -103,7 +103,7 @@ def test_every_combination_of_use(blend, outer):
 
 def wide_entry(tile=(3, 2), log2_opacity=0.0, colour=(511, 0, 0), use=(1, 1), depth=5000) -> np.ndarray:
     """One splat centred on its tile and much wider than it."""
-    entry = np.zeros(1, array_entry(DEFAULT).dtype)
+    entry = np.zeros(1, array_splat(DEFAULT).dtype)
     entry["mean2d"] = N.mean2d.quantise(np.array(tile) * 16 + 8.5)
     entry["conic"] = N.conic.quantise([1e-3, 0, 1e-3])
     entry["use"], entry["log2_opacity"], entry["depth"] = use, N.log2_opacity.quantise(log2_opacity), depth

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from golden.msv2_ref.colour import survivor_views
-from golden.msv2_ref.frame_memory import splat_views
+from golden.msv2_ref.colour import survivor_records
+from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
@@ -36,7 +36,7 @@ def colours(offset: np.ndarray, rest: np.ndarray, dc: int = 0, config=DEFAULT) -
     survivors["offset"], survivors["levels"] = config.formats.view.quantise(offset), 1
     records = np.zeros(len(offset), gaussian_colour(config).dtype)
     records["rest"], records["dc"] = rest, dc
-    return survivor_views(config, survivors, records, 3, 0)[0]["colour"][:, :3]
+    return survivor_records(config, survivors, records, 3, 0)[0]["colour"][:, :3]
 
 
 @pytest.mark.parametrize("term", range(15))
@@ -121,7 +121,7 @@ def test_the_units_views_are_the_arrays(sh, levels):
     r = frame.registers
     splats = projected_splats(PAPER, frame.words, r)[:-1]
     survivors = tile_test(PAPER, splats, r.header[:, :2], r.width, r.height).survivors[:-1]
-    views, place = survivor_views(PAPER, survivors, frame.words.colour[survivors["index"]], sh, 2)
-    expected = splat_views(frame, 4)
+    views, place = survivor_records(PAPER, survivors, frame.words.colour[survivors["index"]], sh, 2)
+    expected = splat_records(frame, 4)
     assert len(views) >= len(survivors) > 50 and (np.diff(place) > 0).all()
     assert np.array_equal(views, expected[place >> 2, place & 3])

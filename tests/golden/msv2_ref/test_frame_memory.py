@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 import pytest
 
-from golden.msv2_ref.frame_memory import display_pixels, displayed, frame_pixels, splat_views
+from golden.msv2_ref.frame_memory import display_pixels, displayed, frame_pixels, splat_records
 from golden.msv2_ref.pipeline import render
 from golden.scenes.pictures import to_bytes
 from golden.scenes.request import resolve
@@ -27,7 +27,7 @@ def test_views_are_what_the_entries_say(frame):
     entries, e = frame.array_entries, frame.entries
     level, blend = (np.repeat(frame.registers.header[:, field], np.diff(e.start)) for field in (0, 1))
     assert len(np.unique(level)) > 1 and blend.any()
-    views = splat_views(frame, MAX_LEVELS)[e.splat, level]
+    views = splat_records(frame, MAX_LEVELS)[e.splat, level]
     for name in ("mean2d", "conic", "log2_opacity", "colour", "depth"):
         assert np.array_equal(entries[name], views[name])
     use = np.stack([views["bound"] >= level, (blend == 1) & (views["bound"] > level)], 1)
@@ -35,7 +35,7 @@ def test_views_are_what_the_entries_say(frame):
 
 
 def test_the_last_level_has_itself_as_the_next(frame):
-    views = splat_views(frame, MAX_LEVELS)
+    views = splat_records(frame, MAX_LEVELS)
     last = views[:, -1]
     assert np.array_equal(last["log2_opacity"][:, 0], last["log2_opacity"][:, 1])
     assert np.array_equal(last["colour"][:, :3], last["colour"][:, 3:])

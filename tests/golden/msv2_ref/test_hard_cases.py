@@ -17,7 +17,7 @@ from golden.msv2_ref.projection import FAINT, NEAR, OUTSIDE, VISIBLE
 from golden.oracle.render import render as oracle
 from spec.config import DEFAULT
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, LOW_PASS
-from spec.records import array_entry
+from spec.records import array_splat
 from tests.helpers.array_by_the_text import ArrayByTheText
 from tests.helpers.checked_frames import N, checked, coverage
 from tests.helpers.golden_samples import map_for, random_model, splats, view
@@ -152,7 +152,7 @@ def test_13_no_exponent_exceeds_the_opacity():
     means = np.column_stack([rng.uniform(-1, 1, (n, 2)), np.full(n, 2.0)])
     model = replace(splats(*means, scale=10 ** rng.uniform(-8, 6, (n, 3)), opacity=1.0), quats=rng.normal(size=(n, 4)))
     frame = checked(model, view())
-    record, text = array_entry(DEFAULT), ArrayByTheText(DEFAULT)
+    record, text = array_splat(DEFAULT), ArrayByTheText(DEFAULT)
     tile = np.repeat(np.arange(len(frame.headers)), np.diff(frame.entries.start))
     x, y = np.meshgrid(np.arange(16), np.arange(16))
     highest = []

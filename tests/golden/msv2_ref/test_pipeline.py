@@ -15,7 +15,7 @@ from golden.msv2_ref.pipeline import STAGES, Frame, render
 from golden.oracle.render import render as oracle
 from spec.config import DEFAULT, PAPER, TINY
 from spec.errors import InputError
-from spec.records import array_entry, gaussian_colour, gaussian_geometry, splat2d, tile_header
+from spec.records import array_splat, gaussian_colour, gaussian_geometry, splat2d, tile_header
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
 
 BACKGROUNDS = [(0, 0, 0), (1, 1, 1), (0.2, 0.7, 0.4), (0, 0, 1)]
@@ -106,7 +106,7 @@ def test_every_arrow_fits_its_record():
     frame = sample_frame()
     rows = {
         gaussian_geometry(DEFAULT): frame.words.geometry, gaussian_colour(DEFAULT, 2): frame.words.colour,
-        splat2d(DEFAULT): frame.splats2d, tile_header(DEFAULT): frame.headers, array_entry(DEFAULT): frame.array_entries,
+        splat2d(DEFAULT): frame.splats2d, tile_header(DEFAULT): frame.headers, array_splat(DEFAULT): frame.array_entries,
     }
     for record, arrow in rows.items():
         assert arrow.dtype == record.dtype and len(arrow)

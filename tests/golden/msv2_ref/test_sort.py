@@ -13,10 +13,10 @@ from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import VISIBLE
 from golden.msv2_ref.sort import depth_order, sort_chunks
 from golden.msv2_ref.tile_merge import auto_beta, count_tiles, merge_tiles, tile_groups
-from golden.msv2_ref.tile_test import tile_entries
+from golden.msv2_ref.tile_test import tile_intersections
 from golden.scenes.model import GaussianModel
 from spec.config import DEFAULT, TINY
-from spec.records import chunk_entry
+from spec.records import chunk_item
 from tests.helpers.golden_samples import map_for, random_model, view
 
 CAMERA = view(150, 100)
@@ -42,7 +42,7 @@ def frame(foveation):
 def unsorted_stream(frame, order):
     """What the culling unit emits, splats in `order`: (tile, depth key, index, use) of every entry."""
     geometry = frame.words.geometry
-    e = tile_entries(frame.config, frame.projected, geometry["log2_opacity"], geometry["bound"], frame.registers, order)
+    e = tile_intersections(frame.config, frame.projected, geometry["log2_opacity"], geometry["bound"], frame.registers, order)
     tile = np.repeat(np.arange(len(e.start) - 1), np.diff(e.start))
     return tile, frame.projected.depth_key[e.splat], e.splat, e.use
 
@@ -160,13 +160,13 @@ def test_counters_saturate_and_leave_out_what_lies_outside():
 
 def chunk_items(*chunks):
     rows = [(index, key, tile, i == len(chunk), 0) for chunk in chunks for i, (tile, key, index) in enumerate(chunk, 1)]
-    return np.array(rows, chunk_entry(TINY).dtype)
+    return np.array(rows, chunk_item(TINY).dtype)
 
 
 def test_chunks_are_sorted_each_by_itself():
     one, two = [(1, 5, 9), (0, 7, 1), (1, 5, 2), (1, 4, 30)], [(0, 0, 0)]
     assert np.array_equal(sort_chunks(chunk_items(one, two, one)), chunk_items(sorted(one), two, sorted(one)))
-    empty = np.array([(0, 0, 0, 1, 1)], chunk_entry(TINY).dtype)
+    empty = np.array([(0, 0, 0, 1, 1)], chunk_item(TINY).dtype)
     items = np.concatenate([empty, chunk_items(one), empty, empty, chunk_items(two), empty])
     assert np.array_equal(sort_chunks(items)[[0, 5, 6, 8]], np.concatenate([empty] * 4))
 
@@ -175,7 +175,7 @@ def test_sorted_groups_behind_each_other_are_the_frames_lists(frame):
     rows = np.flatnonzero(frame.projected.reason == VISIBLE).astype(np.int32)
     tile, key, index, _ = unsorted_stream(frame, rows)
     arrival = np.lexsort((index, frame.groups[tile]))
-    items = np.zeros(len(tile), chunk_entry(DEFAULT).dtype)
+    items = np.zeros(len(tile), chunk_item(DEFAULT).dtype)
     items["tile"], items["depth_key"], items["index"] = tile[arrival], key[arrival], index[arrival]
     items["last"] = np.append(np.diff(frame.groups[items["tile"]]) > 0, True)
     assert np.array_equal(sort_chunks(items)["index"], frame.entries.splat)

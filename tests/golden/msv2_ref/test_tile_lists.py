@@ -8,11 +8,11 @@ import pytest
 from golden.msv2_ref.tile_lists import entry_words, grouped_entries, memory_image, rank_in_tile, tile_lists
 from spec.config import PAPER, TINY
 from spec.memory import BEAT_ENTRIES, DIRECTORY_SLOTS, FIRST_PAGE_ENTRIES, WORDS
-from spec.records import tile_entry, tile_group
+from spec.records import intersection, tile_group
 
 
 def entries_of(config, rng, tile) -> np.ndarray:
-    rows = np.zeros(len(tile), tile_entry(config).dtype)
+    rows = np.zeros(len(tile), intersection(config).dtype)
     rows["tile"], rows["index"] = tile, np.arange(len(tile))
     rows["depth_key"] = rng.integers(0, 1 << 24, len(tile))
     return rows
@@ -78,7 +78,7 @@ def test_the_image_read_by_its_directory_gives_every_tile_its_entries_in_order(c
         while len(rows):
             here = rows[: FIRST_PAGE_ENTRIES << k]
             words = pages[beat : beat + -(-len(here) // BEAT_ENTRIES)].reshape(-1, 2)[: len(here)].tolist()
-            assert [low | high << 32 for low, high in words] == [tile_entry(config).pack(entries[row]) for row in here]
+            assert [low | high << 32 for low, high in words] == [intersection(config).pack(entries[row]) for row in here]
             rows, k = rows[len(here) :], k + 1
             beat = int(directory.reshape(12, -1)[t, k - 1])
         assert not directory.reshape(12, -1)[t, max(k - 1, 0) :].any()
@@ -89,7 +89,7 @@ def test_words_are_packed_records():
     rng = np.random.default_rng(1)
     entries = entries_of(PAPER, rng, rng.integers(0, 14_400, 50))
     packed = [int(low) | int(high) << 32 for low, high in entry_words(PAPER, entries)]
-    assert packed == [tile_entry(PAPER).pack(row) for row in entries]
+    assert packed == [intersection(PAPER).pack(row) for row in entries]
 
 
 def test_rank_counts_what_came_before():

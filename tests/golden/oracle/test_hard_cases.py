@@ -78,7 +78,7 @@ def test_07_off_centre_principal_point_moves_the_image():
 
 def test_08_09_10_splats_that_fill_the_screen_needles_and_centres_outside():
     full = checked(splats((0, 0, 5), scale=100), view())
-    assert (full.tile_entries == 1).all() and (full.coverage > 0.7).all()
+    assert (full.tile_intersections == 1).all() and (full.coverage > 0.7).all()
     needle = checked(splats((0, 0, 2), scale=(1e4, 1e-6, 1e-6)), view())
     assert needle.entries == SIZE[0] // 16  # one row of tiles
     assert needle.coverage[[23, 24]].min() > 0.3 and not needle.coverage[:20].any()
@@ -154,7 +154,7 @@ def test_19_axis_aligned_covariance_in_the_oriented_box(scale, quat):
     """A covariance without xy term (and a circle, without axes at all) has a box that holds the ellipse's tiles."""
     exact, box = (checked(splats((0.2, 0.1, 2), scale=scale, quat=quat), view(), tile_test=t) for t in ("exact", "obb"))
     assert np.array_equal(exact.image, box.image)
-    assert (box.tile_entries >= exact.tile_entries).all() and box.entries < 12
+    assert (box.tile_intersections >= exact.tile_intersections).all() and box.entries < 12
 
 
 # Input and colour
@@ -244,8 +244,8 @@ def test_42_ellipse_on_a_tile_edge(offset_px):
     frame = checked(splats(mean, scale=(sigma, sigma, 0), opacity=1.0), view())
     reaches = offset_px >= 0
     if offset_px != 0:
-        assert (frame.tile_entries[0, 1] == 1) == reaches and (frame.coverage[8, 16] > 0) == reaches
-    assert frame.tile_entries[0, 1] >= (frame.coverage[:16, 16:32] > 0).any()
+        assert (frame.tile_intersections[0, 1] == 1) == reaches and (frame.coverage[8, 16] > 0) == reaches
+    assert frame.tile_intersections[0, 1] >= (frame.coverage[:16, 16:32] > 0).any()
     assert frame.coverage[8, 15] > 0.004
 
 
@@ -257,7 +257,7 @@ def test_42_56_a_tile_reaches_no_farther_than_the_frame(tile_test):
     mean = ((29.5 - 20) / 50 * 2, (24.8 - 10) / 50 * 2, 2)
     frame = checked(splats(mean, scale=(sigma, sigma, 1e-9), opacity=1.0), view(40, 20, cx=20, cy=10), tile_test=tile_test)
     exact = tile_test == "exact"  # the box of a circle is a square, and enters both
-    assert frame.tile_entries[1].tolist() == ([0, 1, 0] if exact else [0, 1, 1])
+    assert frame.tile_intersections[1].tolist() == ([0, 1, 0] if exact else [0, 1, 1])
     assert (frame.coverage[19] > 0).any()
 
 
@@ -266,7 +266,7 @@ def test_43_every_splat_in_one_tile():
     rng = np.random.default_rng(4)
     means = rng.uniform((-1.1, -0.8, 2.0), (-0.8, -0.5, 2.001), (n, 3))  # 4..12 px from the frame's corner
     frame = checked(splats(*means, scale=1e-3, opacity=0.05), view())
-    assert frame.tile_entries[0, 0] == frame.entries == n
+    assert frame.tile_intersections[0, 0] == frame.entries == n
 
 
 def test_46_depth_is_the_alpha_weighted_mean():
@@ -283,7 +283,7 @@ def test_46_depth_is_the_alpha_weighted_mean():
 def test_56_frame_sizes(size):
     frame = checked(splats((0, 0, 2), scale=2.0), view(*size), background=(0.5, 0.5, 0.5))
     assert frame.image.shape == (size[1], size[0], 3)
-    assert frame.tile_entries.shape == (-(-size[1] // 16), -(-size[0] // 16))
+    assert frame.tile_intersections.shape == (-(-size[1] // 16), -(-size[0] // 16))
     assert frame.coverage[size[1] // 2, size[0] // 2] > 0.5
 
 

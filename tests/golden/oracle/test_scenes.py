@@ -27,7 +27,7 @@ def test_tile_tests_give_one_image(scene):
     model, camera = scene
     exact, box = (render(model, camera, gaze=(100, 90), tile_test=test) for test in ("exact", "obb"))
     assert exact.coverage.mean() > 0.5
-    assert (box.tile_entries >= exact.tile_entries).all() and box.entries > exact.entries
+    assert (box.tile_intersections >= exact.tile_intersections).all() and box.entries > exact.entries
     assert np.array_equal(box.image, exact.image)
     assert np.array_equal(box.depth, exact.depth, equal_nan=True)
 

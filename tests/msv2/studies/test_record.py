@@ -95,6 +95,16 @@ def test_a_report_as_an_input_counts_without_its_provenance(tmp_path):
     assert before == sources.fingerprint((), json.dumps(content, sort_keys=True))
 
 
+def test_a_training_run_as_an_input_counts_without_its_checkpoints(tmp_path):
+    for name in ("model.ply", "report.json", "other"):
+        (tmp_path / name).write_text(name)
+    before = record.input_hash(tmp_path)
+    (tmp_path / "other").write_text("changed")
+    assert record.input_hash(tmp_path) == before
+    (tmp_path / "model.ply").write_text("changed")
+    assert record.input_hash(tmp_path) != before
+
+
 def test_a_command_names_no_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("MSV2_DATA", str(tmp_path))
     record.begin("effects", [str(tmp_path / "trained" / "a b.splat"), "--out", str(ROOT / "reports"), "/elsewhere/model.ply"])

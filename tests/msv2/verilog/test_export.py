@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from msv2.verilog import Export, export
+from msv2.verilog.export import Export, export
 from rtl.emit import to_verilog
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.units import TOP, UNITS
@@ -139,7 +139,8 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_ports_are_explained(tmp_path: Path) -> None:
     export(TINY, tmp_path, "tile_merge_unit")
     head = (tmp_path / "tiny_tile_merge_unit.v").read_text().partition("module ")[0]
-    assert "// hits: input stream of TileHit, 11 bits" in head and "// groups: output stream of TileGroup, 45 bits" in head
+    assert "// hits: input stream of IntersectionTile, 11 bits" in head
+    assert "// groups: output stream of TileGroup, 45 bits" in head
     assert re.search(r"// +\[9:0\] +tile +u10", head) and re.search(r"// +\[44\] +last +u1 ", head)
     export(TINY, tmp_path, "pixel_writer")
     head, _, body = (tmp_path / "tiny_pixel_writer.v").read_text().partition("module ")

@@ -31,7 +31,7 @@ class Store(wiring.Component):
             "wr_en": In(shape.lanes), "wr_addr": In(shape.address_bits), "wr_data": In(shape.width),
             "rd_en": In(1), "rd_addr": In(shape.address_bits), "rd_data": Out(shape.width)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, shape = Module(), self.shape
         lanes = data.ArrayLayout(shape.width // shape.lanes, shape.lanes)
         m.submodules.rows = rows = memory.Memory(shape=lanes, depth=shape.words, init=[])
@@ -108,7 +108,7 @@ def test_other_memories_are_refused() -> None:
         def __init__(self):
             super().__init__({"found": Out(8), "place": In(2)})
 
-        def elaborate(self, platform) -> Module:
+        def elaborate(self, platform: object) -> Module:
             m = Module()
             m.submodules.rows = rows = memory.Memory(shape=8, depth=4, init=[1, 2, 3, 4])
             read = rows.read_port()

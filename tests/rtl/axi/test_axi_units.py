@@ -252,7 +252,7 @@ class Outer(wiring.Component):
     def __init__(self) -> None:
         super().__init__(axi_lite_slave_ports("s_other"))
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.slave = slave = LiteSlave()
         join(m, self, slave, "s_axi", "s_other")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from golden.msv2_ref.colour import survivor_views
+from golden.msv2_ref.colour import survivor_records
 from rtl.culling.colour import LEAST_INTERVAL, ColourUnit, splat_interval
 from rtl.culling.colour_sum import record_steps
 from rtl.culling.fixed_multiply import FixedMul
@@ -64,7 +64,7 @@ def test_the_stimuli_reach_every_end(tiny):
     item = next(item for item in plan if item.name == "extremes of degree 3")
     assert set(item.run.inputs["survivors"]["levels"]) == set(range(16))
     case = fine_case(TINY, 0, 3, 1500)
-    colour = survivor_views(TINY, case.frames[0], case.records[0], 3, case.view_shift)[0]["colour"]
+    colour = survivor_records(TINY, case.frames[0], case.records[0], 3, case.view_shift)[0]["colour"]
     top = TINY.formats.colour.raw_max
     assert len(np.unique(colour)) > top * 0.95 and 0.4 < ((colour > 0) & (colour < top)).mean() < 0.95
 

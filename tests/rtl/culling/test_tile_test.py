@@ -25,7 +25,7 @@ from spec.config import PAPER, TINY, NumberFormats
 from spec.constants import TILE
 from spec.formats import SmallFloat
 from spec.queues import LEVEL_GROUP
-from spec.records import entry_item, projected_splat, tile_level
+from spec.records import intersection_item, projected_splat, tile_level
 from tb.common.exact import problems
 from tb.culling import tile_test_suite
 from tb.culling.tile_test_stimuli import Case, random_case, random_levels, random_splats, sharp_case
@@ -48,7 +48,7 @@ class _Walk(wiring.Component):
             "splats": In(self._runs.splats.signature.flip()), "table": In(self._levels.table.signature.flip()),
             "runs": Out(self._runs.runs.signature)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.walk, m.submodules.levels = walk, levels = self._runs, self._levels
         wiring.connect(m, wiring.flipped(self.table), levels.table)
@@ -121,7 +121,7 @@ def test_expansion_costs_a_cycle_an_entry_and_a_cycle_a_run_without():
 
     got, cycles = exchange(
         dut, {dut.runs: [shape.const(run).as_bits() for run in runs], dut.splats: [1]}, dut.entries, 4, setup=setup)
-    entries = [entry_item(FAST).unpack(word) for word in got]
+    entries = [intersection_item(FAST).unpack(word) for word in got]
     assert [entry["tile"] for entry in entries] == [36 + 5, 36 + 6, 36 + 17, 0]
     assert [entry["end"] for entry in entries] == [0, 0, 0, 1]
     assert np.diff(cycles).tolist() == [1, 4, 1]

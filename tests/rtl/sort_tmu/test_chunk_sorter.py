@@ -15,11 +15,11 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.merge_stage import Kind, MergeStage, item_layout
 from rtl.sort_tmu.order import less
 from spec.config import DEFAULT, PAPER, TINY
-from spec.records import chunk_entry, tile_entry
+from spec.records import chunk_item, intersection
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
 SMALL = TINY.with_(row_width=64, sort_buffer_bytes=256)  # chunks of up to 16
-RECORD = chunk_entry(SMALL)
+RECORD = chunk_item(SMALL)
 ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
 Entry = tuple[int, int, int]
 """Tile, depth key, index: the order of the tuple is the order wanted."""
@@ -213,7 +213,7 @@ def test_bad_parameters_are_rejected():
 def test_an_item_is_compared_as_one_number():
     """Field 0 lowest: the tile decides first, then the key, then the index."""
     low, high = {"index": (1 << 24) - 1, "depth_key": 5, "tile": 2}, {"index": 0, "depth_key": 6, "tile": 2}
-    record = tile_entry(SMALL)
+    record = intersection(SMALL)
     assert record.pack(low) < record.pack(high) < record.pack(low | {"tile": 3})
 
 

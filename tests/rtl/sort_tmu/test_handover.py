@@ -9,12 +9,12 @@ import pytest
 from rtl.emit import to_rtlil
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from spec.config import DEFAULT, PAPER, TINY
-from spec.records import chunk_entry
+from spec.records import chunk_item
 from tb.sort_tmu import handover_suite
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
 SMALL = TINY.with_(sort_buffer_bytes=256)  # halves of 16
-RECORD = chunk_entry(SMALL)
+RECORD = chunk_item(SMALL)
 
 
 def words(lengths: list[int]) -> list[int]:
@@ -77,4 +77,4 @@ def test_the_config_decides():
 def test_sizes(config, entries):
     """Of the line buffer one entry is in the memory's output register."""
     width, depth = re.search(r"memory width (\d+) size (\d+)", to_rtlil(handover(config), "handover")).groups()
-    assert (int(width), int(depth)) == (chunk_entry(config).width, entries)
+    assert (int(width), int(depth)) == (chunk_item(config).width, entries)

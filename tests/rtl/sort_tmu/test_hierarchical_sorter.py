@@ -16,7 +16,7 @@ from rtl.sort_tmu.merge_tree import MergeTree, run_layout
 from rtl.sort_tmu.run_reader import RunReader
 from rtl.sort_tmu.run_writer import RunWriter
 from spec.config import DEFAULT, TINY
-from spec.records import tile_entry
+from spec.records import intersection
 from tb.common.exact import problems
 from tb.sort_tmu import hierarchical_suite as suite
 from tests.helpers.rtl_streams import assert_rejected, exchange
@@ -136,4 +136,4 @@ def test_written_counts_by_hand():
     assert suite.written(TINY, top + 1) == top + 1
     assert suite.written(TINY, 4 * top) == 4 * top
     assert suite.written(TINY, 9 * top) == (9 + 4 + 3) * top
-    assert tile_entry(TINY).width <= 64
+    assert intersection(TINY).width <= 64

@@ -17,11 +17,11 @@ from rtl.sort_tmu.auto_beta import AutoBeta
 from rtl.sort_tmu.tile_counters import TileCounters
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from spec.config import TINY
-from spec.records import COUNT_BITS, frame_tiles, tile_group, tile_hit
+from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_group
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
 SMALL = TINY.with_(row_width=64, sort_buffer_bytes=256)  # 16 tiles, beta at most 16
-HIT, GROUP = tile_hit(SMALL), tile_group(SMALL)
+HIT, GROUP = intersection_tile(SMALL), tile_group(SMALL)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def play(jobs: list[Job], *, count_bits: int = COUNT_BITS, **options) -> list[in
     return cycles
 
 
-def random_hits(rng: random.Random, tiles: int, count: int) -> tuple[int, ...]:
+def random_tiles(rng: random.Random, tiles: int, count: int) -> tuple[int, ...]:
     """Tiles of `count` entries: bursts of one tile, neighbours, and empty tiles among them."""
     used, hits = rng.sample(range(tiles), rng.randint(1, tiles)), []
     while len(hits) < count:
@@ -82,7 +82,7 @@ def test_random_frames_back_to_back(beta, pauses):
     rng = random.Random(f"{beta} {pauses}")
     for tiles_x, rows in ((4, 4), (1, 5), (5, 1), (3, 2), (1, 1)):
         tiles = tiles_x * rows
-        frames = [random_hits(rng, tiles, rng.choice([0, 1, 20, 60])) for _ in range(4)]
+        frames = [random_tiles(rng, tiles, rng.choice([0, 1, 20, 60])) for _ in range(4)]
         play([Job(hits, tiles_x, tiles, beta) for hits in frames], pauses=pauses, seed=3)
 
 
@@ -96,7 +96,7 @@ def test_merging_by_hand(counts, tiles_x, beta):
 
 
 def test_a_hit_and_a_tile_a_cycle():
-    jobs = [Job(random_hits(random.Random(0), 16, 200), beta=8) for _ in range(3)]
+    jobs = [Job(random_tiles(random.Random(0), 16, 200), beta=8) for _ in range(3)]
     cycles = play(jobs)
     for frame in range(3):
         first, last = cycles[16 * frame], cycles[16 * frame + 15]
@@ -193,7 +193,7 @@ def run_frames(jobs: list[Job], *, count_bits: int = COUNT_BITS, cut: dict[int, 
 def test_reset_in_mid_frame_leaves_nothing_behind(after):
     """While clearing, counting, dividing and sweeping."""
     rng = random.Random(after)
-    jobs = [Job(random_hits(rng, 16, 50), beta=None) for _ in range(3)]
+    jobs = [Job(random_tiles(rng, 16, 50), beta=None) for _ in range(3)]
     run_frames(jobs, cut={0: after})
     run_frames(jobs, cut={1: after})
 
@@ -201,7 +201,7 @@ def test_reset_in_mid_frame_leaves_nothing_behind(after):
 def test_frames_change_shape_and_threshold():
     rng, jobs = random.Random(5), []
     for tiles_x, rows, beta in ((4, 4, None), (2, 3, 4), (1, 1, 0), (4, 4, 9), (3, 5, None), (16, 1, 30), (1, 16, None)):
-        jobs.append(Job(random_hits(rng, tiles_x * rows, 40), tiles_x, tiles_x * rows, beta))
+        jobs.append(Job(random_tiles(rng, tiles_x * rows, 40), tiles_x, tiles_x * rows, beta))
     for job, seen in zip(jobs, run_frames(jobs), strict=True):
         counts = count_tiles(np.array(job.hits), job.tiles)[0]
         assert seen["beta"] == (auto_beta(counts, SMALL) if job.beta is None else max(job.beta, 1))
@@ -209,7 +209,7 @@ def test_frames_change_shape_and_threshold():
 
 def test_largest_frame_of_tiny():
     rng, tiles = random.Random(1), frame_tiles(TINY)
-    record, group = tile_hit(TINY), tile_group(TINY)
+    record, group = intersection_tile(TINY), tile_group(TINY)
     hits = np.array([rng.choice([rng.randrange(tiles), rng.randrange(40)]) for _ in range(3000)])
     dut = TileMergeUnit(TINY)
     items = [*(record.pack({"tile": int(tile), "end": 0}) for tile in hits), record.pack({"tile": 0, "end": 1})]

@@ -13,15 +13,15 @@ from amaranth.hdl import ResetInserter, Signal
 
 from golden.msv2_ref.tile_lists import entry_words, tile_lists
 from rtl.emit import to_rtlil
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from spec.config import PAPER, TINY
 from spec.memory import BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, write_request
-from spec.records import entry_item, tile_hit
+from spec.records import intersection_item, intersection_tile
 from tests.helpers.rtl_ports import Moves, cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
 SMALL = TINY.with_(row_width=64)  # 16 tiles
-ITEM, HIT, WRITE = entry_item(SMALL), tile_hit(SMALL), write_request(SMALL)
+ITEM, HIT, WRITE = intersection_item(SMALL), intersection_tile(SMALL), write_request(SMALL)
 SETTINGS = {"directory_base": 7_000_001, "entries_base": 123_457, "entries_beats": 100_000, "tile_count": 16, "writes_idle": 1}
 CLEARED = 17
 """Cycles from a reset on after which a small writer takes entries."""
@@ -59,7 +59,7 @@ def wanted(items: Sequence[int], *, tiles: int = 16, beats: int = 100_000, slots
 
 def written(items: list[int], cycles: int, *, slots: int = 16, **options) -> Moves:
     takes = options.pop("takes", {"hits": 0.0, "writes": 0.0})
-    return play(EntryWriter(SMALL, slots=slots), {"entries": items}, takes, cycles, setup=SETTINGS, **options)
+    return play(IntersectionWriter(SMALL, slots=slots), {"entries": items}, takes, cycles, setup=SETTINGS, **options)
 
 
 @pytest.mark.parametrize(("before", "length"), [(30, 5), (94, 3)])
@@ -99,7 +99,7 @@ def test_frames_follow_each_other_behind_their_clearing(pauses):
 def test_a_tile_without_slots_is_full_for_all(slots):
     items = frame_items([4] * 120 + [5] * 10)
     full = []
-    dut = EntryWriter(SMALL, slots=slots)
+    dut = IntersectionWriter(SMALL, slots=slots)
     moves = play(dut, {"entries": [*items, *frame_items([1, 2])]}, {"hits": 0.0, "writes": 0.0}, 250, setup=SETTINGS,
                  each=lambda ctx, cycle: full.append(ctx.get(dut.full)))
     hits, writes = wanted(items, slots=slots)
@@ -111,14 +111,14 @@ def test_a_tile_without_slots_is_full_for_all(slots):
 
 @pytest.mark.parametrize("beats", [127, 128, 128 + 15, 128 + 16, 128 + 16 + 31, 128 + 16 + 32])
 def test_pages_end_where_the_room_does(beats):
-    items, dut = frame_items([4] * 100), EntryWriter(SMALL)
+    items, dut = frame_items([4] * 100), IntersectionWriter(SMALL)
     moves = play(dut, {"entries": items}, {"hits": 0.0, "writes": 0.0}, 150, setup=SETTINGS | {"entries_beats": beats})
     assert (words_of(moves, "hits"), words_of(moves, "writes")) == wanted(items, beats=beats)
     assert len(moves["hits"]) - 1 == {127: 0, 128: 32, 143: 32, 144: 96, 175: 96, 176: 100}[beats]
 
 
 def test_the_end_waits_for_memory():
-    dut = EntryWriter(SMALL)
+    dut = IntersectionWriter(SMALL)
     items = frame_items([1, 2, 3])
 
     def each(ctx, cycle):
@@ -133,7 +133,7 @@ def test_the_end_waits_for_memory():
 @pytest.mark.parametrize("after", [3, 10, 18, 25, 60, 90, 105, 112, 118, 130])
 def test_reset_in_mid_frame_leaves_nothing_behind(after):
     """While clearing, taking, at pages' ends, waiting for the end, clearing again."""
-    dut, reset, items = EntryWriter(SMALL), Signal(), frame_items([6] * 60 + [7] * 40)
+    dut, reset, items = IntersectionWriter(SMALL), Signal(), frame_items([6] * 60 + [7] * 40)
     second = frame_items([6] * 70 + [1, 2, 6, 6])
     moves = play(
         dut, {"entries": [*items, *second]}, {"hits": 0.0, "writes": 0.0}, 400, setup=SETTINGS,
@@ -147,12 +147,12 @@ def test_reset_in_mid_frame_leaves_nothing_behind(after):
 
 
 def test_sizes():
-    memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(EntryWriter(PAPER), "writer"))
+    memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(IntersectionWriter(PAPER), "writer"))
     assert sorted(memories) == [("23", "14400"), ("24", "14400")]
 
 
 def test_bad_parameters_are_rejected():
-    assert_rejected(lambda: EntryWriter("tiny"), TypeError, "tiny")
+    assert_rejected(lambda: IntersectionWriter("tiny"), TypeError, "tiny")
     for slots, error in ((0, ValueError), (17, ValueError), (True, TypeError), (2.0, TypeError)):
-        assert_rejected(lambda slots=slots: EntryWriter(SMALL, slots=slots), error, slots)
-    assert_rejected(lambda: EntryWriter(PAPER.with_(row_width=8192)), ValueError, 8192)
+        assert_rejected(lambda slots=slots: IntersectionWriter(SMALL, slots=slots), error, slots)
+    assert_rejected(lambda: IntersectionWriter(PAPER.with_(row_width=8192)), ValueError, 8192)

@@ -9,7 +9,7 @@ import pytest
 from rtl.tile_lists.list_reader import ListReader
 from rtl.tile_lists.page_walk import ListedTiles, PageWalk
 from spec.config import PAPER, TINY
-from spec.records import chunk_entry, tile_group
+from spec.records import chunk_item, tile_group
 from tests.helpers.rtl_ports import beats_of, cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
@@ -69,7 +69,7 @@ def test_a_tiles_beats_and_pointers_are_those_of_its_pages():
 
 def test_latency_of_a_list():
     """A first page's first entry, and one that the group's next tile lets go; then an entry a cycle."""
-    rng, record = random.Random(3), chunk_entry(SMALL)
+    rng, record = random.Random(3), chunk_item(SMALL)
     rows = [{"tile": 2, "count": 11, "group": 0, "last": 1}, {"tile": 3, "count": 1, "group": 1, "last": 0},
             {"tile": 4, "count": 0, "group": 1, "last": 1}]
     entries = [rng.getrandbits(record.width - 2) for _ in range(12)]

@@ -27,7 +27,7 @@ class Masked(wiring.Component):
         self._unit, self._mask = unit, mask
         super().__init__({})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.unit = unit = self._unit
         m.submodules.mask = mask = memory.Memory(shape=1, depth=1 << len(unit.mask_tile), init=self._mask)

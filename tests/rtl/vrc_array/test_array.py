@@ -18,7 +18,7 @@ from rtl.vrc_array.expand import latency
 from rtl.vrc_array.row import PIPELINE, SUMS_LATER
 from spec.config import DEFAULT, TINY
 from spec.constants import TILE
-from spec.records import array_entry, pixel_row, tile_header
+from spec.records import array_splat, pixel_row, tile_header
 from tests.helpers.rtl_streams import assert_rejected
 
 PLAIN = TINY.with_(levels=1)
@@ -36,7 +36,7 @@ def test_verilog(config):
     assert len(modules) == len(set(modules))
     assert {"vrc_array", "vrc_row", "pixel_core"} <= set(modules)
     assert len(re.findall(r"^\s*vrc_row row\d+ ", text, re.MULTILINE)) == config.cores_y
-    for port, record in (("entries", array_entry), ("tiles", tile_header), ("pixels", pixel_row)):
+    for port, record in (("entries", array_splat), ("tiles", tile_header), ("pixels", pixel_row)):
         assert f"put [{record(config).width - 1}:0] {port}__payload;" in text
     if config is TINY:
         assert emit("vrc_array", config) == text

@@ -11,7 +11,7 @@ from rtl.vrc_array.setup import LATENCY, SetupUnit
 from spec.config import DEFAULT, NumberFormats
 from spec.constants import EXPONENT_SCALE, LOW_PASS
 from spec.formats import SQ
-from spec.records import array_entry, pixel_op, tile_header
+from spec.records import array_splat, pixel_op, tile_header
 from spec.tables import CENTRE_EXPONENT_MAX, log2_alpha_min, support_exponent
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
@@ -104,7 +104,7 @@ def simulate(config, work, stopped: int = 0, count: int | None = None, **options
     expected = [each for header, entries in work for each in ops_of(config, header, [] if stopped else entries)]
     sources = {
         dut.tiles: [tile_header(config).pack(header) for header, _ in work],
-        dut.entries: [array_entry(config).pack(entry) for _, entries in work for entry in entries],
+        dut.entries: [array_splat(config).pack(entry) for _, entries in work for entry in entries],
     }
 
     def constants(ctx) -> None:

@@ -21,7 +21,7 @@ from rtl.vrc_array.splat_tags import SplatTags
 from spec.config import PAPER, TINY
 from spec.memory import read_data
 from spec.queues import CACHE_WAYS, VIEWS_PENDING
-from spec.records import array_entry, chunk_entry, tile_use
+from spec.records import array_splat, chunk_item, tile_use
 from tb.common import exact
 from tb.common.exact import problems
 from tb.vrc_array import fetch_suite
@@ -103,7 +103,7 @@ def small(case) -> tuple[list[int], list[int], list[int], list[int]]:
     missed = find_misses(case.index, case.level, SMALL.splat_cache_lines, CACHE_WAYS, False, False)
     data = fetch_suite.beats_of(SMALL, case.views[missed], np.random.default_rng(0))
     return tuple([record(SMALL).pack(row) for row in rows] for record, rows in (
-        (chunk_entry, case.sorted), (tile_use, case.tiles), (read_data, data), (array_entry, case.entries)))
+        (chunk_item, case.sorted), (tile_use, case.tiles), (read_data, data), (array_splat, case.entries)))
 
 
 @pytest.mark.parametrize("pauses", [0, 0.4])

@@ -45,7 +45,7 @@ def played(monkeypatch):
         return [found["change"](result_of(found["golden"][-1]))]
 
     monkeypatch.setattr(command, "render_request", golden)
-    monkeypatch.setattr(command.device, "machine", lambda config: type("Stub", (), {"design": lambda self, beats: config})())
+    monkeypatch.setattr(command.device, "machine", lambda config: type("Stub", (), {"design": lambda self: config})())
     monkeypatch.setattr(whole, "build", lambda design, waves: found.update(config=design))
     monkeypatch.setattr(whole, "play_frames", play)
     return found

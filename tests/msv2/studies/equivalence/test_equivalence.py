@@ -26,7 +26,7 @@ class Unit(wiring.Component):
         self._kind = kind
         super().__init__()
 
-    def elaborate(self, platform):
+    def elaborate(self, platform: object):
         m = Module()
         first = [1] if self._kind == "other first value" else []
         m.submodules.memory = memory = Memory(shape=8, depth=64, init=first)

@@ -11,7 +11,8 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from msv2.studies.latencies.study import MEASURES, REPORT, latency, to
-from msv2.studies.results import units as tables
+from msv2.studies.results import tables
+from msv2.studies.results.units import units_table
 from spec.config import PAPER
 
 
@@ -22,7 +23,7 @@ class Delay(wiring.Component):
         self.cycles = cycles
         super().__init__({"sink": In(stream.Signature(4)), "source": Out(stream.Signature(4))})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, turn, valid = Module(), Signal(), Signal()
         m.d.sync += turn.eq(~turn)
         m.d.comb += [self.sink.ready.eq(turn), valid.eq(self.sink.valid & turn & (self.sink.payload == 3))]
@@ -47,7 +48,7 @@ class Asker(wiring.Component):
     def __init__(self) -> None:
         super().__init__({"reads": Out(stream.Signature(1)), "data": In(stream.Signature(1)), "right": Out(1)})
 
-    def elaborate(self, platform) -> Module:
+    def elaborate(self, platform: object) -> Module:
         m, clock, asked = Module(), Signal(5), Signal()
         m.d.sync += clock.eq(clock + 1)
         m.d.comb += [self.reads.valid.eq((clock == 20) & ~asked), self.data.ready.eq(1), self.right.eq(self.data.valid & asked)]
@@ -77,6 +78,6 @@ def test_the_report_is_of_the_units_of_today(measure: Callable) -> None:
 
 
 def test_the_table_names_nothing_that_is_not_known() -> None:
-    shown = tables.units_table(tables.load_reports(REPORT.parent))
+    shown = units_table(tables.load_reports(REPORT.parent))
     assert "?" not in shown and "66 cycles" in shown
-    assert "? cycles" in tables.units_table({})
+    assert "? cycles" in units_table({})

@@ -8,7 +8,7 @@ import pytest
 from msv2.studies.scenes import View
 from msv2.studies.write_combining import study
 from msv2.studies.write_combining.study import saved_writes
-from rtl.tile_lists.entry_writer import EntryWriter
+from rtl.tile_lists.entry_writer import IntersectionWriter
 from spec.memory import BEAT_ENTRIES
 from spec.paths import ROOT
 
@@ -51,9 +51,9 @@ def shares(report: str) -> dict[str, dict[int, int]]:
 def test_docs_quote_the_report():
     of_frame, root = shares(REPORT.read_text()), REPORT.parents[1]
     assert list(of_frame) == [f"{view.scene} {view.size}" for view in study.FRAMES]
-    assert str(REPORT.relative_to(root)) in EntryWriter.__doc__
+    assert str(REPORT.relative_to(root)) in IntersectionWriter.__doc__
     truck = of_frame["truck 1920x1080"]
-    sentence = f"with 1,024 lines (32 KB) they save {truck[1024]} % of truck's writes at 1080p, with 64 lines {truck[64]} %"
+    sentence = f"with 1,024 lines (32 KB) this saves {truck[1024]} % of truck's writes at 1080p, with 64 lines {truck[64]} %"
     assert sentence in " ".join((root / "docs" / "machine.md").read_text().split())
 
 

@@ -1,0 +1,94 @@
+"""One set of options: the same names with the same meaning in every command that has them."""
+
+import re
+
+import pytest
+
+from golden.host.run_options import RunOptions, add_run_arguments, run_options
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import add_request_arguments
+from msv2.cli.main import main
+from spec.command_line import CommandParser, command_parser
+from spec.errors import InputError
+
+REQUEST = ("--scene", "--size", "--camera", "--gaze", "--levels", "--background", "--seed", "--effects", "--depth", "--stereo",
+           "--ecc-thresh", "--ipd", "--units-per-metre", "--source", "--gaze-right", "--config", "--set", "--out")
+RUN = ("--machine", "--pixels", "--merge", "--pipeline", "--beta", "--bandwidth", "--latency")
+DRAWING = ("render", "frame", "perf")
+
+
+class Reached(Exception):
+    """A command's parser, at the moment at which it would read its arguments."""
+
+
+@pytest.fixture
+def options_of(monkeypatch):
+    """Metavariable and help of a command's options, without the defaults, which may differ."""
+    def stop(parser, *_):
+        raise Reached(parser)
+
+    def found(name: str) -> dict[str, tuple[object, str]]:
+        with pytest.raises(Reached) as reached:
+            main([name])
+        return {option: (action.metavar, re.sub(r"[(]default.*", "", action.help or ""))
+                for action in reached.value.args[0]._actions for option in action.option_strings}
+
+    monkeypatch.setattr(CommandParser, "parse_args", stop)
+    return found
+
+
+def test_commands_share_their_options(options_of):
+    found = {name: options_of(name) for name in DRAWING}
+    for option in REQUEST:
+        assert all(option in found[name] for name in DRAWING), option
+        assert len({found[name][option] for name in DRAWING}) == 1, option
+    for option in RUN:
+        assert found["frame"][option] == found["perf"][option], option
+
+
+@pytest.mark.parametrize("name", ["train", "synth", "verilog", "cases", "demo"])
+def test_every_command_that_writes_has_out(name, options_of):
+    assert "--out" in options_of(name)
+
+
+@pytest.mark.parametrize("name", DRAWING)
+def test_a_scene_is_an_argument_or_an_option(name, tmp_path):
+    for argv in (["no/such.ply"], ["--scene", "no/such.ply"]):
+        with pytest.raises(InputError, match=r"no/such\.ply"):
+            main([name, *argv, "--out", str(tmp_path)])
+
+
+def test_the_scene_that_is_given_counts():
+    parser = command_parser("python -m some.room", "")
+    add_request_arguments(parser)
+    assert parser.parse_args([]).scene == EMBEDDED
+    assert parser.parse_args(["a.ply"]).scene == parser.parse_args(["--scene", "a.ply"]).scene == "a.ply"
+    assert parser.parse_args(["--scene", "a.ply", "--size", "3x3"]).scene == "a.ply"
+
+
+def parsed(*argv: str, stereo: bool = False) -> RunOptions:
+    parser = command_parser("python -m some.room", "")
+    add_run_arguments(parser)
+    parser.set_defaults(stereo=stereo)
+    return run_options(parser.parse_args(argv))
+
+
+def test_run_options():
+    assert parsed() == RunOptions(False, True, None, None, False, 100, 25.6)
+    assert parsed(stereo=True).display and not parsed("--pixels", "wide", stereo=True).display
+    assert parsed("--merge", "0", "--beta", "9").beta == 0 and parsed("--beta", "9").beta == 9
+    assert parsed("--pipeline", "0").incremental is False and parsed("--machine", "full").full
+    assert parsed("--bandwidth", "unlimited").bytes_per_cycle is None and parsed("--latency", "7").latency == 7
+
+
+@pytest.mark.parametrize(("argv", "says"), [
+    (["--machine", "half"], "machine 'half' is not accepted: choose one of scene, full"),
+    (["--pixels", "tall"], "pixels 'tall'"), (["--merge", "2"], "merge '2' is not accepted: 0 or 1 is"),
+    (["--pipeline", "yes"], "pipeline 'yes'"), (["--beta", "-1"], "beta '-1' is not accepted: 0..16777215 or 'auto' are"),
+    (["--bandwidth", "fast"], "bandwidth 'fast'"), (["--bandwidth", "0"], "bandwidth '0'"),
+    (["--bandwidth", "nan"], "bandwidth 'nan'"), (["--latency", "0"], "latency 0"),
+])
+def test_bad_run_options_are_named(argv, says):
+    argv = [argv[0] + "=" + argv[1]]
+    with pytest.raises(InputError, match=re.escape(says)):
+        parsed(*argv)
