@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import os
 import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -68,7 +70,7 @@ def markers_of(path: Path) -> tuple[str, ...]:
     """The markers that a file's contents call for."""
     files, place = reached(path), path.relative_to(ROOT / "tests").parts[0]
     text = path.read_text(encoding="utf-8")
-    simulates = (place in ("rtl", "tb") or ROOT / "tb" / "common" / "runner.py" in files
+    simulates = (place in ("rtl", "tb", "examples") or "verilator" in text or ROOT / "tb" / "common" / "runner.py" in files
                  or ("sys.executable" in text and SIMULATIONS.search(text)))
     return (*(["torch"] if any(imports_torch(file) for file in files) else []), *(["rtl"] if simulates else []))
 
@@ -95,10 +97,17 @@ def processor_seconds() -> float:
     return times.user + times.system + times.children_user + times.children_system
 
 
+def compile_seconds() -> float:
+    kernels = sys.modules.get("golden.kernels")
+    return kernels.compile_seconds() if kernels else 0.0
+
+
 def measured(item: pytest.Item) -> Iterator[None]:
-    begin = processor_seconds()
+    """Notes what a phase of a test took; one that compiled kernels is not measured, as the next run will not compile them."""
+    begin, compiled = processor_seconds(), compile_seconds()
     yield
-    item.user_properties.append(("processor_s", processor_seconds() - begin))
+    item.user_properties.append(
+        ("processor_s", processor_seconds() - begin if compile_seconds() == compiled else float("nan")))
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -126,13 +135,14 @@ class Reporter:
         if report.when == "call":
             spent = sum(value for name, value in report.user_properties if name == "processor_s")
             name = function_of(report.nodeid)
-            self.seconds[name] = self.seconds.get(name, 0.0) + spent
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent  # NaN stays NaN
 
     def pytest_sessionfinish(self) -> None:
         if self.config.option.record_slow:
             kept = json.loads(SLOW.read_text())["seconds"] if SLOW.exists() else {}
-            kept = {name: value for name, value in kept.items() if name not in self.seconds}
-            kept |= {name: round(value, 1) for name, value in self.seconds.items() if value > SLOW_SECONDS}
+            known = {name: value for name, value in self.seconds.items() if not math.isnan(value)}
+            kept = {name: value for name, value in kept.items() if name not in known}
+            kept |= {name: round(value, 1) for name, value in known.items() if value > SLOW_SECONDS}
             text = {"command": "python -m pytest --record-slow", "seconds": dict(sorted(kept.items()))}
             SLOW.write_text(json.dumps(text, indent=1) + "\n")
 
