@@ -1,14 +1,17 @@
-"""Proves the sequential equivalence of two emissions of a unit, by induction in Yosys, with memories cut out of both.
+"""Proves the sequential equivalence of two emissions of a unit, module by module, by induction in Yosys.
 
-Flip-flops are matched by name. The pins of a memory become ports, so that the proof shows that both versions access the memory
-in the same way. Equal writes in every cycle then imply that both memories have the same content.
+A module whose text is the same in both needs no proof. In one that differs, memories and instances of other modules are cut
+out: their pins become ports, so that the proof shows that both versions use them in the same way. Equal inputs in every cycle
+then imply equal outputs of the same memory, and of a module that is the same or proven itself. Flip-flops are matched by name.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+from msv2.studies.equivalence.emit import canonical
 from synth.flow import run
 from synth.memories import take_out
 
@@ -16,36 +19,74 @@ DEPTH = 4
 """Number of cycles of the induction. No unit whose flip-flops all match by name needs more."""
 
 
-def _flat(source: Path, top: str, name: str, folder: Path, log: Path) -> tuple[Path, list[dict[str, str]]]:
-    """The unit as module `name` without memories, as a JSON netlist of Yosys, and its memories' shapes and initial values."""
+def modules_of(text: str) -> dict[str, str]:
+    """The canonical text of every module of an RTLIL text, by name."""
+    parts = re.split(r"(?m)^(?=(?:attribute [^\n]*\n)*module \\)", text)
+    found = {}
+    for part in parts:
+        if head := re.search(r"(?m)^module \\(\S+)$", part):
+            found[head[1]] = canonical(part)
+    return found
+
+
+def cut_instances(module: dict) -> list[tuple[str, str]]:
+    """Removes the instances of other modules from a module of Yosys' JSON, in place; their pins become ports of the module.
+
+    Returns the instances: the name and the module of each.
+    """
+    cut = []
+    for name, cell in sorted(module["cells"].items()):
+        if cell["type"].startswith("$") and not cell["type"].startswith("$paramod"):
+            continue
+        cut.append((name, cell["type"]))
+        for pin, bits in cell["connections"].items():
+            inside = cell["port_directions"][pin] == "output"
+            module["ports"][f"{name}__{pin}"] = {"direction": "input" if inside else "output", "bits": bits}
+        del module["cells"][name]
+    return cut
+
+
+def _single(source: Path, module: str, name: str, folder: Path, log: Path) -> tuple[Path, list[object]]:
+    """One module as `name` without memories and instances, as JSON; and what was cut, which both versions must share."""
     path = folder / f"{name}.json"
-    run(f"read_rtlil {source}", f"hierarchy -top {top}", "proc", "flatten", "opt_clean", "memory_collect",
-        f"rename {top} {name}", f"write_json {path}", log=log)
-    design = json.loads(path.read_text())
-    design["modules"] = {name: design["modules"][name]}
-    memories = [cell["parameters"] for cell in design["modules"][name]["cells"].values() if cell["type"] == "$mem_v2"]
-    take_out(design["modules"][name], limit=0)
-    path.write_text(json.dumps(design))
-    return path, memories
+    run(f"read_rtlil {source}", "proc", "opt_clean", "memory_collect", f"write_json {path}", log=log)
+    found = json.loads(path.read_text())["modules"][module]
+    memories = [cell["parameters"] for cell in found["cells"].values() if cell["type"] == "$mem_v2"]
+    take_out(found, limit=0)
+    instances = cut_instances(found)
+    found["attributes"] = {}
+    path.write_text(json.dumps({"modules": {name: found}}))
+    return path, [memories, instances]
 
 
-def equivalent(before: Path, after: Path, top: str, folder: Path) -> bool:
-    """Whether two RTLIL texts of a unit describe the same machine. Yosys' log is in `folder/prove.log`.
+def proven(before: Path, after: Path, module: str, folder: Path) -> bool:
+    """Whether one module of two RTLIL texts is the same machine, its memories and instances being the same.
 
     Args:
-        before, after: the RTLIL of module `top` and of the modules that it uses.
-        top: the module's name, the same in both.
-        folder: for intermediate files.
+        before, after: RTLIL with the module.
+        module: the module's name, the same in both.
+        folder: for intermediate files; Yosys' log is `prove.log` in it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    log = folder / "prove.log"
+    log, verdict = folder / "prove.log", folder / "verdict.txt"
     log.write_bytes(b"")
-    gold, stored_before = _flat(before, top, "gold", folder, log)
-    gate, stored_after = _flat(after, top, "gate", folder, log)
-    if stored_before != stored_after:
-        return False
-    verdict = folder / "verdict.txt"
     verdict.unlink(missing_ok=True)
+    gold, cut_before = _single(before, module, "gold", folder, log)
+    gate, cut_after = _single(after, module, "gate", folder, log)
+    if cut_before != cut_after:
+        return False
     run(f"read_json {gold}", f"read_json {gate}", "memory_map", "opt_clean", "equiv_make gold gate both", "hierarchy -top both",
         "opt_clean", "equiv_simple", f"equiv_induct -seq {DEPTH}", f"tee -q -o {verdict} equiv_status", log=log)
     return "Equivalence successfully proven" in verdict.read_text()
+
+
+def differences(before: Path, after: Path, folder: Path) -> list[str]:
+    """Modules of a unit that are not proven to be the same; a module that only one of the texts has is one of them.
+
+    Args:
+        before, after: the RTLIL of the unit and of the modules that it uses.
+        folder: for intermediate files.
+    """
+    old, new = modules_of(before.read_text()), modules_of(after.read_text())
+    changed = sorted(name for name in old.keys() & new.keys() if old[name] != new[name])
+    return sorted({*(old.keys() ^ new.keys()), *(name for name in changed if not proven(before, after, name, folder / name))})

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from golden.scenes.request import make_folder
 from msv2.studies.equivalence.emit import canonical, checked_out, emitted
-from msv2.studies.equivalence.prove import equivalent
+from msv2.studies.equivalence.prove import differences
 from msv2.studies.record import write_report
 from spec.command_line import command_parser
 from spec.config import CONFIGS
@@ -41,8 +41,8 @@ def verdicts(before: dict[str, Path], after: dict[str, Path], folder: Path) -> d
         elif canonical(before[name].read_text()) == canonical(after[name].read_text()):
             found[name] = SAME
         else:
-            same = equivalent(before[name], after[name], name.partition(".")[2], folder / name)
-            found[name] = PROVEN if same else DIFFERENT
+            wrong = differences(before[name], after[name], folder / name)
+            found[name] = f"{DIFFERENT}: {', '.join(wrong)}" if wrong else PROVEN
     return found
 
 
@@ -64,6 +64,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     found = verdicts(before, emitted(ROOT, configs, out / "after"), out / "proofs")
     write_report(out / "equivalence.json", {"against": args.against, "units": found}, [__name__], {"arguments": args})
     for verdict in (SAME, PROVEN, MISSING, DIFFERENT):
-        names = [name for name, value in found.items() if value == verdict]
+        names = [name for name, value in found.items() if value.startswith(verdict)]
         print(f"{verdict}: {len(names)}" + (f" ({', '.join(names)})" if names and verdict != SAME else ""))
-    return int(any(verdict in (DIFFERENT, MISSING) for verdict in found.values()))
+    return int(any(verdict not in (SAME, PROVEN) for verdict in found.values()))

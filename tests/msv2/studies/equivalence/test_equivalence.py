@@ -10,7 +10,7 @@ pytest.importorskip("pyosys", reason="pyosys is not installed")
 
 from msv2.studies.equivalence import study
 from msv2.studies.equivalence.emit import canonical
-from msv2.studies.equivalence.prove import equivalent
+from msv2.studies.equivalence.prove import differences
 from rtl.emit import to_rtlil
 from spec.errors import InputError
 
@@ -44,7 +44,7 @@ def proof(tmp_path):
     def prove(kind: str) -> bool:
         for name, value in (("before", "plain"), ("after", kind)):
             (tmp_path / f"{name}.il").write_text(to_rtlil(Unit(value), "unit"))
-        return equivalent(tmp_path / "before.il", tmp_path / "after.il", "unit", tmp_path / "proof")
+        return not differences(tmp_path / "before.il", tmp_path / "after.il", tmp_path / "proof")
     return prove
 
 
@@ -69,7 +69,7 @@ def test_verdicts(tmp_path):
         files[f"{name}.unit"] = before, after
     before, after = ({name: pair[i] for name, pair in files.items()} for i in (0, 1))
     found = study.verdicts({**before, "gone.unit": before["same.unit"]}, after, tmp_path / "proofs")
-    assert found == {"same.unit": study.SAME, "other.unit": study.PROVEN, "fault.unit": study.DIFFERENT,
+    assert found == {"same.unit": study.SAME, "other.unit": study.PROVEN, "fault.unit": f"{study.DIFFERENT}: unit",
                      "gone.unit": study.MISSING}
 
 
