@@ -20,13 +20,24 @@ DEPTH = 4
 
 
 def modules_of(text: str) -> dict[str, str]:
-    """The canonical text of every module of an RTLIL text, by name."""
+    """The text of every module of an RTLIL text, by name."""
     parts = re.split(r"(?m)^(?=(?:attribute [^\n]*\n)*module \\)", text)
-    found = {}
-    for part in parts:
-        if head := re.search(r"(?m)^module \\(\S+)$", part):
-            found[head[1]] = canonical(part)
-    return found
+    return {head[1]: part for part in parts if (head := re.search(r"(?m)^module \\(\S+)$", part))}
+
+
+def alone(modules: dict[str, str], name: str) -> str:
+    """RTLIL of one module, with the ports alone of the modules that it uses."""
+    used = sorted({kind for kind in re.findall(r"(?m)^\s*cell \\(\S+) ", modules[name]) if kind in modules})
+    port = re.compile(r"(?m)^\s*wire .*(?:input|output|inout) \d+.*$")
+    stubs = ["\n".join([f"module \\{kind}", *port.findall(modules[kind]), "end"]) for kind in used]
+    return "\n".join([*stubs, modules[name]])
+
+
+def name_ports(module: dict) -> None:
+    """Renames ports that Amaranth has numbered, `port$17$0`, in place: they count in the order in which they are declared."""
+    numbered = [port for port in module["ports"] if re.fullmatch(r"port\$\d+\$\d+", port)]
+    for place, port in enumerate(numbered):
+        module["ports"][f"port_{place}"] = module["ports"].pop(port)
 
 
 def cut_instances(module: dict) -> list[tuple[str, str]]:
@@ -46,11 +57,13 @@ def cut_instances(module: dict) -> list[tuple[str, str]]:
     return cut
 
 
-def _single(source: Path, module: str, name: str, folder: Path, log: Path) -> tuple[Path, list[object]]:
+def _single(text: str, module: str, name: str, folder: Path, log: Path) -> tuple[Path, list[object]]:
     """One module as `name` without memories and instances, as JSON; and what was cut, which both versions must share."""
-    path = folder / f"{name}.json"
+    source, path = folder / f"{name}.il", folder / f"{name}.json"
+    source.write_text(text)
     run(f"read_rtlil {source}", "proc", "opt_clean", "memory_collect", f"write_json {path}", log=log)
     found = json.loads(path.read_text())["modules"][module]
+    name_ports(found)
     memories = [cell["parameters"] for cell in found["cells"].values() if cell["type"] == "$mem_v2"]
     take_out(found, limit=0)
     instances = cut_instances(found)
@@ -59,11 +72,11 @@ def _single(source: Path, module: str, name: str, folder: Path, log: Path) -> tu
     return path, [memories, instances]
 
 
-def proven(before: Path, after: Path, module: str, folder: Path) -> bool:
-    """Whether one module of two RTLIL texts is the same machine, its memories and instances being the same.
+def proven(before: str, after: str, module: str, folder: Path) -> bool:
+    """Whether one module is the same machine in two RTLIL texts, its memories and instances being the same.
 
     Args:
-        before, after: RTLIL with the module.
+        before, after: RTLIL of the module, as `alone` gives it.
         module: the module's name, the same in both.
         folder: for intermediate files; Yosys' log is `prove.log` in it.
     """
@@ -88,5 +101,6 @@ def differences(before: Path, after: Path, folder: Path) -> list[str]:
         folder: for intermediate files.
     """
     old, new = modules_of(before.read_text()), modules_of(after.read_text())
-    changed = sorted(name for name in old.keys() & new.keys() if old[name] != new[name])
-    return sorted({*(old.keys() ^ new.keys()), *(name for name in changed if not proven(before, after, name, folder / name))})
+    changed = sorted(name for name in old.keys() & new.keys() if canonical(old[name]) != canonical(new[name]))
+    wrong = [name for name in changed if not proven(alone(old, name), alone(new, name), name, folder / name)]
+    return sorted({*(old.keys() ^ new.keys()), *wrong})
