@@ -77,7 +77,7 @@ def test_sources_and_sinks_in_python(fault, wrong, tmp_path):
     playback = faulty_playback()
     wires = [f"{port}__{wire}" for port in ("left", "right", "out") for wire in ("payload", "valid", "ready")]
     design = Design("faulty-alone", "faulty_unit", (("dut.v", playback.verilog),), ("clk", "rst", "key", "fault", *wires))
-    arguments = (design, "streams_in_simulator", tmp_path)
+    arguments = (design, "tests.helpers.streams_in_simulator", tmp_path)
     if wrong is None:
         simulate(*arguments, env={"UNIT_FAULT": str(fault)})
     else:
