@@ -61,6 +61,10 @@ def _integer_bits(n: NumberFormats) -> Iterator[str]:
         yield f"formats.accumulator must have at least the integer bits of colour, {n.colour.int_bits}, not {n.accumulator}"
     if n.depth_key.frac_bits:
         yield f"formats.depth_key must have no fraction bits, not {n.depth_key}"
+    least = n.view.sig_bits + 1
+    if n.depth_key.int_bits < least:
+        yield (f"formats.depth_key must have at least {least} bits, four octaves of view's ulps behind the near plane, "
+               f"not {n.depth_key}")
     if n.conic.exp_max:
         yield f"formats.conic must have 0 as its largest exponent, so a bias of {(1 << n.conic.exp_bits) - 1}, not {n.conic}"
 

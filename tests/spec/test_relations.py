@@ -27,7 +27,8 @@ def test_named_machines_have_no_problems(config):
     ({"view": UQ(1, 9)}, None),
     ({"exp2_segments": 3}, "formats.exp2_segments must be one of 1, 2, 4, 8, 16, not 3"),
     ({"accumulator": UQ(0, 14)}, "formats.accumulator must have at least the integer bits of colour, 1, not UQ0.14"),
-    ({"depth_key": UQ(20, 2)}, "formats.depth_key must have no fraction bits, not UQ20.2"),
+    ({"depth_key": UQ(22, 2)}, "formats.depth_key must have no fraction bits, not UQ22.2"),
+    ({"depth_key": UQ(20, 0)}, "formats.depth_key must have at least 21 bits, four octaves of view's ulps"),
     ({"conic": SmallFloat(16, 6, 62)}, "formats.conic must have 0 as its largest exponent, so a bias of 63, not float16e6b62"),
     ({"factor": SQ(1, 14)}, "formats.factor must have the fraction bits of conic's significand, 15, not SQ1.14"),
     ({"mean2d": SQ(19, 12)}, "formats.mean2d must have at most 29 bits beside conic float16e6b63, not SQ19.12"),
@@ -81,7 +82,7 @@ def test_integer_bits_that_were_derived(name):
 
 def test_every_fixed_point_format_can_still_be_shortened_or_lengthened():
     """The relations leave room: shorter colours, keys and transmittances are what the presets are made of."""
-    for formats in ({"colour": UQ(1, 8)}, {"transmittance": UQ(0, 13)}, {"depth_key": UQ(20, 0)}, {"exp2_segments": 4},
+    for formats in ({"colour": UQ(1, 8)}, {"transmittance": UQ(0, 13)}, {"depth_key": UQ(21, 0)}, {"exp2_segments": 4},
                     {"sh_basis": SQ(0, 12)}, {"work": SmallFloat(14, 8, 127)}, {"plane": SQ(6, 10)}, {"exponent": SQ(12, 14)},
                     {"conic": SmallFloat(15, 6, 63), "factor": SQ(1, 14)}, {"blend_weight": UQ(1, 7)}):
         check_relations(changed(**formats))

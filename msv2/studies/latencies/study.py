@@ -33,6 +33,7 @@ from rtl.tile_lists.list_reader import ListReader
 from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.row import VrcRow
 from spec import records
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
@@ -255,6 +256,7 @@ MEASURES: tuple[Callable[[AcceleratorConfig], dict[str, int]], ...] = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all units, prints the latencies and writes the report."""
+    command_parser("msv2 study run latencies", __doc__).parse_args(argv)
     cycles = {name: value for measure in MEASURES for name, value in measure(PAPER).items()}
     print(cycles)
     write_report(REPORT, {"config": PAPER.name, "cycles": cycles}, [__name__], {"config": PAPER})

@@ -10,8 +10,9 @@ import numpy as np
 from msv2.studies.performance.machines import BANDWIDTHS, BOTH, GPU, GSCORE, MACHINES, WARPING
 from msv2.studies.picture import find_pyplot, save_figure
 from perf.model import FrameCycles
+from spec.stages import StagePhase, watched
 
-STAGES = ("sort", "handover", "fetch", "array", "pixel_write")
+STAGES = tuple(name for name in watched(StagePhase.RENDERING) if name != "list_read")
 """The rows of the timeline."""
 
 SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)

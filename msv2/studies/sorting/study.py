@@ -16,6 +16,7 @@ import numpy as np
 
 from msv2.studies.record import write_report
 from msv2.studies.scenes import View, available, places
+from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.paths import REPORTS, ROOT
 from tb.common.exact import Outcome, Planned, rate
@@ -61,6 +62,7 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures all frames and writes the report."""
+    command_parser("msv2 study run sorting", __doc__).parse_args(argv)
     views = [View(scene, SIZES[0]) for scene in TRAINED]
     list(available(views))  # prints the missing scenes
     report = measure(PAPER, SIZES, ROOT / "build" / "results")

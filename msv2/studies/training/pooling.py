@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from golden.scenes.files import read_json
 from msv2.studies.record import write_report
-from spec.errors import InputError, run_command_line
+from spec.command_line import command_parser
+from spec.errors import run_command_line
 from spec.paths import REPORTS
 
 
@@ -30,9 +30,9 @@ def row(folder: Path) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs the command line."""
-    folders = [Path(text) for text in (sys.argv[1:] if argv is None else argv)]
-    if not folders:
-        raise InputError("no run is not accepted: name folders of finished runs of golden/train.py")
+    parser = command_parser("msv2 study run pooling", __doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a finished run of `msv2 train`")
+    folders = parser.parse_args(argv).runs
     write_report(REPORTS / "pooling.json", {"rows": [row(folder) for folder in folders]}, [__name__, "golden.train"],
                  {"runs": folders}, [folder / "report.json" for folder in folders])
 

@@ -3,14 +3,13 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
 import tomllib
 
 import pytest
 
 from msv2.cli import doctor
 from spec.paths import ROOT
+from tests.helpers.processes import python
 
 
 def ask(capsys) -> tuple[int, dict]:
@@ -67,8 +66,7 @@ def test_folders_are_found_by_their_variable(tmp_path, monkeypatch, capsys, vari
 
 def test_it_runs_where_nothing_is_installed(tmp_path):
     """Without site-packages: it reports, and does not fail on an import."""
-    done = subprocess.run([sys.executable, "-S", "-m", "msv2", "doctor", "--json"], cwd=ROOT, capture_output=True, text=True,
-                          env={**os.environ, "PYTHONPATH": ""})
+    done = python("-S", "-m", "msv2", "doctor", "--json", env={**os.environ, "PYTHONPATH": ""})
     report = json.loads(done.stdout)
     assert done.returncode == 1 and not named(report, "numpy")["found"] and named(report, "python")["found"]
     assert named(report, "perl")["found"] == (shutil.which("perl") is not None)

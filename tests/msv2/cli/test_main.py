@@ -1,8 +1,6 @@
 """`msv2` as a user meets it: help at once, the functions of the rooms, clear refusals."""
 
 import resource
-import subprocess
-import sys
 import tomllib
 from importlib import import_module
 from importlib.util import find_spec
@@ -14,15 +12,12 @@ from msv2.cli.commands import COMMANDS, EXTRAS, Command
 from msv2.cli.main import main
 from spec.errors import InputError
 from spec.paths import ROOT
+from tests.helpers.processes import python
 
 EXPECTED = ("render", "look", "frame", "video", "view", "sim", "synth", "perf", "sweep", "train", "cases", "study", "verilog",
             "doctor")
 NOT_YET = ("view", "video", "look", "sweep")
 AVAILABLE = [command for command in COMMANDS.values() if command.module]
-
-
-def run(*argv: str) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", "msv2", *argv], cwd=ROOT, capture_output=True, text=True)
 
 
 def test_help_names_every_command_with_examples(capsys):
@@ -38,19 +33,20 @@ def test_help_appears_at_once():
     spent = []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = run("--help")
+        done = python("-m", "msv2", "--help")
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
         assert done.returncode == 0 and done.stdout.startswith("usage: msv2")
     assert min(spent) < 0.3
     code = "import sys\nfrom msv2.cli.main import main\nmain(['--help'])\nprint(sorted(sys.modules), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = python("-c", code)
+    assert done.returncode == 0
     for name in ("numpy", "numba", "amaranth", "torch", "golden", "rtl", "tb"):
         assert f"'{name}'" not in done.stderr
 
 
 def test_an_unknown_command_names_the_nearest():
-    done = run("rendr")
+    done = python("-m", "msv2", "rendr")
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("error: command 'rendr' is not accepted: choose one of render, look,")
     assert "did you mean 'render'?" in done.stderr and "Traceback" not in done.stderr
@@ -63,7 +59,7 @@ def test_commands_that_are_not_there_yet_say_what_to_use(name):
 
 
 def test_a_command_that_is_not_there_yet_exits_with_2():
-    done = run("view", "scene.ply")
+    done = python("-m", "msv2", "view", "scene.ply")
     assert done.returncode == 2 and "not yet available" in done.stderr
 
 
@@ -105,7 +101,7 @@ def test_help_shows_the_name_that_was_typed(name, started_as, capsys):
 
 @pytest.mark.parametrize("script", ["golden/render.py", "golden/train.py"])
 def test_the_scripts_still_start(script):
-    done = subprocess.run([sys.executable, script, "--no-such-option"], cwd=ROOT, capture_output=True, text=True)
+    done = python(script, "--no-such-option")
     assert done.returncode == 2 and "--no-such-option" in done.stderr and "Traceback" not in done.stderr
 
 

@@ -5,7 +5,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 
 import pytest
 
@@ -14,6 +13,7 @@ from msv2.cli.commands import COMMANDS
 from msv2.cli.main import main
 from spec.errors import InputError
 from spec.paths import ROOT
+from tests.helpers.processes import PYTHON, run
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make: apt-get install make")
 
@@ -27,7 +27,7 @@ NEW = ("verilog", "doctor", "study", "check")
 
 
 def make(*argv: str) -> subprocess.CompletedProcess:
-    return subprocess.run(["make", "-n", f"PYTHON={sys.executable}", *argv], cwd=ROOT, capture_output=True, text=True)
+    return run("make", "-n", f"PYTHON={PYTHON}", *argv)
 
 
 def commands(*argv: str) -> list[list[str]]:

@@ -144,7 +144,7 @@ def test_report_of_a_frame_through_the_rtl(tmp_path):
     path.write_text("{}")
     with pytest.raises(InputError, match=r"frame\.json"):
         study.main(["--frame", str(path), "--out", str(tmp_path)])
-    with pytest.raises(InputError, match="CONFIG"):
+    with pytest.raises(InputError, match="config 'huge'"):
         study.main(["--config", "huge", "--out", str(tmp_path)])
 
 

@@ -94,7 +94,7 @@ def test_area_is_that_of_the_groups_without_the_warp_unit(areas):
     assert area.machine_mm2(areas, PAPER) == pytest.approx(3 * 0.11)
     half = area.machine_mm2(areas, PAPER.with_(cores_x=8, culling_units=4))
     assert half == pytest.approx(0.11 + 2 * 0.06)
-    assert area.load_area(area.ROOT / "nowhere.json") is None and sweeps.iso_area(None, None) == []
+    assert area.load_area(area.REPORTS / "nowhere.json") is None and sweeps.iso_area(None, None) == []
 
 
 def test_equal_area_scales_the_other_machine_to_ours(content):

@@ -53,7 +53,7 @@ def test_docs_quote_the_report():
     assert list(of_frame) == [f"{view.scene} {view.size}" for view in study.FRAMES]
     assert str(REPORT.relative_to(root)) in IntersectionWriter.__doc__
     truck = of_frame["truck 1920x1080"]
-    sentence = f"with 1,024 lines (32 KB) they save {truck[1024]} % of truck's writes at 1080p, with 64 lines {truck[64]} %"
+    sentence = f"with 1,024 lines (32 KB) this saves {truck[1024]} % of truck's writes at 1080p, with 64 lines {truck[64]} %"
     assert sentence in " ".join((root / "docs" / "machine.md").read_text().split())
 
 

@@ -1,0 +1,92 @@
+"""`msv2 perf` as a user meets it: the machine that it models, what it writes, what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from golden.scenes.model import GaussianModel
+from golden.scenes.save import save_model
+from perf import __main__ as command
+from spec.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """A ball of splats whose colours do not depend on the direction."""
+    rng = np.random.default_rng(5)
+    n = 400
+    direction = rng.normal(size=(n, 3))
+    model = GaussianModel(
+        means=direction / np.linalg.norm(direction, axis=1, keepdims=True), log_scales=rng.normal(-2.2, 0.3, (n, 3)),
+        quats=rng.normal(size=(n, 4)), opacity=rng.uniform(0.3, 0.95, (n, 1)), sh_dc=rng.normal(0, 1, (n, 1, 3)),
+        sh_rest=np.zeros((n, 0, 3)), quality_bound=np.ones(n, np.uint8))
+    path = tmp_path_factory.mktemp("scene") / "ball.ply"
+    save_model(model, path)
+    return path
+
+
+@pytest.fixture
+def perf(scene, tmp_path, monkeypatch):
+    """Runs the command on the scene and returns perf.json."""
+    monkeypatch.setattr(command, "CACHE", tmp_path / "traces")
+
+    def run(*argv: str) -> dict:
+        out = tmp_path / "out"
+        assert command.main([str(scene), "--size", "48x32", "--config", "tiny", "--out", str(out), *argv]) == 0
+        assert (out / "perfetto.json").stat().st_size > 100
+        return json.loads((out / "perf.json").read_text())
+
+    return run
+
+
+def active(found: dict) -> set[str]:
+    return {name for name, effect in found["effects"]["effects"].items() if effect["state"] != "absent"}
+
+
+def test_the_machine_is_the_one_that_the_scene_calls_for(perf, capsys):
+    scene, full = perf(), perf("--machine", "full")
+    assert (scene["machine"], full["machine"]) == ("scene", "full")
+    assert active(scene) == active(full) == {"contention"}
+    assert scene["entries"] == full["entries"] and scene["total"] < full["total"]
+    assert "sh          absent" in capsys.readouterr().out
+
+
+def test_effects_are_forced_as_in_frame(perf):
+    plain, forced = perf("--bandwidth", "unlimited"), perf("--bandwidth", "unlimited", "--effects", "sh")
+    assert active(plain) == set() and active(forced) == {"sh"}
+    assert forced["entries"] == plain["entries"]
+    assert forced["dram_bytes"]["reads"]["colour"] > plain["dram_bytes"]["reads"]["colour"]
+    deep = perf("--bandwidth", "unlimited", "--depth")
+    assert active(deep) == {"depth"}
+
+
+def test_a_kept_trace_gives_the_same_frame(perf, tmp_path):
+    first = perf("--gaze", "20,10", "--levels", "2")
+    kept = list((tmp_path / "traces").iterdir())
+    again = perf("--gaze", "20,10", "--levels", "2")
+    assert list((tmp_path / "traces").iterdir()) == kept and len(kept) == 1
+    assert first["total"] == again["total"] and first["effects"] == again["effects"]
+    perf("--gaze", "20,10", "--levels", "2", "--set", "sh_degree=1")  # the scene has no harmonics: the same machine
+    assert list((tmp_path / "traces").iterdir()) == kept
+    perf("--gaze", "20,10", "--levels", "2", "--set", "support_sigma=2.5")
+    assert len(list((tmp_path / "traces").iterdir())) == 2
+
+
+def test_changed_machines_are_modelled_and_recorded(perf):
+    found = perf("--set", "sort_buffer_bytes=512", "--pipeline", "0", "--merge", "0")
+    assert found["configuration"]["sort_buffer_bytes"] == 512 and found["config"].startswith("tiny_x")
+    assert (found["pipeline"], found["merge"]) == (False, False)
+
+
+@pytest.mark.parametrize(("argv", "says"), [
+    (["--machine", "half"], "machine 'half'"),
+    (["--memory", "ddr5"], "memory 'ddr5' is not accepted: choose one of ideal, lpddr3"),
+    (["--stereo", "--pixels", "wide"], "pixels 'wide' is not accepted with --stereo"), (["--config", "huge"], "config 'huge'"),
+    (["--effects", "fog"], "effect 'fog'"), (["--size", "0x1"], "'0x1'"),
+])
+def test_bad_requests_are_named_and_write_nothing(scene, tmp_path, argv, says):
+    with pytest.raises(InputError, match=says):
+        command.main([str(scene), "--out", str(tmp_path / "out"), *argv])
+    assert not (tmp_path / "out" / "perf.json").exists()
