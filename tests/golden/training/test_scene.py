@@ -232,7 +232,7 @@ def test_embedded_photographs_and_points_are_kept(tmp_path, monkeypatch):
     assert first[0].shape == (2, 32, 32, 3) and first[1].shape == first[2].shape == (50, 3)
     assert first[0].std() > 20 and np.array_equal(first[0], load_training_scene("embedded", (32, 32)).images[:2])
     (path,) = tmp_path.iterdir()
-    monkeypatch.setattr(embedded.embedded, "render_reference", lambda camera: pytest.fail("traced again"))
+    monkeypatch.setattr(embedded.scene, "render_reference", lambda camera: pytest.fail("traced again"))
     assert equal(embedded.photographs_and_points(cameras, 50, tmp_path), first)
     monkeypatch.undo()
     whole = path.read_bytes()
