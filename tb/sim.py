@@ -11,6 +11,7 @@ from spec.errors import InputError, run_command_line
 from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
 from tb.axi import suite as axi
+from tb.common.private import private_folder
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
 from tb.culling import projection_suite as projection
@@ -99,13 +100,14 @@ def _run_variant(
     base = suite.VARIANTS[variant]
     config = changed(base, values)
     label = variant if config is base else f"{variant}-{config.name}"
-    name, folder = f"{unit} {label}", BUILD / unit / label
+    name = f"{unit} {label}"
     plan = [planned for planned in suite.full_plan(config, seed) if only in planned.name]
     if not plan:
         return None
     print(f"{name}: {len(plan)} runs, seed {seed}", flush=True)
     try:
-        outcome = suite.run_plan(config, plan, folder, waves=waves, progress=True)
+        with private_folder(BUILD / unit / label) as folder:
+            outcome = suite.run_plan(config, plan, folder, waves=waves, progress=True)
     except SimulationError as error:
         print(f"{name}: FAILED\n{error}")
         return 1

@@ -130,8 +130,8 @@ class Reporter:
         terminal = self.config.pluginmanager.get_plugin("terminalreporter")
         if report.failed and terminal:
             crash = getattr(report.longrepr, "reprcrash", None)
-            terminal.ensure_newline()
-            terminal.write_line(f"FAILED {report.nodeid}: {crash.message.splitlines()[0] if crash else report.when}", red=True)
+            why = crash.message.splitlines()[0][:160] if crash else report.when
+            terminal.write(f"\nFAILED {report.nodeid}: {why}\n", red=True)
         if report.when == "call":
             spent = sum(value for name, value in report.user_properties if name == "processor_s")
             name = function_of(report.nodeid)

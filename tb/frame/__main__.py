@@ -24,6 +24,7 @@ from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
+from tb.common.private import private_folder
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
@@ -100,7 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     work = work_for(args, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
     out = make_folder(args.out or BUILD / "frame")
     try:
-        numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, options, waves)
+        with private_folder(out / "sim") as folder:
+            numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, folder, options, waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
@@ -112,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _one_eye(
-    args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
+    args: argparse.Namespace, work: Work, out: Path, folder: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
     """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
     so with a forced second eye that machine is simulated only for display pixels."""
@@ -120,27 +122,27 @@ def _one_eye(
     golden = work.render(beta=options.beta)
     (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
-        numbers, rtl = simulate_frame(work.config, golden, out / "sim", waves)
+        numbers, rtl = simulate_frame(work.config, golden, folder, waves)
         image = rtl.image
     elif work.second_eye_forced and options.display:
         eyes = work.add_eye(golden, beta=options.beta)
-        numbers, result = simulate_eyes(eyes, device.machine(work.config), out / "sim", **how)
+        numbers, result = simulate_eyes(eyes, device.machine(work.config), folder, **how)
         image = picture(golden, result.pixels)
     else:
-        numbers, pixels = simulate_machine(golden, device.machine(work.config), out / "sim", display=options.display, **how)
+        numbers, pixels = simulate_machine(golden, device.machine(work.config), folder, display=options.display, **how)
         image = picture(golden, pixels)
     save_png(out / "frame.png", image)
     return numbers
 
 
 def _two_eyes(
-    args: argparse.Namespace, work: Work, out: Path, options: RunOptions, waves: Waves | None,
+    args: argparse.Namespace, work: Work, out: Path, folder: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
     """Simulates both eyes, saves their pictures and returns their numbers."""
     golden = render_request(args, work.request, work.config, beta=options.beta, words=work.words, foveation=work.foveation)
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
-        golden, device.machine(golden.source.config), out / "sim", beta=options.beta,
+        golden, device.machine(golden.source.config), folder, beta=options.beta,
         speed=MemorySpeed(options.latency, options.bytes_per_cycle), waves=waves)
     save_eyes(golden, result, out)
     return {**numbers, "stereo": stereo_statistics(args, work.request, golden)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -11,7 +12,9 @@ PYTHON = sys.executable
 
 
 def run(*command: str, **options: object) -> subprocess.CompletedProcess:
-    """What a command printed, and its exit status."""
+    """What a command printed, and its exit status. A `make` below `make test` must not take itself for a part of that."""
+    outer = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "MAKEOVERRIDES")
+    options["env"] = {name: value for name, value in options.get("env", os.environ).items() if name not in outer}
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, **options)
 
 
