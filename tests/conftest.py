@@ -4,7 +4,7 @@
     rtl     reaches the runner of Verilator, lies in tests/rtl or tests/tb, or starts a simulation as a process
     data    takes the fixture `data_dir`
     slow    has taken more than SLOW_SECONDS of processor time, by tests/slow.json, which `--record-slow` writes; tests of the
-            project's structure, which lie in tests/ itself, never are
+            project's structure never are
 
 `make check` runs the tests that have none of these markers, and no `long`.
 """
@@ -32,6 +32,9 @@ SLOW_SECONDS = 0.7
 """Processor time of a test function with all its parameters from which on `make check` leaves it out."""
 
 SLOW = Path(__file__).parent / "slow.json"
+
+ALWAYS = ("test_import_law.py", "test_packaging.py")
+"""Tests of the project's structure, which `make check` runs however long they take."""
 
 SIMULATIONS = re.compile(r"""["'](tb\.(frame|sim)|msv2\.cases|frame|sim|demo)["']""")
 """Processes that build simulators."""
@@ -96,7 +99,7 @@ def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
             item.add_marker(name)
         if "data_dir" in item.fixturenames:
             item.add_marker("data")
-        if function_of(item.nodeid) in slow and item.path.parent != SLOW.parent:  # rooms, packages, README: always
+        if function_of(item.nodeid) in slow and item.path.name not in ALWAYS:
             item.add_marker("slow")
 
 
