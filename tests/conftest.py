@@ -3,7 +3,8 @@
     torch   reaches a module that imports torch
     rtl     reaches the runner of Verilator, lies in tests/rtl or tests/tb, or starts a simulation as a process
     data    takes the fixture `data_dir`
-    slow    has taken more than SLOW_SECONDS of processor time, by tests/slow.json, which `--record-slow` writes
+    slow    has taken more than SLOW_SECONDS of processor time, by tests/slow.json, which `--record-slow` writes; tests of the
+            project's structure, which lie in tests/ itself, never are
 
 `make check` runs the tests that have none of these markers, and no `long`.
 """
@@ -75,6 +76,14 @@ def markers_of(path: Path) -> tuple[str, ...]:
     return (*(["torch"] if any(imports_torch(file) for file in files) else []), *(["rtl"] if simulates else []))
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files are not even imported whose markers a run leaves out as a whole: torch alone takes seconds."""
+    left_out = re.fullmatch(r"not \((.*)\)", config.option.markexpr)
+    if left_out and collection_path.suffix == ".py" and collection_path.name.startswith("test_"):
+        return bool({*markers_of(collection_path)} & {*left_out[1].split(" or ")}) or None
+    return None
+
+
 def function_of(nodeid: str) -> str:
     """A test without its parameters."""
     return nodeid.partition("[")[0]
@@ -87,7 +96,7 @@ def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
             item.add_marker(name)
         if "data_dir" in item.fixturenames:
             item.add_marker("data")
-        if function_of(item.nodeid) in slow:
+        if function_of(item.nodeid) in slow and item.path.parent != SLOW.parent:  # rooms, packages, README: always
             item.add_marker("slow")
 
 
