@@ -15,10 +15,14 @@ from spec.paths import ROOT
 QUICK = "not (rtl or torch or slow or long or data)"
 """Of the markers of pyproject.toml, which tests run."""
 
+ELSEWHERE = ("tests/rtl", "tests/tb", "tests/golden/diff", "tests/golden/training")
+"""Folders without a quick test, which are not even read: all of theirs need Verilator or torch."""
+
 STEPS: dict[str, tuple[str, ...]] = {
     "lint": ("ruff", "check", "."),
     "types": ("mypy",),
-    "tests": ("pytest", "-n", "auto", "--dist", "worksteal", "-m", QUICK),
+    "tests": ("pytest", "-n", "auto", "--dist", "worksteal", "-m", QUICK,
+              *(word for folder in ELSEWHERE for word in ("--ignore", folder))),
 }
 
 

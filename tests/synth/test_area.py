@@ -68,6 +68,7 @@ def test_every_module_is_in_one_unit_as_often_as_in_the_machine() -> None:
     assert found["pixel_core"] == TINY.cores_x * TINY.cores_y
 
 
+@pytest.mark.slow  # where it is the first that asks for it, it elaborates a machine
 def test_units_are_all_there() -> None:
     assert {path for path in machine.UNIT_GROUPS if machine.label(path) in cut().texts} == set(machine.UNIT_GROUPS)
 
