@@ -18,6 +18,8 @@ NEEDS_TORCH = ("torch", "torchvision", "torchgen", "functorch", "gsplat", "odak"
 
 def main() -> None:
     """Makes the environment anew."""
+    if sys.prefix == sys.base_prefix:
+        sys.exit("error: run this with the Python of a virtual environment")
     folder = Path(__file__).resolve().parents[1] / "build" / "without-torch"
     shutil.rmtree(folder, ignore_errors=True)
     venv.create(folder, with_pip=False, symlinks=True)
@@ -26,8 +28,7 @@ def main() -> None:
     for path in Path(sysconfig.get_path("purelib")).iterdir():
         if path.name.split("-")[0].split(".")[0] not in NEEDS_TORCH:
             (packages / path.name).symlink_to(path)
-    if sys.prefix == sys.base_prefix:
-        sys.exit("error: run this with the Python of a virtual environment")
+    (folder / "bin" / "ruff").symlink_to(Path(sys.prefix) / "bin" / "ruff")  # a program, which its package looks for there
     print(python)
 
 
