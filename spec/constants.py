@@ -120,3 +120,6 @@ LOG2E_HALF = 0.5 * math.log2(math.e)
 EXPONENT_SCALE = math.sqrt(LOG2E_HALF)
 """This factor is folded into the Cholesky factors of the conic, so that u^2 + v^2 is the falloff's exponent in the log2
 domain."""
+
+FLIP_FLOP_BITS = 1024
+"""Bits of the largest memory that is made of flip-flops; a macro generator makes the larger ones."""

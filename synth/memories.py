@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-LIMIT = 1024
-"""Bits of the largest memory that is made of flip-flops."""
+from spec.constants import FLIP_FLOP_BITS
+
+LIMIT = FLIP_FLOP_BITS
+"""The limit of `take_out` where none is given, in bits."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,7 @@ import math
 from dataclasses import dataclass
 
 from msv2.verilog.rtlil import Cell, Module, bits_of
-
-FLIP_FLOPS_BELOW = 1024
-"""Bits up to which synthesis makes flip-flops of a memory rather than a macro (`synth.memories.LIMIT`)."""
+from spec.constants import FLIP_FLOP_BITS
 
 
 @dataclass(frozen=True, order=True)
@@ -162,7 +160,7 @@ def model(shape: Shape, prefix: str) -> str:
     several = f"wr_en has a bit for each of the {shape.lanes} parts of {part} bits, the lowest for the lowest"
     return _MODEL.format(
         title=f"Memory of {shape.words} words of {shape.width} bits.", bits=f"{shape.bits:,}", name=prefix + shape.module,
-        made_as=", which synthesis makes of flip-flops" if shape.bits <= FLIP_FLOPS_BELOW else "",
+        made_as=", which synthesis makes of flip-flops" if shape.bits <= FLIP_FLOP_BITS else "",
         lanes=several if shape.lanes > 1 else "the word at wr_addr becomes wr_data at a rising edge at which wr_en is high",
         which="new" if shape.through else "old", lane_range=f"[{shape.lanes - 1}:0] " if shape.lanes > 1 else "",
         address_range=f"[{shape.address_bits - 1}:0] ", data_range=f"[{shape.width - 1}:0] ", last=shape.words - 1,

@@ -10,24 +10,17 @@ import pytest
 from PIL import Image
 
 from golden.render import main
-from golden.scenes.model import GaussianModel
 from golden.scenes.save import save_model
 from spec.errors import InputError
 from spec.paths import ROOT
+from tests.helpers.golden_samples import ball
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
     """A small model of a ball of splats, as PLY."""
-    rng = np.random.default_rng(5)
-    n = 400
-    direction = rng.normal(size=(n, 3))
-    model = GaussianModel(
-        means=direction / np.linalg.norm(direction, axis=1, keepdims=True), log_scales=rng.normal(-2.2, 0.3, (n, 3)),
-        quats=rng.normal(size=(n, 4)), opacity=rng.uniform(0.3, 0.95, (n, 1)), sh_dc=rng.normal(0, 1, (n, 1, 3)),
-        sh_rest=np.zeros((n, 0, 3)), quality_bound=np.ones(n, np.uint8))
     path = tmp_path_factory.mktemp("scene") / "ball.ply"
-    save_model(model, path)
+    save_model(ball(), path)
     return path
 
 

@@ -3,27 +3,19 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from golden.scenes.model import GaussianModel
 from golden.scenes.save import save_model
 from perf import __main__ as command
 from spec.errors import InputError
+from tests.helpers.golden_samples import ball
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
     """A ball of splats whose colours do not depend on the direction."""
-    rng = np.random.default_rng(5)
-    n = 400
-    direction = rng.normal(size=(n, 3))
-    model = GaussianModel(
-        means=direction / np.linalg.norm(direction, axis=1, keepdims=True), log_scales=rng.normal(-2.2, 0.3, (n, 3)),
-        quats=rng.normal(size=(n, 4)), opacity=rng.uniform(0.3, 0.95, (n, 1)), sh_dc=rng.normal(0, 1, (n, 1, 3)),
-        sh_rest=np.zeros((n, 0, 3)), quality_bound=np.ones(n, np.uint8))
     path = tmp_path_factory.mktemp("scene") / "ball.ply"
-    save_model(model, path)
+    save_model(ball(), path)
     return path
 
 
