@@ -83,9 +83,9 @@ class AxiMaster(wiring.Component):
     def _read(self, m: Module) -> Signal:
         """The read channels; returns whether any read is outstanding.
 
-        A count never exceeds `in_flight`, which is a power of two, so its top bit alone says that no further transaction may start.
-        A comparison of all its bits would make the arbiter's choice late, and tools for FPGAs would then copy the arbiter into
-        every bit of the selected payload, with four times as many LUTs.
+        A count never exceeds `in_flight`, which is a power of two, so its top bit alone says that no further transaction may
+        start. A comparison of all its bits would make the arbiter's choice late, and tools for FPGAs would then copy the
+        arbiter into every bit of the selected payload, with four times as many LUTs.
         """
         request = data.StructLayout({"id": self.id_bits, "beat": BEAT_BITS})
         m.submodules.read_turn = turn = RoundRobin(len(self.reads))
