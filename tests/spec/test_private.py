@@ -6,12 +6,12 @@ import subprocess
 import sys
 
 from spec.paths import ROOT
-from tb.common.private import private_folder
+from spec.private import private_folder
 
 HOLD = """
 import sys
 from pathlib import Path
-from tb.common.private import private_folder
+from spec.private import private_folder
 with private_folder(Path(sys.argv[1])) as folder:
     print(folder.name, flush=True)
     sys.stdin.readline()
