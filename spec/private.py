@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -36,19 +36,16 @@ def private_folder(folder: Path) -> Iterator[Path]:
     while True:
         place = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         new, lock = not place.exists(), _claimed(place)
-        if lock is None:
-            number += 1
-            continue
-        with lock:
-            if not os.fstat(lock.fileno()).st_nlink:  # another process has just removed the lock
-                continue
-            try:
-                yield place
-            finally:
-                if new and [path.name for path in place.iterdir()] == [LOCK]:
-                    (place / LOCK).unlink()
-                    place.rmdir()
-            return
+        if lock is not None:
+            break
+        number += 1
+    try:
+        with _held(lock, place):
+            yield place
+    finally:
+        if new:
+            with suppress(OSError):  # it is not empty, or another run has just begun there
+                place.rmdir()
 
 
 @contextmanager
@@ -69,8 +66,18 @@ def output_folder(given: Path | str | None, default: Path) -> Iterator[Path]:
     lock = _claimed(Path(given))
     if lock is None:
         raise InputError(f"output folder {given} is not accepted while another run writes to it: name another one, or wait")
-    with lock:
+    with _held(lock, Path(given)):
         yield Path(given)
+
+
+@contextmanager
+def _held(lock: IO[str], place: Path) -> Iterator[None]:
+    """Holds a claimed folder; at the end its lock goes, so that it is not taken for an output."""
+    with lock:
+        try:
+            yield
+        finally:
+            (place / LOCK).unlink(missing_ok=True)
 
 
 def _claimed(place: Path) -> IO[str] | None:
@@ -79,13 +86,15 @@ def _claimed(place: Path) -> IO[str] | None:
         try:
             place.mkdir(parents=True, exist_ok=True)
             lock = open(place / LOCK, "w")
-        except FileNotFoundError:  # another process has just removed the folder
-            continue
         except OSError as error:
+            if isinstance(error, FileNotFoundError | FileExistsError) and not place.exists():
+                continue  # another run has just removed the folder
             raise InputError(f"output folder {place} is not accepted ({error.strerror}): a writable place is") from error
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.close()
             return None
-        return lock
+        if os.fstat(lock.fileno()).st_nlink:
+            return lock
+        lock.close()  # another run has just ended and removed it
