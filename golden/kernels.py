@@ -161,9 +161,9 @@ class _CompileTime(event.Listener):
                 keep_seconds(self._name, spent)
 
     def _text(self, before: float | None) -> Callable[[float], str]:
-        done = f"{self.kernels} done in {as_time(self.seconds)}, now" if self.kernels else f"{_WHY};"
-        hint = "" if before is None else f" of {as_time(before)} last time"
-        return lambda seconds: f"compiling kernels: {done} {self._name.removeprefix('kernel ')}, {as_time(seconds)}{hint}"
+        hint = "" if before is None else f" ({as_time(before)} last time)"
+        done = f"; {self.kernels} compiled before in {as_time(self.seconds)}" if self.kernels else f"; {_WHY}"
+        return lambda seconds: f"compiling {self._name}: {as_time(seconds)}{hint}{done}"
 
 
 _WHY = "the first run after a change of their sources takes longer"

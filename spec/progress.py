@@ -72,7 +72,7 @@ class LiveLine:
             self._show()
 
     def _show(self) -> None:
-        width = max(os.get_terminal_size(sys.stderr.fileno()).columns - 1, 20)
+        width = (os.get_terminal_size(sys.stderr.fileno()).columns or 80) - 1  # some terminals do not tell
         sys.stderr.write(_ERASE + self._text(time.monotonic() - self._begin)[:width])
         sys.stderr.flush()
 
