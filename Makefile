@@ -29,8 +29,8 @@ config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,cluster,metrics,cuda,docs
-	@$(PYTHON) msv2/cli/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
+setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
+	@$(PYTHON) msv2/cli/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS)) $(call switch,WARM,warm)
 
 base:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras none

@@ -187,6 +187,11 @@ def compile_seconds() -> float:
     return _compile_time.seconds
 
 
+def compiled_kernels() -> int:
+    """The number of kernels that this process has compiled; functions that a kernel calls count with it."""
+    return _compile_time.kernels
+
+
 def compile_note() -> str:
     """The part of a command's last line that tells the time of compilation; empty if nothing was compiled."""
     seconds = compile_seconds()

@@ -12,11 +12,12 @@ import numpy as np
 
 from golden.scenes.clean import Fields, build_model
 from golden.scenes.conventions import UP_BY_FORMAT, sigmoid
-from golden.scenes.files import INSTALL, read_bytes, require_package
+from golden.scenes.files import read_bytes, require_package
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import estimate_up
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 SPZ_VERSIONS = (2, 3, 4)
 CHUNK = 256  # splats that share one row of bounds in a compressed PLY
@@ -96,7 +97,7 @@ def _fields(path: Path, kind: str, read: Callable[[Any], Any]) -> Fields:
     try:
         splats = read(gsply)
     except ImportError as error:
-        raise InputError(f"{path}: {str(error).splitlines()[0]}; the extra 'models' has it: {INSTALL}") from error
+        raise InputError(f"{path}: {str(error).splitlines()[0]}; {how_to_get('imagecodecs')}") from error
     except Exception as error:  # gsply and its codecs raise exceptions of many types; each of them means a bad file here
         raise InputError(f"{path}: is not a whole {kind.upper()} ({error})") from error
     means = np.asarray(splats.means, np.float64)

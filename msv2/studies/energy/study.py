@@ -27,6 +27,7 @@ from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
 from spec.command_line import command_parser
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
 from spec.paths import REPORTS, ROOT, cache_folder
@@ -134,7 +135,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                  [args.table, *files, *scenes])
     write_page(args.out / "energy.md", as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
-    print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
+    picture = ", energy.png" if drawn else f"; no picture without matplotlib; {how_to_get('matplotlib')}"
+    print(f"wrote {args.out / 'energy.json'}, energy.md{picture}")
     return 0
 
 

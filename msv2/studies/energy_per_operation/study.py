@@ -25,6 +25,7 @@ from msv2.studies.scenes import MODELS
 from spec.command_line import choice, command_parser
 from spec.config import PAPER
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.paths import ROOT
 from synth import flow
 from synth.liberty import ASAP7, find_files
@@ -92,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.unit:
         choice("unit", args.unit, (*WORK, *DEFAULTS))
     if flow.libyosys is None:
-        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+        raise InputError(f"pyosys is not installed; {how_to_get('pyosys')}")
     find_files(ASAP7)
     scenes = args.scenes.split(",")
     for scene in scenes:

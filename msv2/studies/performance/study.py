@@ -34,6 +34,7 @@ from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
 from spec.command_line import command_parser
 from spec.config import PAPER
+from spec.extras import how_to_get
 from spec.paths import REPORTS, ROOT
 
 SWEPT = ("embedded", "truck", "garden_large")
@@ -136,5 +137,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "
               f"{ours['unlimited']:.3f} unlimited")
     print(f"wrote {out / 'performance.json'}, performance.md, "
-          + (f"{len(pictures)} pictures" if pictures else "no pictures without matplotlib"))
+          + (f"{len(pictures)} pictures" if pictures else f"no pictures without matplotlib; {how_to_get('matplotlib')}"))
     return 0
