@@ -53,7 +53,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="frame.json of a frame that the RTL rendered, instead of a scene")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
                         help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
 
 

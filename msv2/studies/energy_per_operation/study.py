@@ -48,7 +48,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
                         help="folder of netlists (default: build/synth)")
     parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE",
-                        help=f"output file (default: {TABLE.relative_to(ROOT)})")
+                        help=f"output file (default: build/reports/{TABLE.name}; --keep: {TABLE.relative_to(ROOT)})")
     return parser.parse_args(argv)
 
 

@@ -48,7 +48,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--full-hd", default=None, choices=("0", "1"),
                         help="also measure Full HD frames (default: if no SCENE is named)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
 
 
