@@ -18,8 +18,8 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
     """The expected work of the pass of one eye.
 
     In the geometry phase every Gaussian, the tile table, and the colours of the survivors are read, and the survivors' splat
-    records and the tile lists are written; memory is what limits this phase. The rendering phase reads each splat record at
-    least once.
+    records and the tile lists are written; memory limits this phase, or the units of a small machine. The rendering phase
+    reads each splat record at least once.
 
     Args:
         frame: the golden frame of the eye.
@@ -32,11 +32,13 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
     tile_of = np.repeat(np.arange(tiles), np.diff(entries.start))
     survivors = len(np.unique(entries.splat))
     records = len(np.unique(entries.splat.astype(np.int64) * 8 + r.header[tile_of, 0]))
-    reads = len(frame.projected.reason) + survivors * colour_beats(frame.config, frame.words.sh_degree)
+    config, points = frame.config, len(frame.projected.reason)
+    reads = points + survivors * colour_beats(config, frame.words.sh_degree)
     reads += -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES)
     writes = records + count + tiles
-    limit = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle
+    memory = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle
     written = r.width * r.height if pixels is None else pixels
     rows = -(-written * (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // BEAT_BYTES)
     bounds = bound_cycles(frame, array_ops(frame), records + count // BEAT_ENTRIES, rows, speed.bytes_per_cycle)
-    return Pass(reads + writes, math.ceil(limit), max(*bounds.values(), TILE), written)
+    geometry = max(memory, points * config.point_interval, survivors * config.colour_interval)
+    return Pass(reads + writes, math.ceil(geometry), max(*bounds.values(), TILE), written)

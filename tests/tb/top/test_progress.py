@@ -6,7 +6,7 @@ import pytest
 
 from golden.msv2_ref import pipeline
 from golden.scenes.request import parse_request, resolve
-from spec.config import PAPER
+from spec.config import PAPER, TINY
 from spec.paths import REPORTS
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
@@ -56,6 +56,13 @@ def test_nothing_to_do_is_done():
     progress = Progress([Pass(0, 0, 0, 0)])
     progress.see(0, 0)
     assert progress.total == progress.done == 0
+
+
+def test_a_small_machine_is_limited_by_its_units():
+    """The tiny machine's geometry phase took 258,139 cycles in the RTL for this frame."""
+    request = resolve(parse_request("embedded", "--size", "64x48", "--gaze", "30,20", "--levels", "4"))
+    frame = pipeline.render(request.model, request.camera, config=TINY, foveation=request.foveation)
+    assert expected_pass(frame, MemorySpeed(), display=False).geometry_cycles == pytest.approx(258_139, rel=0.1)
 
 
 ROWS = [row for row in json.loads((REPORTS / "frames.json").read_text())["rows"] if row["scene"] == "embedded"]
