@@ -53,14 +53,14 @@ def wanted_state(extras: set[str]) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> None:
     """The command line's work."""
     parser = argparse.ArgumentParser(prog="msv2 setup", description=__doc__)
-    parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"comma-separated, or 'none' (default: {DEFAULT_EXTRAS})")
+    parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"separated by commas, or 'none' (default: {DEFAULT_EXTRAS})")
     parser.add_argument("--warm", action="store_true",
                         help="also compile the kernels of renderer and cycle model, so that the first frame starts at once")
     if not (ROOT / "pyproject.toml").exists():
         sys.exit("error: msv2 setup works in a checkout; an installed msv2 gets extras by pip install 'msv2[EXTRA]', and its "
                  "kernels by python -m msv2.cli.warm")
     args = parser.parse_args(argv)
-    asked = {extra for extra in args.extras.split(",") if extra and extra != "none"}
+    asked = {extra for extra in args.extras.replace(",", " ").split() if extra != "none"}
     if asked:
         check_system()
         check_extras(asked)

@@ -2,6 +2,7 @@
 
     msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
                                                 scenes from MSV2_DATA and liberty files from MSV2_PDK
+    msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
     msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
                                                 culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
@@ -29,7 +30,7 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
 from msv2.studies import record
-from msv2.studies.destination import KEEP, keeping
+from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
@@ -200,8 +201,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
-            record.begin("results", ["--only", name])
+            record.begin("results", ["--only", name, *_kept()])
             (PARTS | ON_REQUEST)[name]()
+    if args.only == "tables":  # to write them is all that was asked for
+        tell(keep=True, named=False)
     if not (args.check or keeping()):
         print(f"the tables of README.md and docs/ are as they were; {KEEP} fills them from reports/")
         return 0
