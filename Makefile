@@ -17,7 +17,7 @@ endif
 option = $(if $($(1)),--$(2) "$($(1))")
 switch = $(if $(filter-out 0,$($(1))),--$(2))
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
-	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+	$(call option,LEVELS,levels) $(call option,LOD,lod) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
 eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
@@ -29,8 +29,8 @@ config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,train,synth,dev,viewer,cluster,metrics,cuda,docs
-	@$(PYTHON) msv2/cli/setup_environment.py $(if $(EXTRAS),--extras $(EXTRAS))
+setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
+	@$(PYTHON) msv2/cli/setup_environment.py $(call option,EXTRAS,extras) $(call switch,WARM,warm)
 
 base:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras none
@@ -44,7 +44,7 @@ doctor: ## what is missing on this machine, and how to get it
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
 	@$(MSV2) demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
 	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
 frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
@@ -66,17 +66,17 @@ verilog: base ## the machine or one unit as Verilog for your own design; CONFIG=
 study: setup ## one experiment; NAME=list|NAME ARGS="its options" (ARGS=--help shows them)
 	@$(MSV2) study $(or $(NAME),list) $(ARGS)
 
-report-area: tested ## area and clocks of the paper's machine beside the paper's: reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N RUNS=N MSV2_PDK=
-	@$(MSV2) study area $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs) $(call option,RUNS,runs)
+report-area: tested ## area and clocks of the paper's machine beside the paper's: build/reports/area.{json,md,png}; BUILDS="1ghz ..." JOBS=N RUNS=N MSV2_PDK= KEEP=1
+	@$(MSV2) study area $(if $(BUILDS),--builds $(BUILDS)) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call switch,KEEP,keep)
 
-perf: base ## cycle model beside the RTL: reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA=
-	@$(MSV2) study model $(call switch,RTL,rtl)
+perf: base ## cycle model beside the RTL: build/reports/model.{json,md}; RTL=1 renders its own frames through the RTL first; MSV2_DATA= KEEP=1
+	@$(MSV2) study model $(call switch,RTL,rtl) $(call switch,KEEP,keep)
 
-report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET="NAME=VALUE ..." CLOCK_MHZ= FRAME=frame.json OUT=
-	@$(MSV2) study energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame)
+report-energy: base ## energy of frames by unit, of reports/energy_per_operation.json: build/reports/energy.{json,md,png}; SCENE= SIZE= GAZE= LEVELS= CONFIG= SET="NAME=VALUE ..." CLOCK_MHZ= FRAME=frame.json OUT= KEEP=1
+	@$(MSV2) study energy $(request) $(eyes) $(config) $(call option,CLOCK_MHZ,clock-mhz) $(call option,FRAME,frame) $(call switch,KEEP,keep)
 
-report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
-	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: build/reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT= KEEP=1
+	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out) $(call switch,KEEP,keep)
 
 report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
 	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
@@ -86,27 +86,27 @@ train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=
 		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) $(call option,SEED,seed) \
 		$(call option,DEVICE,device) $(call switch,RESUME,resume) $(call option,OUT,out)
 
-tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" TABLES=pruning,... VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME=
+tables-training: setup ## the paper's tables of training; SCENE="one another@WxH" TABLES=pruning,... VARIANT= SIZE= ITERATIONS= RTL=0|1 OUT= NAME= KEEP=1
 	@$(MSV2) study training $(SCENE) $(call option,VARIANT,variant) $(call option,SIZE,size) \
-		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name)
+		$(call option,ITERATIONS,iterations) $(call option,TABLES,tables) $(if $(filter 0,$(RTL)),--no-rtl) $(call option,OUT,out) $(call option,NAME,name) $(call switch,KEEP,keep)
 
-table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= THRESHOLDS= IPD= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=all|NAME OUT= NAME=
+table-ecc: setup ## the threshold of selective warping: quality, work and cost of two eyes; SCENE="one another@WxH" SIZE= POSES= THRESHOLDS= IPD= UNITS_PER_METRE= V1= TRAIN_V1=1 RTL=all|NAME OUT= NAME= KEEP=1
 	@$(MSV2) study threshold $(SCENE) $(call option,SIZE,size) $(call option,POSES,poses) $(call option,THRESHOLDS,thresholds) \
 		$(call option,UNITS_PER_METRE,units-per-metre) $(call option,IPD,ipd) $(call option,V1,v1) \
-		$(call switch,TRAIN_V1,train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name)
+		$(call switch,TRAIN_V1,train-v1) $(call option,RTL,rtl) $(call option,OUT,out) $(call option,NAME,name) $(call switch,KEEP,keep)
 
-table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET="NAME=VALUE ..." AREA=1 (MSV2_PDK=) OUT=
-	@$(MSV2) study effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(call switch,AREA,area) $(call option,OUT,out)
+table-effects: base ## what a scene does not pay for; SCENE="one another@X,Y" SIZE= RTL=WxH CONFIG= SET="NAME=VALUE ..." AREA=1 (MSV2_PDK=) OUT= KEEP=1
+	@$(MSV2) study effects $(SCENE) $(call option,SIZE,size) $(call option,RTL,rtl) $(config) $(call switch,AREA,area) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT=
+tradeoff: setup ## what accuracy costs in time: machine, simulation, training; SCENE= SIZE= VIEWS= VARIANT=NAME=PATH RTL=1 JOBS=N SCHEDULER=ADDRESS OUT= KEEP=1
 	@$(MSV2) study tradeoff $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,VIEWS,views) $(call option,VARIANT,variant) \
-		$(call switch,RTL,rtl) $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
+		$(call switch,RTL,rtl) $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT=
-	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
+bench: setup ## renderer speeds side by side; SCENE= SIZE=WxH OUT= KEEP=1
+	@$(MSV2) study speed $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-results: setup ## everything that the generated tables rest on, into reports/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name
-	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit)
+results: setup ## everything that the generated tables rest on; with KEEP=1 into reports/ and docs/; MSV2_DATA= MSV2_PDK= ONLY=part UNIT=name KEEP=1
+	@$(MSV2) study results $(call option,ONLY,only) $(call option,UNIT,unit) $(call switch,KEEP,keep)
 
 stability: setup ## hard cases on oracle, golden, gradients, RTL, and seeded faults; CASE= COLUMNS=oracle,golden,... OUT= KEEP=1
 	@$(MSV2) study stability $(call option,CASE,case) $(call option,COLUMNS,columns) $(call option,OUT,out) $(call switch,KEEP,keep)

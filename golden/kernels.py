@@ -8,7 +8,6 @@ it at the same time.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import sys
@@ -24,6 +23,8 @@ from numba.core import caching, config, event
 from numba.core.dispatcher import Dispatcher
 
 from spec.paths import ROOT, cache_folder
+from spec.private import locked
+from spec.progress import LiveLine, as_time, keep_seconds, last_seconds, on_terminal
 from spec.sources import fingerprint, sources_of
 
 STATES_KEPT = 8
@@ -108,8 +109,7 @@ class LockedFile(caching.IndexDataCacheFile):
     """
 
     def save(self, key: tuple, data: object) -> None:
-        with open(Path(self._cache_path) / "lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with locked(Path(self._cache_path) / "lock"):
             super().save(key, data)
 
 
@@ -134,22 +134,48 @@ class _KernelCache(caching.Cache):
 
 
 class _CompileTime(event.Listener):
-    """Adds up the time of compilations. The time of a kernel includes that of the functions that it calls."""
+    """Adds up the time of compilations and shows on a terminal which kernel is being compiled. The time of a kernel includes
+    that of the functions that it calls."""
 
     def __init__(self) -> None:
-        self.seconds, self._depth, self._begin = 0.0, 0, 0.0  # one thread at a time: compilation holds numba's lock
+        self.seconds, self.kernels = 0.0, 0
+        self._depth, self._begin = 0, 0.0  # one thread at a time: compilation holds numba's lock
 
-    def on_start(self, _: event.Event) -> None:
-        if self.seconds == 0.0 and self._depth == 0:
-            print("compiling kernels: the first run after a change of their sources takes longer", file=sys.stderr, flush=True)
+    def on_start(self, what: event.Event) -> None:
         if self._depth == 0:
+            if self.kernels == 0 and not on_terminal():
+                print(f"compiling kernels: {_WHY}", file=sys.stderr, flush=True)
+            self._name = _kernel_name(what)
+            self._line = LiveLine(self._text(last_seconds(self._name)))
+            self._line.__enter__()
             self._begin = time.perf_counter()
         self._depth += 1
 
     def on_end(self, _: event.Event) -> None:
         self._depth -= 1
         if self._depth == 0:
-            self.seconds += time.perf_counter() - self._begin
+            spent = time.perf_counter() - self._begin
+            self.seconds, self.kernels = self.seconds + spent, self.kernels + 1
+            self._line.__exit__(None, None, None)
+            if spent > _WORTH_KEEPING:
+                keep_seconds(self._name, spent)
+
+    def _text(self, before: float | None) -> Callable[[float], str]:
+        hint = "" if before is None else f" ({as_time(before)} last time)"
+        done = f"; {self.kernels} compiled before in {as_time(self.seconds)}" if self.kernels else f"; {_WHY}"
+        return lambda seconds: f"compiling {self._name}: {as_time(seconds)}{hint}{done}"
+
+
+_WHY = "the first run after a change of their sources takes longer"
+
+_WORTH_KEEPING = 0.5
+"""Seconds of a kernel's compilation from which on its time is kept for the next one."""
+
+
+def _kernel_name(compilation: event.Event) -> str:
+    """`kernel` and the module and name of the function that an event of numba's compiles."""
+    function = getattr((compilation.data or {}).get("dispatcher"), "py_func", None)
+    return "kernel" if function is None else f"kernel {function.__module__}.{function.__name__}"
 
 
 _compile_time = _CompileTime()
@@ -159,6 +185,11 @@ event.register("numba:compile", _compile_time)
 def compile_seconds() -> float:
     """Seconds that this process has spent compiling kernels. Only the first run after a change of the sources compiles."""
     return _compile_time.seconds
+
+
+def compiled_kernels() -> int:
+    """The number of kernels that this process has compiled; functions that a kernel calls count with it."""
+    return _compile_time.kernels
 
 
 def compile_note() -> str:

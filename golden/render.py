@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -20,15 +21,16 @@ from golden.scenes.request import (
     add_effect_arguments,
     add_request_arguments,
     add_stereo_arguments,
-    make_folder,
     resolve,
     take_stereo_arguments,
     write_json,
 )
 from spec.command_line import add_out_argument, choice, command_parser
+from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
+from spec.private import output_folder
 
 EXAMPLES = """\
 examples:
@@ -105,6 +107,12 @@ def main(argv: Sequence[str] | None = None) -> None:
             choice(name, value, accepted)
     take_stereo_arguments(args)
     request = resolve(args)
+    with output_folder(args.out, BUILD / "render" / request.model.name) as out:
+        _draw(args, request, config, out)
+
+
+def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path) -> None:
+    """Renders the frame, writes pictures and numbers into the folder `out`, and prints the most important numbers."""
     work = work_for(args, request, config)
     eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
     frame = eyes.source if eyes else work.render()
@@ -117,7 +125,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.compare:
         stats.update(compare_with_oracle(frame, request))
 
-    out = make_folder(args.out or BUILD / "render" / request.model.name)
     if eyes:
         save_pictures(out, eyes)
     else:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
 from golden.host.run_options import RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.plan import Work, plan_for, planned_machine, planned_work
+from golden.scenes.files import atomic_output
 from golden.scenes.request import (
+    Request,
     add_effect_arguments,
     add_request_arguments,
     add_stereo_arguments,
-    make_folder,
     resolve,
     take_stereo_arguments,
     write_json,
@@ -24,9 +26,11 @@ from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import trace_request
 from spec.command_line import add_out_argument, choice, command_parser
+from spec.config import AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, cache_folder, short_path
+from spec.private import output_folder
 
 MEMORIES = ("ideal", "lpddr3")
 
@@ -92,7 +96,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     take_stereo_arguments(args)
     memory = MemoryModel(args.memory, options.latency, options.bytes_per_cycle)
     request = resolve(args)
-    out = make_folder(args.out or BUILD / "perf" / "frame")
+    with output_folder(args.out, BUILD / "perf" / "frame") as out:
+        _model(args, request, config, options, memory, out)
+    return 0
+
+
+def _model(
+    args: argparse.Namespace, request: Request, config: AcceleratorConfig, options: RunOptions, memory: MemoryModel, out: Path,
+) -> None:
+    """Traces and simulates the frame, writes the results into the folder `out` and prints them."""
     plan = plan_for(args, request, config, contention=memory.bytes_per_cycle is not None)
     trace = trace_request(
         args, planned_machine(plan, config, full=options.full), cache=None if args.no_cache else CACHE, request=request,
@@ -104,11 +116,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "configuration": config_record(config), "effects": plan.record}
     write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
                                    "compile_seconds": compile_seconds()})
-    (out / "perfetto.json").write_text(json.dumps(trace_events(frame)))
+    with atomic_output(out / "perfetto.json") as file:
+        file.write(json.dumps(trace_events(frame)).encode())
     print(table(frame))
     print(f"{short_path(out)}: {frame.total:,} cycles, {frame.entries:,} entries; simulated in {frame.seconds:.2f} s, "
           f"traced in {trace.golden_seconds:.2f} s{compile_note()}")
-    return 0
 
 
 if __name__ == "__main__":

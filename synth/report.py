@@ -17,6 +17,8 @@ from amaranth.lib import wiring
 from rtl.units import TOP, UNITS
 from spec.command_line import nearest
 from spec.errors import InputError
+from spec.private import locked
+from spec.progress import phase
 from synth import flow, timing
 from synth.design import Design, elaborate
 from synth.hints import BLOCKS, SYNTHESISED, VARIANTS, config_of
@@ -107,13 +109,15 @@ def timed(name: str, parts: Mapping[str, dict], settings: Settings) -> dict[str,
     scratch = netlists[0].parent
     key = hashlib.sha256(repr(([path.parent.parent.name for path in netlists], settings.clock_ps)).encode()).hexdigest()[:16]
     cached = scratch / f"timing-{key}.json"
-    if not cached.exists():
-        found = timing.analyse(netlists, name, settings.clock_ps, *settings.library(), scratch, bool(parts[name]["memories"]))
-        path = scratch / f"path-{key}.txt"
-        path.write_text(found.path)
-        write_json(cached, {
-            "slack_ps": found.slack_ps, "zero_slack_ps": round(found.zero_slack_ps, 1), "sta": found.version,
-            "derated_ps": round(found.zero_slack_ps * timing.WIRE_DERATE, 1), "worst_path": str(path)})
+    with locked(scratch / "lock"):
+        if not cached.exists():
+            found = timing.analyse(
+                netlists, name, settings.clock_ps, *settings.library(), scratch, bool(parts[name]["memories"]))
+            path = scratch / f"path-{key}.txt"
+            path.write_text(found.path)
+            write_json(cached, {
+                "slack_ps": found.slack_ps, "zero_slack_ps": round(found.zero_slack_ps, 1), "sta": found.version,
+                "derated_ps": round(found.zero_slack_ps * timing.WIRE_DERATE, 1), "worst_path": str(path)})
     return json.loads(cached.read_text())
 
 
@@ -137,9 +141,13 @@ def module_result(
     accepted = dict.fromkeys((settings.runs,) if settings.exact else (MOST_RUNS, settings.runs))
     kept = [_kept(settings, module, inputs, runs) for runs in accepted]
     cached = next((path for path in kept if path.exists()), kept[-1])
-    if not cached.exists():
-        run = to_gates if settings.technology == "generic" else to_cells
-        write_json(cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))
+    cached.parent.mkdir(parents=True, exist_ok=True)
+    with locked(cached.parent / "lock"):  # another process that wants the same module waits for the result
+        if not cached.exists():
+            run = to_gates if settings.technology == "generic" else to_cells
+            with phase(f"synthesising {module} ({settings.label})"):
+                write_json(
+                    cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))
     return json.loads(cached.read_text())
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spec.errors import InputError
+from spec.extras import how_to_get
 from synth import flow
 from synth.discover import discover
 from synth.liberty import ASAP7, LIBRARIES, Technology, find_files, merge
@@ -54,7 +55,7 @@ class Settings:
         if self.runs < 1:
             raise InputError(f"runs must be at least 1, not {self.runs!r}")
         if flow.libyosys is None:
-            raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+            raise InputError(f"pyosys is not installed; {how_to_get('pyosys')}")
         if self.technology != "generic":
             self.library()
 

@@ -10,8 +10,8 @@ from spec.command_line import choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
+from spec.private import private_folder
 from tb.axi import suite as axi
-from tb.common.private import private_folder
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.culling import colour_suite as colour
 from tb.culling import projection_suite as projection

@@ -4,6 +4,7 @@ with."""
 from __future__ import annotations
 
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 
 def import_torch() -> None:
@@ -15,4 +16,4 @@ def import_torch() -> None:
     try:
         import torch  # noqa: F401
     except ImportError as error:
-        raise InputError("this needs torch, which is not installed: make setup, or pip install -e '.[train]'") from error
+        raise InputError(f"this needs torch, which is not installed; {how_to_get('torch')}") from error

@@ -8,6 +8,7 @@ from types import ModuleType
 import torch
 
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 DEVICES = ("auto", "cpu", "cuda")
 """The devices that `--device` accepts; `auto` is CUDA if everything that it needs is there, and the CPU otherwise."""
@@ -23,7 +24,7 @@ def missing_for_cuda() -> str | None:
     if not torch.cuda.is_available():
         return f"torch {torch.__version__} (CUDA {torch.version.cuda}) finds no device: is there a GPU, and its driver?"
     if importlib.util.find_spec("warp") is None:
-        return "NVIDIA Warp is not installed: make setup EXTRAS=cuda, or pip install -e '.[cuda]'"
+        return f"NVIDIA Warp is not installed; {how_to_get('warp')}"
     return None
 
 
@@ -65,6 +66,5 @@ def import_blend_warp() -> ModuleType:
     try:
         from golden.diff import blend_warp
     except ImportError as error:
-        raise InputError("NVIDIA Warp is not installed, and blends there: make setup EXTRAS=cuda, or pip install -e '.[cuda]'"
-                         ) from error
+        raise InputError(f"NVIDIA Warp is not installed, and blends there; {how_to_get('warp')}") from error
     return blend_warp

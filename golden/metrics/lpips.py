@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 NETWORKS = ("vgg", "alex")
 """The accepted backbone networks; 3DGS and its followers report vgg."""
@@ -27,7 +28,7 @@ class Lpips:
         try:
             import lpips
         except ImportError as error:
-            raise InputError(f"LPIPS needs the package lpips ({error}): install the extra 'metrics'") from error
+            raise InputError(f"LPIPS needs the package lpips ({error}); {how_to_get('lpips')}") from error
         try:
             self._distance = lpips.LPIPS(net=network, verbose=False)
         except (OSError, RuntimeError) as error:

@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from spec.errors import InputError
-
-INSTALL = "make setup, or pip install -e '.[models]'"
-"""How a user gets the packages of the extra `models`; error messages quote it."""
+from spec.extras import how_to_get
 
 
 @contextmanager
@@ -77,7 +75,7 @@ def require_package(name: str, purpose: str) -> Any:
     """Imports an optional package and returns it.
 
     Args:
-        name: the package.
+        name: the package, one of `spec.extras.EXTRAS`.
         purpose: what needs it, for the error message.
 
     Raises:
@@ -88,4 +86,4 @@ def require_package(name: str, purpose: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise InputError(f"{purpose} needs {name!r}, which is not installed; the extra 'models' has it: {INSTALL}") from error
+        raise InputError(f"{purpose} needs {name!r}, which is not installed; {how_to_get(name)}") from error

@@ -13,10 +13,12 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.packed import load_compressed_ply, load_sog, load_spz
 from golden.scenes.ply import MAX_HEADER, load_ply, parse_header
 from golden.scenes.splat import load_splat
+from golden.scenes.streamed import Detail, load_streamed, streamed_index
 from spec.errors import InputError
 
 EMBEDDED = "embedded"
-ACCEPTED = "3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a folder of such, .splat, a training folder"
+ACCEPTED = ("3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a folder of such, a streamed SOG, .splat, "
+            "a training folder")
 
 
 @dataclass(frozen=True)
@@ -26,23 +28,36 @@ class Scene:
     Attributes:
         model: the Gaussians.
         cameras: the cameras beside the model, in file order; empty where there are none. `orbit.orbit_camera` then makes one.
+        detail: which level of detail of a streamed SOG the model is; None for all other models.
     """
 
     model: GaussianModel
     cameras: tuple[Camera, ...] = ()
+    detail: Detail | None = None
 
 
-def load_scene(name_or_path: Path | str) -> Scene:
+def load_scene(name_or_path: Path | str, lod: int | None = None) -> Scene:
     """Loads the model at a path and the cameras in its folder. The name `embedded` stands for the project's own scene.
 
+    Args:
+        name_or_path: the scene.
+        lod: the level of detail of a streamed SOG; None for the finest.
+
     Raises:
-        InputError: as for `load_model`, or the cameras beside the model are malformed.
+        InputError: as for `load_model`; or the cameras beside the model are malformed, or a level of detail is asked of a model
+            that has none.
     """
-    if str(name_or_path) == EMBEDDED:  # a folder of that name can still be given as ./embedded
+    path, named = Path(name_or_path), str(name_or_path) == EMBEDDED  # a folder of that name can still be given as ./embedded
+    index = None if named else streamed_index(path)
+    if lod is not None and index is None:
+        raise InputError(f"level of detail {lod} is not accepted: {name_or_path} is no streamed SOG, so it has only one")
+    if named:
         from golden.scenes.embedded import scene  # imported only here because it compiles a ray tracer
 
         return Scene(scene.cached_embedded_model(), tuple(scene.embedded_cameras()))
-    path = Path(name_or_path)
+    if index is not None:
+        model, detail = load_streamed(index, lod)
+        return Scene(model, cameras_beside_model(path), detail)
     return Scene(load_model(path), cameras_beside_model(path))
 
 
@@ -54,8 +69,8 @@ def load_model(path: Path | str) -> GaussianModel:
     Args:
         path: a PLY (3DGS of SH degree 0-3, with or without foveation levels, or PlayCanvas' compressed layout), SPZ, SOG
             (bundle, folder or meta.json) or .splat file, or a folder. A folder of SOG folders is one scene, concatenated in
-            name order. Of a training folder (`point_cloud/iteration_*`) the last iteration is read. Any other folder must hold
-            exactly one model file.
+            name order; of a streamed SOG (`lod-meta.json`) the finest level of detail is read. Of a training folder
+            (`point_cloud/iteration_*`) the last iteration is read. Any other folder must hold exactly one model file.
 
     Returns:
         The model in the project's conventions. Splats that cannot be drawn are left out and counted in `dropped`.
@@ -65,6 +80,8 @@ def load_model(path: Path | str) -> GaussianModel:
             the file, the value and what is accepted.
     """
     path = Path(path)
+    if (index := streamed_index(path)) is not None:
+        return load_streamed(index)[0]
     if path.is_dir():
         return _load_folder(path)
     if not path.exists():

@@ -12,11 +12,12 @@ import numpy as np
 
 from golden.scenes.clean import Fields, build_model
 from golden.scenes.conventions import UP_BY_FORMAT, sigmoid
-from golden.scenes.files import INSTALL, read_bytes, require_package
+from golden.scenes.files import read_bytes, require_package
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import estimate_up
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 SPZ_VERSIONS = (2, 3, 4)
 CHUNK = 256  # splats that share one row of bounds in a compressed PLY
@@ -65,23 +66,43 @@ def load_sog(path: Path, name: str) -> GaussianModel:
     Raises:
         InputError: a part is missing, truncated or of another version, or the extra `models` is not installed.
     """
-    return _load(path, name, "sog", lambda gsply: gsply.sogread(path))
+    return sog_model(read_sog(path), path, name)
+
+
+def read_sog(path: Path) -> Fields:
+    """The fields of every splat of a SOG folder, its meta.json, or a .sog bundle, in the order of the file and unchecked.
+
+    Raises:
+        InputError: see `load_sog`.
+    """
+    return _fields(path, "sog", lambda gsply: gsply.sogread(path))
+
+
+def sog_model(fields: Fields, path: Path, name: str) -> GaussianModel:
+    """The model of the fields of a SOG.
+
+    Raises:
+        InputError: no splat can be drawn.
+    """
+    return estimate_up(build_model(fields, path=path, name=name, up=UP_BY_FORMAT["sog"]))
 
 
 def _load(path: Path, name: str, kind: str, read: Callable[[Any], Any]) -> GaussianModel:
-    """The model made from what `read` returns when it is called with gsply: arrays in PLY conventions, opacities as logits."""
+    return build_model(_fields(path, kind, read), path=path, name=name, up=UP_BY_FORMAT[kind])
+
+
+def _fields(path: Path, kind: str, read: Callable[[Any], Any]) -> Fields:
+    """The fields of what `read` returns when it is called with gsply: arrays in PLY conventions, opacities as logits."""
     gsply = require_package("gsply", f"reading {path}")
     try:
         splats = read(gsply)
     except ImportError as error:
-        raise InputError(f"{path}: {str(error).splitlines()[0]}; the extra 'models' has it: {INSTALL}") from error
+        raise InputError(f"{path}: {str(error).splitlines()[0]}; {how_to_get('imagecodecs')}") from error
     except Exception as error:  # gsply and its codecs raise exceptions of many types; each of them means a bad file here
         raise InputError(f"{path}: is not a whole {kind.upper()} ({error})") from error
     means = np.asarray(splats.means, np.float64)
-    fields = Fields(
+    return Fields(
         means=means, log_scales=np.asarray(splats.scales, np.float64), quats=np.asarray(splats.quats, np.float64),
         opacity=sigmoid(splats.opacities).reshape(-1, 1), sh_dc=np.asarray(splats.sh0, np.float64).reshape(-1, 1, 3),
         sh_rest=np.zeros((len(means), 0, 3)) if splats.shN is None else np.asarray(splats.shN, np.float64),
     )
-    model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT[kind])
-    return estimate_up(model) if kind == "sog" else model

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.stereo import EYES
+from golden.scenes.streamed import add_detail_argument
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES
 from spec.effects import EFFECTS
 from spec.errors import InputError
@@ -75,6 +77,7 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
     """
     default_size = size or "the camera's; 640x360 on an orbit"
     add_scene_argument(parser, "model file or folder")
+    add_detail_argument(parser)
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
                         help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
                              "or a JSON file")
@@ -169,7 +172,7 @@ def resolve(args: argparse.Namespace) -> Request:
     if args.seed < 0:
         raise InputError(f"seed {args.seed} is not accepted: 0 or more is")
 
-    scene = load_scene(args.scene)
+    scene = load_scene(args.scene, getattr(args, "lod", None))
     model = scene.model
     if args.levels is not None and args.levels > 1 and model.levels == 1:
         model = smfr_levels(model, args.levels, args.seed)
@@ -181,6 +184,9 @@ def resolve(args: argparse.Namespace) -> Request:
         "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
         "background": background, "seed": args.seed,
     }
+    if scene.detail is not None:
+        record |= {"lod": vars(scene.detail)}
+        print(f"{args.scene}: {scene.detail.note}", file=sys.stderr)
     return Request(model, camera, foveation, tuple(background), record)
 
 

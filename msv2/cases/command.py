@@ -20,9 +20,10 @@ from msv2.cases.check import Cell, cell
 from msv2.cases.registry import CASES as SHOT_CASES
 from msv2.cases.report import FaultRow, Result, Row, added, read_record, table, write
 from msv2.cases.streams import MachineCase
-from spec.command_line import choice, command_parser
+from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError
 from spec.paths import ROOT
+from spec.private import output_folder
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
 """The cases that renderers run, and those of the machine alone."""
@@ -106,7 +107,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--columns", default=",".join(COLUMNS),
                         help="columns among oracle, golden, gradient, rtl (default: all)")
     parser.add_argument("--no-faults", action="store_true", help="leave the seeded faults out")
-    parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
+    add_out_argument(parser, "build/stability")
     parser.add_argument("--add", action="store_true",
                         help="add to the results in the output folder; those not run now are kept")
     return parser.parse_args(argv)
@@ -124,9 +125,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if name not in names:
             choice("case", name, [case.id for case in CASES])
     chosen = [case for case in CASES if not args.case or {case.name, case.id} & set(args.case)]
-    result = run(chosen, columns, not (args.no_faults or args.case), Path(args.out))
-    if args.add:
-        result = added(CASES, read_record(Path(args.out)), result)
-    print("\n".join(table(result)))
-    write(result, Path(args.out))
+    default = Path("build/stability")
+    with output_folder(args.out or (default if args.add else None), default) as out:  # --add means one certain folder
+        result = run(chosen, columns, not (args.no_faults or args.case), out)
+        if args.add:
+            result = added(CASES, read_record(out), result)
+        print("\n".join(table(result)))
+        write(result, out)
     return int(result.failed + result.missed > 0)

@@ -48,10 +48,3 @@ _COMMANDS = (
 
 COMMANDS: dict[str, Command] = {command.name: command for command in _COMMANDS}
 """Commands by name, in the order of the help."""
-
-EXTRAS = {
-    "gsply": "models", "pycolmap": "models", "torch": "train", "matplotlib": "train", "warp": "cuda", "pyosys": "synth",
-    "distributed": "cluster", "dask": "cluster", "viser": "viewer", "odak": "metrics", "lpips": "metrics", "pytest": "dev",
-    "hypothesis": "dev", "apytypes": "dev", "ruff": "dev", "cocotbext": "dev",
-}
-"""The smallest extra of pyproject.toml that brings a package, by the name under which Python imports it."""

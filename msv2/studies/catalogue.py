@@ -3,6 +3,7 @@
     msv2 study list                 lists the studies, one per line
     msv2 study list --reports       lists the reports, with the command, the cost, and whether and why the report is stale
     msv2 study run NAME [OPTION...] runs a study; `msv2 study run NAME --help` shows its options
+    msv2 study run NAME --keep      writes its reports into reports/ and docs/ instead of build/
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from msv2.studies import record
+from msv2.studies import destination, record
 from spec.command_line import called_as, choice, command_parser
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
@@ -71,6 +72,8 @@ class Study:
     reports: tuple[Report, ...] = ()
     only: tuple[str, ...] = ()
     """Arguments that are put before those of the command line. They select the study's part of a module with several parts."""
+    kept_by: tuple[str, ...] = ()
+    """What `--keep` stands for where the study writes elsewhere than `msv2.studies.destination` expects."""
 
     def command(self, report: Report | None = None) -> str:
         """The command that runs the study, or that regenerates one of its reports."""
@@ -87,79 +90,87 @@ def _tradeoff(name: str) -> tuple[str, ...]:
     return (*_files(name, "json", "md", "html"), *(f"{name}_{part}.csv" for part in parts), *(f"{name}_{p}.png" for p in drawn))
 
 
+BY_OUT = ("--out", str(REPORTS))
+"""`--keep` of studies that write into a folder of their own unless `--out` names another."""
+
 SCENES, PDK, TORCH = "scenes in MSV2_DATA", "liberty files in MSV2_PDK", "torch"
 
 STUDIES = (
     Study("accuracy", "msv2.studies.accuracy.study", "the integer golden renderer against the float64 oracle",
-          (Report("", _files("accuracy", "json", "md"), 3, SCENES),)),
+          (Report("--keep", _files("accuracy", "json", "md"), 3, SCENES),)),
     Study("accuracy_stereo", "msv2.studies.accuracy.stereo", "depths and disparities against the float64 oracle",
-          (Report("", _files("accuracy_stereo", "json", "md"), 3, SCENES),)),
+          (Report("--keep", _files("accuracy_stereo", "json", "md"), 3, SCENES),)),
     Study("area", "msv2.studies.area.study", "area and clocks of the machine, by build, beside the paper's",
-          (Report("", _files("area", "json", "md", "png"), 120, PDK),)),
+          (Report("--keep", _files("area", "json", "md", "png"), 120, PDK),)),
     Study("colour", "msv2.studies.colour.study", "errors, products and gates of the colour unit",
-          (Report("", ("colour.json",), 10),)),
+          (Report("--keep", ("colour.json",), 10),)),
     Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",
-          (Report("", ("culling_area.json",), 15, PDK),)),
+          (Report("--keep", ("culling_area.json",), 15, PDK),)),
     Study("dense_check", "msv2.studies.training.dense_check", "defaults of dense training against others",
-          (Report("build/train/bonsai --size 200x133", _files("dense_check", "json", "md"), 20, f"{TORCH}, a data set"),)),
+          (Report("build/train/bonsai --size 200x133 --keep", _files("dense_check", "json", "md"), 20,
+                  f"{TORCH}, a data set"),)),
     Study("drain_waits", "msv2.studies.drain_waits.study", "cycles that the end of a tile waits for the array's output buffer"),
     Study("effects", "msv2.studies.effects.study", "what frames do not pay for: time, cycles, energy and area by effect",
           (Report("$MSV2_DATA/trained/truck.splat embedded embedded@centre $MSV2_DATA/trained/rock_sh3@centre --rtl 128x72 "
-                  "--area --out reports", _files("effects", "json", "md", "png"), 120, f"{SCENES}, {PDK}"),)),
+                  "--area --keep", _files("effects", "json", "md", "png"), 120, f"{SCENES}, {PDK}"),),
+          kept_by=BY_OUT),
     Study("energy", "msv2.studies.energy.study", "energy of frames, by unit",
-          (Report("", _files("energy", "json", "md", "png"), 2, SCENES),)),
+          (Report("--keep", _files("energy", "json", "md", "png"), 2, SCENES),)),
     Study("energy_per_operation", "msv2.studies.energy_per_operation.study",
           "energies of operations, measured on mapped netlists at work",
-          (Report("", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
+          (Report("--keep", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
     Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
-          (Report("", ("frames.json",), 25, SCENES),), ("--only", "frames")),
+          (Report("--keep", ("frames.json",), 25, SCENES),), ("--only", "frames")),
     Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
-          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
+          (Report("--keep", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
-          (Report("", ("latencies.json",), 3),)),
+          (Report("--keep", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",
-          (Report("", ("machine.json",), 40, SCENES),), ("--only", "machine")),
+          (Report("--keep", ("machine.json",), 40, SCENES),), ("--only", "machine")),
     Study("metric_scale", "msv2.studies.metric_scale.study", "units per metre of a scene, from a metric depth map"),
     Study("model", "msv2.studies.model.study", "the cycle model against the RTL",
-          (Report("", _files("model", "json", "md"), 5, SCENES), Report("--rtl", ("model_rtl.json",), 30, SCENES))),
+          (Report("--keep", _files("model", "json", "md"), 5, SCENES),
+           Report("--rtl --keep", ("model_rtl.json",), 30, SCENES))),
     Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
-          (Report("", ("order.json",), 3, SCENES),), ("--only", "order")),
+          (Report("--keep", ("order.json",), 3, SCENES),), ("--only", "order")),
     Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",
-          (Report("", (*_files("performance", "json", "md"), *(f"performance_{name}.png" for name in (
+          (Report("--keep", (*_files("performance", "json", "md"), *(f"performance_{name}.png" for name in (
               "area", "bandwidth", "bars", "sweeps", "tiles", "timeline"))), 30, f"{SCENES}, runs in build/train"),)),
     Study("pooling", "msv2.studies.training.pooling", "what the display's pixels do to the levels of training",
-          (Report("build/train/fern build/train/fern-pooled", ("pooling.json",), 0.1, "runs in build/train"),)),
+          (Report("build/train/fern build/train/fern-pooled --keep", ("pooling.json",), 0.1, "runs in build/train"),)),
     Study("ranges", "msv2.studies.ranges.study", "values that the records of real frames take",
           (Report("--keep", _files("ranges", "json", "md", "png"), 3, SCENES),)),
     Study("report", "msv2.studies.report.study", "area, energy and performance as one page in build/report"),
     Study("results", "msv2.studies.results.study", "everything that the generated tables rest on, and the tables themselves"),
     Study("sorting", "msv2.studies.sorting.study", "how fast the sorter takes the groups of scenes' frames",
-          (Report("", ("sorting.json",), 10, SCENES),)),
+          (Report("--keep", ("sorting.json",), 10, SCENES),)),
     Study("speed", "msv2.studies.speed.study", "speed of the renderers, and of training iterations",
-          (Report("embedded $MSV2_DATA/trained/truck.splat --repeat 9", _files("bench", "json", "md"), 15,
+          (Report("embedded $MSV2_DATA/trained/truck.splat --repeat 9 --keep", _files("bench", "json", "md"), 15,
                   f"{SCENES}, {TORCH}"),)),
     Study("splat_cache", "msv2.studies.splat_cache.study", "misses of splat caches of other sizes and kinds",
-          (Report("", _files("splat_cache", "json", "md"), 2, SCENES),)),
+          (Report("--keep", _files("splat_cache", "json", "md"), 2, SCENES),)),
     Study("stability", "msv2.studies.stability.study", "the hard cases on all renderers, and seeded faults",
           (Report("--keep", _files("stability", "json", "md", "png"), 10, TORCH),)),
     Study("stereo_rules", "msv2.studies.stereo_rules.study", "rules of filling the holes of a warped eye",
-          (Report("", _files("stereo_rules", "json", "md"), 10, f"{SCENES}, {TORCH}, runs in build/train"),)),
+          (Report("--keep", _files("stereo_rules", "json", "md"), 10, f"{SCENES}, {TORCH}, runs in build/train"),)),
     Study("synthesis", "msv2.studies.results.study", "area and slack of single units in ASAP7",
-          (Report("", ("synthesis.json",), 60, PDK),), ("--only", "synthesis")),
+          (Report("--keep", ("synthesis.json",), 60, PDK),), ("--only", "synthesis")),
     Study("threshold", "msv2.studies.threshold.study", "the threshold of selective warping: quality, work and cost of two eyes",
           (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 "
-                  "--out reports", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),)),
+                  "--keep", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),),
+          kept_by=BY_OUT),
     Study("tradeoff", "msv2.studies.tradeoff.study", "what accuracy costs in time: machine, simulation and training",
-          (Report("--variant H=build/train/embedded --rtl --out reports", _tradeoff("tradeoff"), 60, "runs in build/train"),
-           Report("$MSV2_DATA/trained/truck.splat --size 320x180 --views 1 --runs none --out reports --name tradeoff_truck",
-                  _tradeoff("tradeoff_truck"), 60, SCENES))),
+          (Report("--variant H=build/train/embedded --rtl --keep", _tradeoff("tradeoff"), 60, "runs in build/train"),
+           Report("$MSV2_DATA/trained/truck.splat --size 320x180 --views 1 --runs none --keep --name tradeoff_truck",
+                  _tradeoff("tradeoff_truck"), 60, SCENES)), kept_by=BY_OUT),
     Study("training", "msv2.studies.training.study", "the paper's tables of training",
-          (Report("embedded --out reports --name training", _files("training", "json", "md", "png"), 150, TORCH),
-           Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --out "
-                  "reports --name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}"))),
+          (Report("embedded --keep --name training", _files("training", "json", "md", "png"), 150, TORCH),
+           Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --keep "
+                  "--name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}")),
+          kept_by=BY_OUT),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
-          (Report("", _files("write_combining", "json", "md"), 2, SCENES),)),
+          (Report("--keep", _files("write_combining", "json", "md"), 2, SCENES),)),
 )
 """All studies, sorted by name."""
 
@@ -189,8 +200,17 @@ def run_study(argv: Sequence[str]) -> int:
         raise InputError(f"no study is named: choose one of {', '.join(BY_NAME)}")
     study = find(name)
     record.begin(name, rest)
+    keep, named = destination.KEEP in rest, any(word == "--out" or word.startswith("--out=") for word in rest)
+    if keep and named:
+        raise InputError(f"{destination.KEEP} is not accepted together with --out: one of them says where the report goes")
+    destination.tell(keep=keep, named=named)
+    words = [word for word in rest if word != destination.KEEP]
     with called_as(study.command()):
-        return importlib.import_module(study.module).main([*study.only, *rest]) or 0
+        try:
+            return importlib.import_module(study.module).main([*study.only, *words, *study.kept_by * keep]) or 0
+        finally:
+            if {"-h", "--help"} & {*words}:
+                print(f"\n{destination.HELP}")
 
 
 def list_studies(argv: Sequence[str] = ()) -> int:

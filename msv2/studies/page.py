@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from golden.scenes.files import atomic_output
+from msv2.studies.destination import place
 from msv2.studies.report import html_page
 from spec.errors import InputError
 
@@ -54,12 +55,13 @@ def _fits(row: Sequence[object], head: Sequence[str]) -> bool:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Writes a page as UTF-8 text that ends with one line break. The file is written completely or not at all.
+    """Writes a page as UTF-8 text that ends with one line break. The file is written completely or not at all. For a page in
+    reports/ or docs/, see `msv2.studies.destination`.
 
     Raises:
         InputError: the folder does not exist or is not writable.
     """
-    with atomic_output(path) as file:
+    with atomic_output(place(path)) as file:
         file.write(f"{text.rstrip()}\n".encode())
 
 

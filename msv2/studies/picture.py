@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import atomic_output
+from msv2.studies.destination import place
 
 
 def find_pyplot() -> Any | None:
@@ -21,9 +22,10 @@ def find_pyplot() -> Any | None:
 
 
 def save_figure(figure: Any, path: Path, *, dpi: int = 110, **options: object) -> None:
-    """Writes a figure as a PNG and closes it; `options` are those of matplotlib's `savefig`."""
+    """Writes a figure as a PNG and closes it; `options` are those of matplotlib's `savefig`. For a
+    picture in reports/, see `msv2.studies.destination`."""
     from matplotlib import pyplot
 
-    with atomic_output(path) as file:
+    with atomic_output(place(path)) as file:
         figure.savefig(file, format="png", dpi=dpi, **options)
     pyplot.close(figure)

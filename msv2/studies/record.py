@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from golden.scenes.request import write_json
+from msv2.studies.destination import place
 from spec.config import AcceleratorConfig
 from spec.overrides import config_record
 from spec.paths import IN_CHECKOUT, REPORTS, ROOT, data_folder
@@ -235,7 +236,7 @@ def write_report(
     null.
 
     Args:
-        path: the path of the JSON file.
+        path: the path of the JSON file; for a report in reports/, see `msv2.studies.destination`.
         content: the content of the report; a provenance in it is replaced.
         modules, configuration, inputs, earlier: the arguments of `provenance`.
 
@@ -243,7 +244,7 @@ def write_report(
         InputError: the folder does not exist or is not writable.
     """
     body = {key: value for key, value in content.items() if key != PROVENANCE}
-    write_json(path, {**body, PROVENANCE: provenance(modules, configuration, inputs, earlier)})
+    write_json(place(path), {**body, PROVENANCE: provenance(modules, configuration, inputs, earlier)})
 
 
 def state(made: Mapping[str, Any] | None) -> str:

@@ -18,6 +18,7 @@ from msv2.studies.kept import fingerprint
 from msv2.studies.record import source_hash
 from spec.errors import InputError
 from spec.paths import ROOT
+from spec.private import locked
 
 COMMAND = "tb.frame.__main__"
 """The module behind `python -m tb.frame`."""
@@ -60,17 +61,19 @@ def kept_frame(folder: Path, scene: str, options: Sequence[str], *, again: bool 
     path = Path(scene)
     file = (path.stat().st_size, path.stat().st_mtime_ns) if path.exists() else None
     out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), scene, file, *options)}"
-    return numbers(out) if (out / "frame.json").exists() and not again else simulate(scene, options, make_folder(out))
+    with locked(make_folder(folder) / f"{out.name}.lock"):  # another process that wants the same frame waits for it
+        return numbers(out) if (out / "frame.json").exists() and not again else simulate(scene, options, make_folder(out))
 
 
 def model_frame(folder: Path, model: GaussianModel, camera: Camera, options: Sequence[str]) -> dict[str, object]:
     """The same for a model and a camera, which are written to files for the command; the key covers their contents."""
     out = folder / f"frame-{fingerprint((), source_hash([COMMAND]), model, camera, *options)}"
-    if (out / "frame.json").exists():
-        return numbers(out)
-    scene, seen = make_folder(out).resolve() / "model.ply", out.resolve() / "camera.json"
-    save_model(model, scene)
-    save_camera(camera, seen)
-    found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
-    scene.unlink()  # the file is large and easily made again
-    return found
+    with locked(make_folder(folder) / f"{out.name}.lock"):
+        if (out / "frame.json").exists():
+            return numbers(out)
+        scene, seen = make_folder(out).resolve() / "model.ply", out.resolve() / "camera.json"
+        save_model(model, scene)
+        save_camera(camera, seen)
+        found = simulate(str(scene), ["--camera", str(seen), "--size", f"{camera.width}x{camera.height}", *options], out)
+        scene.unlink()  # the file is large and easily made again
+        return found

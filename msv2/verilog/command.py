@@ -7,11 +7,13 @@ register map as a page, for C, in SystemRDL and in CMSIS-SVD. docs/verilog.md ex
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from msv2.verilog.export import export
 from rtl.units import TOP, UNITS
 from spec.command_line import add_out_argument, command_parser
 from spec.overrides import add_config_arguments, config_from
+from spec.private import output_folder
 
 DEFAULT_CONFIG = "tiny"
 DEFAULT_OUT = "build/verilog"
@@ -36,8 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--prefix", help="what the names of all modules begin with (default: the configuration's name and _)")
     args = parser.parse_args(argv)
     config = config_from(args, DEFAULT_CONFIG)
-    written = export(config.with_(stereo=True) if args.stereo else config, args.out or DEFAULT_OUT, args.unit, args.prefix)
-    print(f"wrote module {written.top}: {written.files}, {written.waivers}, {written.description}")
-    for path in written.documents:
-        print(f"wrote {path}")
+    with output_folder(args.out, Path(DEFAULT_OUT)) as out:
+        written = export(config.with_(stereo=True) if args.stereo else config, out, args.unit, args.prefix)
+        print(f"wrote module {written.top}: {written.files}, {written.waivers}, {written.description}")
+        for path in written.documents:
+            print(f"wrote {path}")
     return 0

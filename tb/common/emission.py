@@ -12,6 +12,7 @@ from importlib.metadata import version
 from rtl import units
 from spec.config import AcceleratorConfig
 from spec.paths import ROOT, cache_folder
+from spec.progress import phase
 
 FOLDER = cache_folder("emitted")
 
@@ -25,7 +26,8 @@ def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorCon
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():
-        text = emit(config) if emit else units.emit(name, config)
+        with phase(f"emitting the Verilog of {name}"):
+            text = emit(config) if emit else units.emit(name, config)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
         scratch.write_text(text)

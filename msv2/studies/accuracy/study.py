@@ -22,6 +22,7 @@ from msv2.studies.record import write_report
 from msv2.studies.scenes import MODELS
 from spec.command_line import command_parser
 from spec.config import PAPER
+from spec.paths import REPORTS
 
 BUDGET_DB = 60.0
 """The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding."""
@@ -85,7 +86,8 @@ def over_scenes(
     parser = command_parser(f"msv2 study run {name}", description, "example: MSV2_DATA=data %(prog)s --size 640x360")
     add_request_arguments(parser, size="640x360")
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
-    parser.add_argument("--out", default="reports", metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", default=str(REPORTS), metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     args.scenes = [args.scene]
     if args.scene == EMBEDDED:

@@ -22,6 +22,7 @@ from pathlib import Path
 from amaranth.lib import wiring
 
 from msv2.studies import page, record
+from msv2.studies.destination import newest
 from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.compare import unit_cost
@@ -131,7 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command_parser("msv2 study run culling_area", __doc__).parse_args(argv)
     rows = measure(ROOT / "build" / "results" / "synth")
     write_report(REPORT, {"config": PAPER.name, "rows": rows}, [__name__], {"config": PAPER}, record.liberties())
-    return fill(PAGE, REPORT)
+    return fill(PAGE, newest(REPORT))
 
 
 if __name__ == "__main__":

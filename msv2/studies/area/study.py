@@ -161,7 +161,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
                         help="folder of synthesis results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
-                        help="folder of the report (default: reports)")
+                        help="folder of the report (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     unknown = set(args.builds) - set(BUILDS)
     if unknown:

@@ -23,6 +23,7 @@ from amaranth.lib import wiring
 from golden.msv2_ref.colour import survivor_records
 from msv2.studies import page
 from msv2.studies.area.culling import CLOCK_PS
+from msv2.studies.destination import newest
 from msv2.studies.record import write_report
 from rtl.culling.colour import ColourUnit, carried_layout, splat_interval
 from rtl.culling.colour_sum import ColourSum
@@ -199,4 +200,4 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if not args.check:
         write_report(REPORT, measure(ROOT / "build" / "results" / "synth"), [__name__], {"machines": MACHINES})
-    return fill(PAGE, REPORT, check=args.check)
+    return fill(PAGE, newest(REPORT), check=args.check)

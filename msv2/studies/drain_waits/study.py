@@ -30,6 +30,7 @@ from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
 from spec.overrides import add_config_arguments, config_from
 from spec.paths import ROOT
+from spec.private import private_folder
 from spec.queues import COUNTER_BITS
 from spec.records import array_splat, frame_tiles, tile_header
 from tb.common.exact import Planned, planned, run_plan
@@ -128,7 +129,8 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tu
     """The rows of the table, and whether every bit was right."""
     plan, lines, right = plan_of(traced_frames(config, size)), [], True
     for kind, machine, rows in buffers(config):
-        outcome = run_plan(playback(machine, rows), plan, folder / kind.replace(" ", "-").replace(",", ""))
+        with private_folder(folder / kind.replace(" ", "-").replace(",", "")) as place:
+            outcome = run_plan(playback(machine, rows), plan, place)
         right &= not outcome.failures
         for item in plan:
             recording, entries = outcome.recordings[item.name], len(item.run.inputs["entries"])

@@ -33,6 +33,7 @@ from spec.command_line import choice, command_parser
 from spec.config import CONFIGS
 from spec.effects import EFFECTS, GIVEN
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.overrides import add_config_arguments, config_from, config_options
 from spec.paths import ROOT
 
@@ -211,7 +212,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     """Draws bars of the ratios by which each frame saves. Does nothing without matplotlib."""
     pyplot = find_pyplot()
     if pyplot is None:
-        print("no picture: matplotlib is not installed (make setup EXTRAS=train)")
+        print(f"no picture: matplotlib is not installed; {how_to_get('matplotlib')}")
         return
     names = ("golden_ratio", *(name for name in RATIOS if any(name in row for row in rows)))
     figure, axes = pyplot.subplots(figsize=(8, 3.5), layout="constrained")

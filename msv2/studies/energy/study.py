@@ -27,6 +27,7 @@ from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
 from spec.command_line import command_parser
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import add_config_arguments, config_from, recorded_config
 from spec.paths import REPORTS, ROOT, cache_folder
@@ -52,7 +53,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="frame.json of a frame that the RTL rendered, instead of a scene")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
                         help=f"energies per operation (default: {TABLE.relative_to(ROOT)})")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
 
 
@@ -134,7 +136,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                  [args.table, *files, *scenes])
     write_page(args.out / "energy.md", as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
-    print(f"wrote {args.out / 'energy.json'}, energy.md" + (", energy.png" if drawn else "; no picture without matplotlib"))
+    picture = ", energy.png" if drawn else f"; no picture without matplotlib; {how_to_get('matplotlib')}"
+    print(f"wrote {args.out / 'energy.json'}, energy.md{picture}")
     return 0
 
 

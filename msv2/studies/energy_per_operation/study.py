@@ -25,6 +25,7 @@ from msv2.studies.scenes import MODELS
 from spec.command_line import choice, command_parser
 from spec.config import PAPER
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.paths import ROOT
 from synth import flow
 from synth.liberty import ASAP7, find_files
@@ -47,7 +48,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--synth", type=Path, default=ROOT / "build" / "synth", metavar="DIR",
                         help="folder of netlists (default: build/synth)")
     parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE",
-                        help=f"output file (default: {TABLE.relative_to(ROOT)})")
+                        help=f"output file (default: build/reports/{TABLE.name}; --keep: {TABLE.relative_to(ROOT)})")
     return parser.parse_args(argv)
 
 
@@ -92,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.unit:
         choice("unit", args.unit, (*WORK, *DEFAULTS))
     if flow.libyosys is None:
-        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+        raise InputError(f"pyosys is not installed; {how_to_get('pyosys')}")
     find_files(ASAP7)
     scenes = args.scenes.split(",")
     for scene in scenes:

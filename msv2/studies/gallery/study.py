@@ -27,6 +27,7 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture
 from golden.scenes.request import make_folder, parse_size
 from msv2.cli.demo import ERROR_GAIN, heat_picture, panel_picture
+from msv2.studies.destination import place
 from msv2.studies.training.labels import OURS
 from spec.command_line import command_parser
 from spec.config import PAPER
@@ -81,11 +82,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = command_parser("msv2 study run gallery", __doc__)
     parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
                         help="size of the foveated frame (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="output folder (default: docs/images)")
+    parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: docs/images)")
     args = parser.parse_args(argv)
     size, out = parse_size(args.size), make_folder(args.out)
     for name, made in (("foveated", frame_and_levels(size)), ("renderers", panels(PANEL))):
-        with atomic_output(out / f"{name}.png") as file:
+        path = place(out / f"{name}.png")
+        with atomic_output(path) as file:
             Image.fromarray(made).quantize(PALETTE).save(file, format="PNG", optimize=True)
-        print(f"{out / name}.png: {(out / f'{name}.png').stat().st_size / 1024:.0f} KB")
+        print(f"{path}: {path.stat().st_size / 1024:.0f} KB")
     return 0

@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request
+from msv2.studies.destination import newest
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import COMMAND, kept_frame
@@ -179,7 +180,7 @@ def frames() -> tuple[list[dict], list[str]]:
     """The rows of RTL frames that can be modelled here, and the missing scenes."""
     rows, missing = [], []
     for name in RTL_REPORTS:
-        path = REPORTS / f"{name}.json"
+        path = newest(REPORTS / f"{name}.json")
         rows += [dict(row, report=name) for row in json.loads(path.read_text())["rows"]] if path.is_file() else []
     rows = [row for row in rows if row.get("bit_exact") and row["entries"]]
     missing = sorted({row["scene"] for row in rows if scene_argument(row["scene"]) is None})
@@ -257,12 +258,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                              "here: the report is of other sources or another camera")
         rows.append(compared(row, frame))
         print(f"{_name(rows[-1])}: {rows[-1]['total']['error']:+.2%}", flush=True)
-    speed_file = REPORTS / "model_rtl.json"
+    speed_file = newest(REPORTS / "model_rtl.json")
     speed = json.loads(speed_file.read_text())["speed"] if speed_file.is_file() else None
     report = {"summary": summary(rows), "speed": speed, "rows": rows, "missing": missing}
     scenes = filter(None, (scene_argument(name) for name in sorted({row["scene"] for row in found})))
     write_report(REPORTS / "model.json", report, [__name__], {"arguments": args},
-                 [*(REPORTS / f"{name}.json" for name in RTL_REPORTS), *scenes])
+                 [*(newest(REPORTS / f"{name}.json") for name in RTL_REPORTS), *scenes])
     write_page(REPORTS / "model.md", markdown(report))
     worst = report["summary"]["model_error_total"]
     print(f"{len(rows)} frames, worst error {worst:.2%}")

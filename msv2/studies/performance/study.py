@@ -34,6 +34,7 @@ from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
 from spec.command_line import command_parser
 from spec.config import PAPER
+from spec.extras import how_to_get
 from spec.paths import REPORTS, ROOT
 
 SWEPT = ("embedded", "truck", "garden_large")
@@ -47,7 +48,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--full-hd", default=None, choices=("0", "1"),
                         help="also measure Full HD frames (default: if no SCENE is named)")
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: reports)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
 
 
@@ -136,5 +138,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "
               f"{ours['unlimited']:.3f} unlimited")
     print(f"wrote {out / 'performance.json'}, performance.md, "
-          + (f"{len(pictures)} pictures" if pictures else "no pictures without matplotlib"))
+          + (f"{len(pictures)} pictures" if pictures else f"no pictures without matplotlib; {how_to_get('matplotlib')}"))
     return 0

@@ -56,12 +56,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="model files, folders, or `embedded`")
     parser.add_argument("--size", default="640x360", help="frame size (default: 640x360)")
     add_config_arguments(parser, "paper")
-    parser.add_argument("--out", default="build/stability", metavar="DIR", help="output folder (default: build/stability)")
-    parser.add_argument("--keep", action="store_true", help="write into reports/ instead")
+    parser.add_argument("--out", default=REPORTS, metavar="DIR", help="output folder (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     config, scenes = config_from(args), args.scenes or default_scenes()
     profiles, clipped = measure(scenes, args.size, config)
-    out = make_folder(REPORTS if args.keep else args.out)
+    out = make_folder(args.out)
     fields = [p.row for p in profiles.values()]
     report = {"size": args.size, "config": config.name, "configuration": config_record(config), "scenes": clipped,
               "fields": fields}

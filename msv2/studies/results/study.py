@@ -2,6 +2,7 @@
 
     msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
                                                 scenes from MSV2_DATA and liberty files from MSV2_PDK
+    msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
     msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
                                                 culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
@@ -29,6 +30,7 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
 from msv2.studies import record
+from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
@@ -156,23 +158,28 @@ def _numbers(report: dict) -> dict:
 def measure_bench() -> None:
     """Writes reports/bench.json for the embedded scene, and for the truck if it is present."""
     scenes = [path for _, path in available(BENCH)]
-    run("-m", "msv2.studies", "speed", *scenes, "--size", BENCH[0].size, "--repeat", "9", "--out", str(REPORTS))
+    run("-m", "msv2.studies", "speed", *scenes, "--size", BENCH[0].size, "--repeat", "9", *_kept())
 
 
 def measure_training() -> None:
     """Writes reports/training.json, .md and .png: the tables of training for the embedded scene and for captured
     photographs."""
     scenes = filter(None, map(scene_argument, TRAINING))
-    run("-m", "msv2.studies", "training", *scenes, "--out", str(REPORTS), "--name", "training")
+    run("-m", "msv2.studies", "training", *scenes, *_kept(), "--name", "training")
+
+
+def _kept() -> list[str]:
+    """The option that this run passes on to the studies that it starts."""
+    return [KEEP] * keeping()
 
 
 PARTS = {
-    "accuracy": lambda: run("-m", "msv2.studies", "accuracy", "--out", str(REPORTS)),
+    "accuracy": lambda: run("-m", "msv2.studies", "accuracy", *_kept()),
     "frames": measure_frames, "machine": measure_machine,
-    "sorting": lambda: run("-m", "msv2.studies", "sorting"), "order": measure_order,
-    "latencies": lambda: run("-m", "msv2.studies", "latencies"),
-    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area"),
-    "colour": lambda: run("-m", "msv2.studies", "colour"), "bench": measure_bench, "tables": lambda: None,
+    "sorting": lambda: run("-m", "msv2.studies", "sorting", *_kept()), "order": measure_order,
+    "latencies": lambda: run("-m", "msv2.studies", "latencies", *_kept()),
+    "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area", *_kept()),
+    "colour": lambda: run("-m", "msv2.studies", "colour", *_kept()), "bench": measure_bench, "tables": lambda: None,
 }
 """The parts of everything, in this order."""
 
@@ -194,6 +201,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
-            record.begin("results", ["--only", name])
+            record.begin("results", ["--only", name, *_kept()])
             (PARTS | ON_REQUEST)[name]()
+    if args.only == "tables":  # to write them is all that was asked for
+        tell(keep=True, named=False)
+    if not (args.check or keeping()):
+        print(f"the tables of README.md and docs/ are as they were; {KEEP} fills them from reports/")
+        return 0
     return max(fill(path, REPORTS, check=args.check) for path in PAGES)

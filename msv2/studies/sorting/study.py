@@ -19,6 +19,7 @@ from msv2.studies.scenes import View, available, places
 from spec.command_line import command_parser
 from spec.config import PAPER, AcceleratorConfig
 from spec.paths import REPORTS, ROOT
+from spec.private import private_folder
 from tb.common.exact import Outcome, Planned, rate
 from tb.common.runner import SimulationError
 from tb.common.scenes import TRAINED
@@ -53,7 +54,8 @@ def measure(config: AcceleratorConfig, sizes: tuple[str, ...], folder: Path) -> 
     rows = []
     for size in sizes:
         plan = traced_plan(config, size)
-        outcome = run_plan(config, plan, folder / f"sorting-{size}", progress=True)
+        with private_folder(folder / f"sorting-{size}") as place:
+            outcome = run_plan(config, plan, place, progress=True)
         if outcome.failures:
             raise SimulationError(f"the sorter is wrong: {outcome.failures}")
         rows += [row_of(config, item, outcome) for item in plan]

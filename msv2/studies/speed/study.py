@@ -33,6 +33,7 @@ from msv2.studies.speed import float32
 from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
+from spec.paths import REPORTS
 
 EXAMPLES = """examples:
   msv2 study run speed                                          the embedded scene
@@ -57,7 +58,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--training-size", metavar="WxH", help="frame size of the training iterations "
                         f"(default: {TRAINING_SIZE[EMBEDDED]} for the embedded scene, {OTHER_TRAINING_SIZE} for others)")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="number of rounds (default: 5)")
-    parser.add_argument("--out", default="reports", metavar="DIR", help="folder of bench.json and bench.md (default: reports)")
+    parser.add_argument("--out", default=str(REPORTS), metavar="DIR",
+                        help="folder of bench.json and bench.md (default: build/reports; --keep: reports)")
     # The other renderers draw one level on black, so all renderers are compared with that.
     parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)
     return parser.parse_args(argv)

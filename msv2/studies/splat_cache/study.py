@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes splat_cache.json and the page splat_cache.md."""
     parser = command_parser("msv2 study run splat_cache", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "splat_cache.md", metavar="FILE",
-                        help="the page; the JSON is beside it (default: reports/splat_cache.md)")
+                        help="the page; the JSON is beside it (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     rows = [measure(name, frame) for name, frame in _frames(PAPER)]
     write_report(args.out.with_suffix(".json"), {"config": PAPER.name, "lines": LINES, "rows": rows}, [__name__],

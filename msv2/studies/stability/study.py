@@ -20,6 +20,7 @@ from golden.scenes.request import make_folder
 from msv2.cases import command
 from msv2.cases.case import COLUMNS
 from msv2.cases.report import HEADINGS
+from msv2.studies.destination import keeping
 from msv2.studies.page import table, write_page
 from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import write_report
@@ -97,7 +98,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="msv2 study run stability", description=__doc__, add_help=False,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-h", "--help", action="store_true")
-    parser.add_argument("--keep", action="store_true", help="write the results into reports/ as well")
     parser.add_argument("--out", type=Path, default=Path(FOLDER), metavar="DIR", help=f"output folder (default: {FOLDER})")
     args, cases = parser.parse_known_args(argv)
     if args.help:
@@ -107,6 +107,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     earlier = read_json(kept) if "--add" in cases and kept.exists() else None
     status = command.main([*cases, "--out", str(args.out)])
     report = read_json(kept)
-    for folder in (args.out, *[REPORTS] * args.keep):
+    for folder in (args.out, *[REPORTS] * keeping()):
         write(report, folder, cases, earlier)
     return status

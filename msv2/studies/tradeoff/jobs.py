@@ -12,6 +12,7 @@ from typing import Any
 import numba
 
 from spec.errors import InputError
+from spec.extras import how_to_get
 
 
 def run_all(
@@ -59,8 +60,8 @@ def _with_one_thread() -> None:
 
 def _on_cluster(work: Callable[..., Any], calls: Sequence[tuple[object, ...]], scheduler: str) -> Iterator[tuple[int, Any]]:
     if find_spec("distributed") is None:
-        raise InputError(f"scheduler {scheduler!r} is not accepted: Dask is not installed; pip install -e '.[cluster]', or "
-                         "leave the scheduler out to work on this machine")
+        raise InputError(f"scheduler {scheduler!r} is not accepted: Dask is not installed; {how_to_get('distributed')}; "
+                         "or leave the scheduler out to work on this machine")
     import distributed
 
     try:

@@ -36,7 +36,7 @@ examples:
   msv2 study run tradeoff truck.splat --size 320x180 --jobs 4
   msv2 study run tradeoff --knob "support radius" --knob "SH degree"      only some knobs
   msv2 study run tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
-  msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (pip install -e '.[cluster]')
+  msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (the extra 'cluster')
 """
 
 

@@ -18,6 +18,7 @@ from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from spec.command_line import command_parser
 from spec.errors import run_command_line
+from spec.paths import REPORTS
 
 VARIANTS: dict[str, dict[str, float]] = {
     "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0},
@@ -65,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--iterations", type=int, default=1000, help="iterations of each dense training (default: 1000)")
     add("--max-points", type=int, default=10_000, help="largest number of points (default: 10000)")
     add("--seeds", type=int, default=2, help="number of seeds (default: 2)")
-    add("--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (default: reports)")
+    add("--out", type=Path, default=REPORTS, metavar="DIR", help="output folder (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     options = DenseOptions(iterations=args.iterations, max_points=args.max_points)
     rows = measure(args.scene, parse_size(args.size) if args.size else None, options, args.seeds)

@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes write_combining.json and the page write_combining.md."""
     parser = command_parser("msv2 study run write_combining", __doc__.split(": ", 1)[1])
     parser.add_argument("--out", type=Path, default=REPORTS / "write_combining.md", metavar="FILE",
-                        help="the page; the JSON is beside it (default: reports/write_combining.md)")
+                        help="the page; the JSON is beside it (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
     rows = list(_rows(FRAMES))
     write_report(args.out.with_suffix(".json"), {"config": PAPER.name, "lines": LINES, "rows": rows}, [__name__],

@@ -45,7 +45,7 @@ def test_cuda_needs_a_gpu(monkeypatch, gpu):
 
 def test_cuda_needs_warp(monkeypatch, gpu):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"Warp is not installed: make setup EXTRAS=cuda"):
+    with pytest.raises(InputError, match=r"Warp is not installed; the extra 'cuda' has it: make setup EXTRAS=cuda"):
         device.resolve_device("cuda")
     assert device.resolve_device("auto") == torch.device("cpu")
 

@@ -36,7 +36,7 @@ def test_images_reach_the_network_as_it_expects_them(monkeypatch):
 
 def test_an_absent_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "lpips", None)
-    with pytest.raises(InputError, match="extra 'metrics'"):
+    with pytest.raises(InputError, match="extra 'judge'"):
         Lpips()
 
 

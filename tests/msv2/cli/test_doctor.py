@@ -8,6 +8,7 @@ import tomllib
 import pytest
 
 from msv2.cli import doctor
+from spec.extras import EXTRAS
 from spec.paths import ROOT
 from tests.helpers.processes import python
 
@@ -74,4 +75,4 @@ def test_it_runs_where_nothing_is_installed(tmp_path):
 
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert {extra for _, extra, _ in doctor.OPTIONAL_PACKAGES} <= set(project["optional-dependencies"])
+    assert {EXTRAS[name] for name, _ in doctor.OPTIONAL_PACKAGES} <= set(project["optional-dependencies"])

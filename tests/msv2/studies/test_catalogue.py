@@ -92,7 +92,7 @@ def test_the_list_shows_costs_and_states(capsys):
     assert [line.split()[0] for line in lines[1 : 1 + len(STUDIES)]] == [study.name for study in STUDIES]
     assert main(["list", "--reports", "area"]) == 0
     shown = capsys.readouterr().out
-    assert "msv2 study run area\n    writes area.json, area.md, area.png; ~120 CPU-minutes; needs liberty files" in shown
+    assert "msv2 study run area --keep\n    writes area.json, area.md, area.png; ~120 CPU-minutes; needs liberty files" in shown
 
 
 def test_a_study_is_run_by_its_name(monkeypatch, tmp_path):

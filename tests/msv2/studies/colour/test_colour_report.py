@@ -23,7 +23,7 @@ def report() -> dict:
 
 
 def test_the_page_is_the_reports() -> None:
-    assert fill(PAGE, REPORT, check=True) == 0, "run: make results ONLY=colour"
+    assert fill(PAGE, REPORT, check=True) == 0, "run: make results ONLY=colour KEEP=1"
 
 
 @pytest.mark.parametrize("name", study.TABLES)

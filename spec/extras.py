@@ -1,0 +1,22 @@
+"""Which extra of pyproject.toml brings an optional package, and how a user gets it: for every message that misses one."""
+
+from __future__ import annotations
+
+EXTRAS = {
+    "gsply": "models", "imagecodecs": "models", "pycolmap": "models", "matplotlib": "plots", "torch": "train",
+    "torchvision": "train", "warp": "cuda", "pyosys": "synth", "distributed": "cluster", "dask": "cluster", "viser": "viewer",
+    "lpips": "judge", "odak": "metrics", "mkdocs": "docs", "material": "docs", "mkdocstrings": "docs",
+    "mkdocstrings_handlers": "docs", "pytest": "dev", "hypothesis": "dev", "apytypes": "dev", "ruff": "dev", "mypy": "dev",
+    "cocotbext": "dev", "systemrdl": "dev",
+}
+"""The smallest extra that brings a package, by the name under which Python imports it."""
+
+
+def how_to_get(package: str) -> str:
+    """The end of a message about a package of EXTRAS that is not installed: its smallest extra, and the lines that install it.
+
+    Raises:
+        KeyError: no extra has the package.
+    """
+    extra = EXTRAS[package]
+    return f"the extra '{extra}' has it: make setup EXTRAS={extra}, or pip install '.[{extra}]' in the checkout"
