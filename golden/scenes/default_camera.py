@@ -82,8 +82,12 @@ class View:
 
 
 def horizontal_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors that make a right-handed frame with `up`; azimuth 0 lies along the first, 90 along the second."""
-    east = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
+    """Two unit vectors that make a right-handed frame with `up`; azimuth 0 lies along the first, 90 along the second.
+
+    The first lies along the axis that follows the one nearest to `up`, x for +z, so it does not jump where `up` is tilted.
+    """
+    along = np.eye(3)[(int(np.argmax(np.abs(up))) + 1) % 3]
+    east = along - (along @ up) * up
     east = east / np.linalg.norm(east)
     return east, np.cross(up, east)
 
@@ -135,7 +139,7 @@ class Judge:
     def of(cls, model: GaussianModel, aspect: float) -> Judge:
         """The judge of a model for frames of an aspect."""
         discs = Discs.of(model)
-        return cls(discs, find_subject(discs.means, discs.weight), aspect)
+        return cls(discs, find_subject(discs.means, discs.weight, discs.sigma), aspect)
 
     def picture(self, view: View) -> Picture:
         """The coarse picture of a view."""

@@ -83,5 +83,5 @@ def _load(path: Path, name: str, kind: str, read: Callable[[Any], Any]) -> Gauss
         opacity=sigmoid(splats.opacities).reshape(-1, 1), sh_dc=np.asarray(splats.sh0, np.float64).reshape(-1, 1, 3),
         sh_rest=np.zeros((len(means), 0, 3)) if splats.shN is None else np.asarray(splats.shN, np.float64),
     )
-    model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT[kind])
+    model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT[kind], up_source=kind)
     return estimate_up(model) if kind == "sog" else model

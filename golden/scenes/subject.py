@@ -40,12 +40,13 @@ class Subject:
     scales: np.ndarray
 
 
-def find_subject(means: np.ndarray, weight: np.ndarray) -> Subject:
+def find_subject(means: np.ndarray, weight: np.ndarray, extent: np.ndarray | float = 0.0) -> Subject:
     """The subject of a model.
 
     Args:
         means: (N, 3) float64, world units.
         weight: (N,) float64 >= 0.
+        extent: (N,) float64, how far each splat reaches beyond its mean, world units.
     """
     if not weight.sum() > 0:
         weight = np.ones(len(means))
@@ -61,6 +62,7 @@ def find_subject(means: np.ndarray, weight: np.ndarray) -> Subject:
         if np.linalg.norm(step) < 1e-3 * width:
             break
     distance = np.linalg.norm(means - middle, axis=1)
+    distance = distance + extent
     radii = weighted_percentiles(distance, weight, PERCENTS)
     last = 0
     while last + 3 < len(radii) and radii[last + 3] < JUMP * radii[last]:
