@@ -24,11 +24,12 @@ AZIMUTHS = tuple(float(azimuth) for azimuth in range(0, 360, 30))
 ELEVATIONS = (20.0, 10.0, 35.0, 55.0)
 DISTANCES = (1.3, 1.0, 0.75, 0.55, 0.4, 0.3)
 """Distances that are tried, as multiples of the distance at which a sphere of the subject's radius fills the frame's width."""
-ELEVATION_COST = {20.0: 0.0, 10.0: 0.03, 35.0: 0.05, 55.0: 0.2}
+ELEVATION_COST = {20.0: 0.0, 10.0: 0.03, 35.0: 0.05, 55.0: 0.25}
 """What an elevation costs a camera's merit: people look at things from a little above."""
 REFINED = 6
 """Number of the best cameras at the first elevation that are tried at the others, too."""
-COVERAGE_MERIT = 0.5
+COVERAGE_MERIT, SPREAD_MERIT, CLOSE_MERIT = 0.3, 0.3, 0.08
+"""Weights beside the share of the subject that is seen, which counts 1."""
 OBSTRUCTION_COST = 1.0
 NEAR_SHARE = 0.4
 """Splats obstruct that are nearer than this share of the distance to the target, or half way to the subject if that is
@@ -112,6 +113,8 @@ class Plan:
         seen: share of the subject's weight that is inside the frame and not hidden, 0..1.
         coverage: estimated mean coverage of the frame, 0..1.
         obstruction: estimated share of the frame that splats near the camera hide, 0..1.
+        spread: share of the frame over which detail is spread, 0..1.
+        close: the distance at which the subject fills the frame's width over the view's distance.
     """
 
     view: View
@@ -119,6 +122,15 @@ class Plan:
     seen: float
     coverage: float
     obstruction: float
+    spread: float
+    close: float
+
+    @property
+    def merit(self) -> float:
+        """What the choice of a view maximises."""
+        cost = ELEVATION_COST.get(self.view.elevation_deg, 0.0) + OBSTRUCTION_COST * self.obstruction
+        return (self.seen + COVERAGE_MERIT * self.coverage + SPREAD_MERIT * self.spread
+                + CLOSE_MERIT * math.log2(self.close) - cost)
 
 
 @dataclass(frozen=True)
@@ -153,7 +165,13 @@ class Judge:
         inside = np.linalg.norm(self.discs.means - self.subject.middle, axis=1) <= self.subject.radius
         weight = self.discs.weight * inside
         seen = float(weight @ picture.visible / weight.sum()) if weight.sum() > 0 else 0.0
-        return Plan(view, self.subject, seen, picture.coverage, picture.obstruction)
+        close = fit_distance(self.subject, view.fov_deg) / view.distance
+        return Plan(view, self.subject, seen, picture.coverage, picture.obstruction, picture.spread, close)
+
+
+def fit_distance(subject: Subject, fov_deg: float) -> float:
+    """The distance, in world units, at which a sphere of the subject's radius fills the frame's width."""
+    return subject.radius / math.sin(math.radians(fov_deg) / 2)
 
 
 def plan_view(
@@ -171,18 +189,13 @@ def plan_view(
     """
     judge = Judge.of(model, aspect)
     target = judge.subject.middle if target is None else np.asarray(target, np.float64)
-    fit = judge.subject.radius / math.sin(math.radians(min(fov_deg, 150.0)) / 2)
+    fit = fit_distance(judge.subject, fov_deg)
     first = [judge.plan(View(target, up, azimuth, ELEVATIONS[0], factor * fit, fov_deg))
              for factor in DISTANCES for azimuth in AZIMUTHS]
-    best = sorted(first, key=_merit, reverse=True)[:REFINED]
+    best = sorted(first, key=lambda plan: plan.merit, reverse=True)[:REFINED]
     higher = [judge.plan(replace(plan.view, elevation_deg=elevation, distance=factor * plan.view.distance))
               for plan in best for elevation in ELEVATIONS[1:] for factor in (1.0, 0.75)]
-    return max([*best, *higher], key=_merit)
-
-
-def _merit(plan: Plan) -> float:
-    cost = ELEVATION_COST[plan.view.elevation_deg]
-    return plan.seen + COVERAGE_MERIT * plan.coverage - OBSTRUCTION_COST * plan.obstruction - cost
+    return max([*best, *higher], key=lambda plan: plan.merit)
 
 
 def default_camera(
