@@ -23,11 +23,12 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import load_camera
-from golden.scenes.default_camera import Plan, View, fitted, plan_view
+from golden.scenes.default_camera import Framing, choose_framing, fitted
 from golden.scenes.load import EMBEDDED, Scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import FOV_DEG, orbit_camera
 from golden.scenes.orientation import AXES, LOW, Orientation, axis_name, axis_vector, find_orientation
+from golden.scenes.standpoint import Standpoint
 from golden.scenes.subject import find_subject
 from spec.command_line import nearest
 from spec.errors import InputError
@@ -152,36 +153,37 @@ def _framed(
     target = None if look_at is None else parse_point("look-at", look_at)
     record: dict[str, object] = {"orientation": orientation.record}
     if orbit is None:
-        plan = plan_view(scene.model, orientation.up, aspect=height / width, fov_deg=fov_deg, target=target)
-        view, record["view"] = plan.view, plan_record(plan)
+        found = choose_framing(scene.model, orientation.up, aspect=height / width, fov_deg=fov_deg, target=target)
+        standpoint, record["standpoint"] = found.standpoint, framing_record(found)
     else:
         target = middle_of(scene.model) if target is None else target
-        view = View(target, orientation.up, *parse_orbit(orbit), fov_deg)
-        record["view"] = view_record(view)
+        standpoint = Standpoint(target, orientation.up, *parse_orbit(orbit), fov_deg)
+        record["standpoint"] = standpoint_record(standpoint)
     if orientation.confidence < LOW and orientation.runner_up is not None:
         print(f"up is {axis_name(orientation.up)} with a confidence of {orientation.confidence:.0%}; if the picture lies or "
               f"stands on its head, try --up {axis_name(orientation.runner_up)[:2]}", file=sys.stderr)
-    return view.camera(width, height), record
+    return standpoint.camera(width, height), record
 
 
 def middle_of(model: GaussianModel) -> np.ndarray:
-    """(3,) the point that `--orbit` goes around, world units; the same that `plan_view` looks at."""
+    """(3,) the point that `--orbit` goes around, world units; the same that `choose_framing` looks at."""
     from golden.scenes.coarse import Discs
 
     discs = Discs.of(model)
     return find_subject(discs.means, discs.weight).middle
 
 
-def view_record(view: View) -> dict[str, object]:
-    """A view as values for JSON; `options` reproduces it."""
-    point = ",".join(f"{x:.6g}" for x in view.target)
-    return {"orbit": view.orbit, "look_at": point, "up": [round(float(x), 6) for x in view.up], "fov_deg": view.fov_deg}
+def standpoint_record(standpoint: Standpoint) -> dict[str, object]:
+    """A standpoint as values for JSON: `--orbit`, `--look-at` and `--fov` reproduce it, with the same up."""
+    point = ",".join(f"{x:.6g}" for x in standpoint.target)
+    up = [round(float(x), 6) for x in standpoint.up]
+    return {"orbit": standpoint.orbit, "look_at": point, "up": up, "fov_deg": standpoint.fov_deg}
 
 
-def plan_record(plan: Plan) -> dict[str, object]:
-    """A view and how much it shows."""
-    shares = {"seen": plan.seen, "coverage": plan.coverage, "obstruction": plan.obstruction}
-    return {**view_record(plan.view), **{name: round(value, 3) for name, value in shares.items()}}
+def framing_record(found: Framing) -> dict[str, object]:
+    """A standpoint and how much it shows."""
+    shares = {"seen": found.seen, "coverage": found.coverage, "obstruction": found.obstruction}
+    return {**standpoint_record(found.standpoint), **{name: round(value, 3) for name, value in shares.items()}}
 
 
 def _named(name: str, scene: Scene, size: tuple[int, int] | None) -> Camera:

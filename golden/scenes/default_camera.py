@@ -1,9 +1,9 @@
-"""The camera for a model that came without cameras and for which none was named, and orbits around a model by their numbers.
+"""The camera for a model that came without cameras and for which none was named.
 
-`plan_view` finds the subject of the model and tries cameras around it: azimuths, elevations and distances. A coarse picture of
-each says which share of the subject it sees, how much of the frame is covered, and whether splats near the camera hide it. From
-outside a room one sees its walls, so the best of these cameras stand inside. A camera is described by numbers that a user can
-copy: azimuth, elevation and distance around a target (`View`).
+`choose_framing` finds the subject of the model and tries cameras around it: azimuths, elevations and distances. A coarse
+picture of each says which share of the subject it sees, how much of the frame is covered, over how much of the frame detail is
+spread, and whether splats near the camera hide the rest. From outside a room one sees its walls, and from within an object one
+sees a part of it, so neither wins.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import numpy as np
 from golden.scenes.camera import Camera
 from golden.scenes.coarse import Discs, Picture, picture_of
 from golden.scenes.model import GaussianModel
-from golden.scenes.orbit import FOV_DEG, look_at
+from golden.scenes.orbit import FOV_DEG
+from golden.scenes.standpoint import Standpoint
 from golden.scenes.subject import Subject, find_subject
 
 AZIMUTHS = tuple(float(azimuth) for azimuth in range(0, 360, 30))
@@ -34,90 +35,23 @@ OBSTRUCTION_COST = 1.0
 NEAR_SHARE = 0.4
 """Splats obstruct that are nearer than this share of the distance to the target, or half way to the subject if that is
 farther."""
-NEAR_PLANE = 0.02
-"""Largest near plane as a share of the distance to the target."""
 
 
 @dataclass(frozen=True)
-class View:
-    """A camera by numbers: where it stands around a target.
+class Framing:
+    """The standpoint that was chosen, and how it looks by the coarse picture.
 
     Attributes:
-        target: (3,) the point that the camera looks at, world units.
-        up: (3,) unit vector, world up.
-        azimuth_deg: angle around `up`, counter-clockwise as seen from above, from the first of `horizontal_axes(up)`.
-        elevation_deg: angle above the horizontal plane through the target, between -90 and 90.
-        distance: from target to camera, world units.
-        fov_deg: horizontal field of view.
-    """
-
-    target: np.ndarray
-    up: np.ndarray
-    azimuth_deg: float
-    elevation_deg: float
-    distance: float
-    fov_deg: float = FOV_DEG
-
-    @property
-    def position(self) -> np.ndarray:
-        """(3,) the camera's place in world units."""
-        azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
-        east, north = horizontal_axes(self.up)
-        level = math.cos(azimuth) * east + math.sin(azimuth) * north
-        return self.target + self.distance * (math.cos(elevation) * level + math.sin(elevation) * self.up)
-
-    def camera(self, width: int, height: int, name: str | None = None) -> Camera:
-        """The camera with a frame of `width` by `height` pixels."""
-        up = self.up
-        if abs(self.elevation_deg) > 89.9:  # straight down or up: the frame's upper edge points away from the azimuth
-            azimuth = math.radians(self.azimuth_deg)
-            east, north = horizontal_axes(self.up)
-            up = -math.copysign(1.0, self.elevation_deg) * (math.cos(azimuth) * east + math.sin(azimuth) * north)
-        return look_at(self.position, self.target, up, width, height, self.fov_deg,
-                       near=min(Camera.near, NEAR_PLANE * self.distance), name=name or f"orbit {self.orbit}")
-
-    @property
-    def orbit(self) -> str:
-        """The numbers as `--orbit` takes them: azimuth, elevation and distance, rounded to what one can see."""
-        return f"{self.azimuth_deg:.5g},{self.elevation_deg:.5g},{self.distance:.5g}"
-
-
-def horizontal_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors that make a right-handed frame with `up`; azimuth 0 lies along the first, 90 along the second.
-
-    The first lies along the axis that follows the one nearest to `up`, x for +z, so it does not jump where `up` is tilted.
-    """
-    along = np.eye(3)[(int(np.argmax(np.abs(up))) + 1) % 3]
-    east = along - (along @ up) * up
-    east = east / np.linalg.norm(east)
-    return east, np.cross(up, east)
-
-
-def view_of(camera: Camera, target: np.ndarray, up: np.ndarray) -> View:
-    """The view at the place of `camera` that looks at `target`: the inverse of `View.camera`."""
-    east, north = horizontal_axes(up)
-    offset = camera.position - target
-    distance = float(np.linalg.norm(offset))
-    azimuth = math.degrees(math.atan2(float(offset @ north), float(offset @ east))) % 360.0
-    elevation = math.degrees(math.asin(float(np.clip(offset @ up / distance, -1, 1))))
-    return View(target, up, azimuth, elevation, distance, math.degrees(2 * math.atan(camera.width / 2 / camera.fx)))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The view that was chosen, and how it looks by the coarse picture.
-
-    Attributes:
-        view: the view.
+        standpoint: the standpoint.
         subject: what it shows.
         seen: share of the subject's weight that is inside the frame and not hidden, 0..1.
         coverage: estimated mean coverage of the frame, 0..1.
         obstruction: estimated share of the frame that splats near the camera hide, 0..1.
         spread: share of the frame over which detail is spread, 0..1.
-        close: the distance at which the subject fills the frame's width over the view's distance.
+        close: the distance at which the subject fills the frame's width over the standpoint's distance.
     """
 
-    view: View
+    standpoint: Standpoint
     subject: Subject
     seen: float
     coverage: float
@@ -127,8 +61,8 @@ class Plan:
 
     @property
     def merit(self) -> float:
-        """What the choice of a view maximises."""
-        cost = ELEVATION_COST.get(self.view.elevation_deg, 0.0) + OBSTRUCTION_COST * self.obstruction
+        """What the choice of a standpoint maximises."""
+        cost = ELEVATION_COST.get(self.standpoint.elevation_deg, 0.0) + OBSTRUCTION_COST * self.obstruction
         return (self.seen + COVERAGE_MERIT * self.coverage + SPREAD_MERIT * self.spread
                 + CLOSE_MERIT * math.log2(self.close) - cost)
 
@@ -153,20 +87,20 @@ class Judge:
         discs = Discs.of(model)
         return cls(discs, find_subject(discs.means, discs.weight, discs.sigma), aspect)
 
-    def picture(self, view: View) -> Picture:
-        """The coarse picture of a view."""
-        front = view.distance - self.subject.radius
-        near = max(NEAR_SHARE * view.distance, 0.5 * front)
-        return picture_of(self.discs, view.camera(64, max(1, round(64 * self.aspect))), view.distance, near)
+    def picture(self, standpoint: Standpoint) -> Picture:
+        """The coarse picture of a standpoint."""
+        front = standpoint.distance - self.subject.radius
+        near = max(NEAR_SHARE * standpoint.distance, 0.5 * front)
+        return picture_of(self.discs, standpoint.camera(64, max(1, round(64 * self.aspect))), standpoint.distance, near)
 
-    def plan(self, view: View) -> Plan:
-        """The view with its numbers."""
-        picture = self.picture(view)
+    def framing(self, standpoint: Standpoint) -> Framing:
+        """The standpoint with its numbers."""
+        picture = self.picture(standpoint)
         inside = np.linalg.norm(self.discs.means - self.subject.middle, axis=1) <= self.subject.radius
         weight = self.discs.weight * inside
         seen = float(weight @ picture.visible / weight.sum()) if weight.sum() > 0 else 0.0
-        close = fit_distance(self.subject, view.fov_deg) / view.distance
-        return Plan(view, self.subject, seen, picture.coverage, picture.obstruction, picture.spread, close)
+        close = fit_distance(self.subject, standpoint.fov_deg) / standpoint.distance
+        return Framing(standpoint, self.subject, seen, picture.coverage, picture.obstruction, picture.spread, close)
 
 
 def fit_distance(subject: Subject, fov_deg: float) -> float:
@@ -174,11 +108,11 @@ def fit_distance(subject: Subject, fov_deg: float) -> float:
     return subject.radius / math.sin(math.radians(fov_deg) / 2)
 
 
-def plan_view(
+def choose_framing(
     model: GaussianModel, up: np.ndarray, *, aspect: float = 9 / 16, fov_deg: float = FOV_DEG,
     target: np.ndarray | None = None,
-) -> Plan:
-    """Chooses a view of a model; the same arguments give the same view.
+) -> Framing:
+    """Chooses a standpoint of a model; the same arguments give the same standpoint.
 
     Args:
         model: the Gaussians.
@@ -190,19 +124,19 @@ def plan_view(
     judge = Judge.of(model, aspect)
     target = judge.subject.middle if target is None else np.asarray(target, np.float64)
     fit = fit_distance(judge.subject, fov_deg)
-    first = [judge.plan(View(target, up, azimuth, ELEVATIONS[0], factor * fit, fov_deg))
+    first = [judge.framing(Standpoint(target, up, azimuth, ELEVATIONS[0], factor * fit, fov_deg))
              for factor in DISTANCES for azimuth in AZIMUTHS]
-    best = sorted(first, key=lambda plan: plan.merit, reverse=True)[:REFINED]
-    higher = [judge.plan(replace(plan.view, elevation_deg=elevation, distance=factor * plan.view.distance))
-              for plan in best for elevation in ELEVATIONS[1:] for factor in (1.0, 0.75)]
-    return max([*best, *higher], key=lambda plan: plan.merit)
+    best = sorted(first, key=lambda found: found.merit, reverse=True)[:REFINED]
+    higher = [judge.framing(replace(found.standpoint, elevation_deg=elevation, distance=factor * found.standpoint.distance))
+              for found in best for elevation in ELEVATIONS[1:] for factor in (1.0, 0.75)]
+    return max([*best, *higher], key=lambda found: found.merit)
 
 
 def default_camera(
     model: GaussianModel, cameras: Sequence[Camera] = (), width: int = 640, height: int = 360, *,
     up: np.ndarray | None = None, fov_deg: float = FOV_DEG,
 ) -> Camera:
-    """The camera of a scene for which none was named: the first of its own, else the one that `plan_view` chooses.
+    """The camera of a scene for which none was named: the first of its own, else the one that `choose_framing` chooses.
 
     Args:
         model: the Gaussians.
@@ -213,8 +147,8 @@ def default_camera(
     """
     if cameras:
         return fitted(cameras[0], width, height)
-    view = plan_view(model, model.up if up is None else up, aspect=height / width, fov_deg=fov_deg).view
-    return view.camera(width, height)
+    standpoint = choose_framing(model, model.up if up is None else up, aspect=height / width, fov_deg=fov_deg).standpoint
+    return standpoint.camera(width, height)
 
 
 def fitted(camera: Camera, width: int, height: int) -> Camera:
