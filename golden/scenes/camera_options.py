@@ -130,9 +130,7 @@ def choose_camera(
     Raises:
         InputError: an argument has a value that names no camera, or two of them contradict each other.
     """
-    name, fov = args.camera, getattr(args, "fov", None)
-    if fov is not None and not 0 < fov <= MAX_FOV_DEG:
-        raise InputError(f"fov {fov:g} is not accepted: more than 0 and at most {MAX_FOV_DEG:g} degrees are")
+    name, fov = args.camera, given_fov(args)
     given = [option for option in _OPTIONS if getattr(args, option, None) not in (None, AUTO)]
     if given and name != AUTO:
         raise InputError(f"--{given[0].replace('_', '-')} is not accepted with --camera {name}: leave out one of the two")
@@ -143,6 +141,18 @@ def choose_camera(
         focal = camera.width / 2 / math.tan(math.radians(fov) / 2)
         camera = replace(camera, fx=focal, fy=camera.fy * focal / camera.fx)
     return camera, {}
+
+
+def given_fov(args: argparse.Namespace) -> float | None:
+    """The horizontal field of view in degrees that the arguments ask for, None where they do not.
+
+    Raises:
+        InputError: it is not between 0 and MAX_FOV_DEG.
+    """
+    fov: float | None = getattr(args, "fov", None)
+    if fov is not None and not 0 < fov <= MAX_FOV_DEG:
+        raise InputError(f"fov {fov:g} is not accepted: more than 0 and at most {MAX_FOV_DEG:g} degrees are")
+    return fov
 
 
 def _framed(
@@ -182,7 +192,7 @@ def standpoint_record(standpoint: Standpoint) -> dict[str, object]:
 
 def framing_record(found: Framing) -> dict[str, object]:
     """A standpoint and how much it shows."""
-    shares = {"seen": found.seen, "coverage": found.coverage, "obstruction": found.obstruction}
+    shares = {"seen": found.seen, "contained": found.contained, "coverage": found.coverage, "obstruction": found.obstruction}
     return {**standpoint_record(found.standpoint), **{name: round(value, 3) for name, value in shares.items()}}
 
 

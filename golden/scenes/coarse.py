@@ -93,6 +93,7 @@ class Picture:
     Attributes:
         coverage: mean coverage of the frame, 0..1.
         obstruction: share of the frame that is hidden by splats nearer than the `near` given to `picture_of`.
+        framed: (n,) bool, whether a disc's middle is inside the frame, hidden or not.
         visible: (n,) float64 in 0..1, for each disc the transmittance before it; 0 outside the frame.
         spread: share of the frame over which the visible discs' weight is spread, 0..1: 1 if every block of cells shows as
             much, 1/n if one of n blocks shows everything.
@@ -100,6 +101,7 @@ class Picture:
 
     coverage: float
     obstruction: float
+    framed: np.ndarray
     visible: np.ndarray
     spread: float
 
@@ -143,7 +145,7 @@ def picture_of(discs: Discs, camera: Camera, distance: float, near: float) -> Pi
     block = (y[shown] // BLOCK).astype(int) * (COLUMNS // BLOCK) + (x[shown] // BLOCK).astype(int)
     seen = np.bincount(block, (discs.weight * visible)[shown], ROWS * COLUMNS // BLOCK**2)
     spread = seen.sum() ** 2 / max(len(seen) * float(seen @ seen), 1e-300)
-    return Picture(float(1 - before[-1].mean()), float(1 - hidden.mean()), visible, float(spread))
+    return Picture(float(1 - before[-1].mean()), float(1 - hidden.mean()), framed, visible, float(spread))
 
 
 def _spread(row: np.ndarray, column: np.ndarray, slice_of: np.ndarray, level: np.ndarray, mass: np.ndarray,

@@ -45,6 +45,7 @@ class Framing:
         standpoint: the standpoint.
         subject: what it shows.
         seen: share of the subject's weight that is inside the frame and not hidden, 0..1.
+        contained: share of the subject's weight that is inside the frame, hidden or not, 0..1.
         coverage: estimated mean coverage of the frame, 0..1.
         obstruction: estimated share of the frame that splats near the camera hide, 0..1.
         spread: share of the frame over which detail is spread, 0..1.
@@ -54,6 +55,7 @@ class Framing:
     standpoint: Standpoint
     subject: Subject
     seen: float
+    contained: float
     coverage: float
     obstruction: float
     spread: float
@@ -98,9 +100,10 @@ class Judge:
         picture = self.picture(standpoint)
         inside = np.linalg.norm(self.discs.means - self.subject.middle, axis=1) <= self.subject.radius
         weight = self.discs.weight * inside
-        seen = float(weight @ picture.visible / weight.sum()) if weight.sum() > 0 else 0.0
+        total = max(float(weight.sum()), 1e-300)
+        seen, contained = float(weight @ picture.visible) / total, float(weight @ picture.framed) / total
         close = fit_distance(self.subject, standpoint.fov_deg) / standpoint.distance
-        return Framing(standpoint, self.subject, seen, picture.coverage, picture.obstruction, picture.spread, close)
+        return Framing(standpoint, self.subject, seen, contained, picture.coverage, picture.obstruction, picture.spread, close)
 
 
 def fit_distance(subject: Subject, fov_deg: float) -> float:
@@ -123,6 +126,11 @@ def choose_framing(
     """
     judge = Judge.of(model, aspect)
     target = judge.subject.middle if target is None else np.asarray(target, np.float64)
+    return choose(judge, target, up, fov_deg)
+
+
+def choose(judge: Judge, target: np.ndarray, up: np.ndarray, fov_deg: float) -> Framing:
+    """The framing of most merit around a target; the arguments are those of `choose_framing`."""
     fit = fit_distance(judge.subject, fov_deg)
     first = [judge.framing(Standpoint(target, up, azimuth, ELEVATIONS[0], factor * fit, fov_deg))
              for factor in DISTANCES for azimuth in AZIMUTHS]
