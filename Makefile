@@ -16,15 +16,16 @@ endif
 
 option = $(if $($(1)),--$(2) "$($(1))")
 switch = $(if $(filter-out 0,$($(1))),--$(2))
-request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
+request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,ORBIT,orbit) $(standpoint) $(call option,GAZE,gaze) \
 	$(call option,LEVELS,levels) $(call option,LOD,lod) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+standpoint = $(call option,UP,up) $(call option,LOOK_AT,look-at) $(call option,FOV,fov)
 effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
 eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented demo render look frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -44,8 +45,11 @@ doctor: ## what is missing on this machine, and how to get it
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
 	@$(MSV2) demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA=auto|orbit|INDEX|NAME|FILE ORBIT=A,E,D UP= LOOK_AT= FOV= GAZE=X,Y LEVELS=N LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
 	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
+
+look: base ## contact sheet of a scene: eight cameras with the numbers to copy; SCENE= SIZE=WxH UP=auto|+x|-x|+y|-y|+z|-z LOOK_AT=X,Y,Z FOV=DEG OUT=
+	@$(MSV2) look $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(standpoint) $(call option,OUT,out)
 
 frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \

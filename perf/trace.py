@@ -195,7 +195,7 @@ def trace_request(
 
 
 _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target", "effects", "depth", "machine", "pixels", "lod")
+            "source", "gaze_target", "effects", "depth", "machine", "pixels", "lod", "orbit", "fov", "up", "look_at")
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:

@@ -30,7 +30,9 @@ class Fields:
     quality_bound: np.ndarray | None = None
 
 
-def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float, float] | np.ndarray) -> GaussianModel:
+def build_model(
+    fields: Fields, *, path: Path, name: str, up: tuple[float, float, float] | np.ndarray, up_source: str = "given",
+) -> GaussianModel:
     """The model of a file's fields, without the splats that no renderer can draw.
 
     A splat is dropped when a field holds a NaN, when its position, rotation, scale or colour is infinite, or when its
@@ -42,6 +44,7 @@ def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float
         path: the file, for messages.
         name: the model's name.
         up: (3,) the scene's up direction in world axes.
+        up_source: how it is known; see GaussianModel.
 
     Raises:
         InputError: no splat is left.
@@ -56,6 +59,7 @@ def build_model(fields: Fields, *, path: Path, name: str, up: tuple[float, float
     model = GaussianModel(
         means=fields.means, log_scales=fields.log_scales, quats=fields.quats, opacity=fields.opacity, sh_dc=fields.sh_dc,
         sh_rest=fields.sh_rest, quality_bound=bound, up=np.asarray(up, np.float64), name=name, dropped=dropped,
+        up_source=up_source,
     )
     return model if keep.all() else model.select(keep)
 
@@ -75,7 +79,7 @@ def concatenate(models: list[GaussianModel], name: str) -> GaussianModel:
     reasons = dict.fromkeys(reason for model in models for reason in model.dropped)
     return GaussianModel(
         **{array: np.concatenate([getattr(model, array) for model in models]) for array in arrays},
-        up=max(models, key=len).up, name=name,
+        up=max(models, key=len).up, up_source=max(models, key=len).up_source, name=name,
         dropped={reason: sum(model.dropped.get(reason, 0) for model in models) for reason in reasons},
     )
 

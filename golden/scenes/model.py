@@ -29,6 +29,7 @@ class GaussianModel:
         up: (3,) unit vector, the scene's up direction in world axes; the orbit camera needs it.
         name: a short name for folders and reports.
         dropped: how many points the loader dropped, by reason.
+        up_source: how `up` is known: "given" where it was stated, else the format of which it is the habit.
 
     Raises:
         ValueError: an array's shape does not suit the others, or the number of levels or of SH coefficients is impossible.
@@ -44,6 +45,7 @@ class GaussianModel:
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0, 0.0]))
     name: str = "model"
     dropped: dict[str, int] = field(default_factory=dict)
+    up_source: str = "given"
 
     def __post_init__(self) -> None:
         n, levels = self.opacity.shape

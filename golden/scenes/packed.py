@@ -84,11 +84,11 @@ def sog_model(fields: Fields, path: Path, name: str) -> GaussianModel:
     Raises:
         InputError: no splat can be drawn.
     """
-    return estimate_up(build_model(fields, path=path, name=name, up=UP_BY_FORMAT["sog"]))
+    return estimate_up(build_model(fields, path=path, name=name, up=UP_BY_FORMAT["sog"], up_source="sog"))
 
 
 def _load(path: Path, name: str, kind: str, read: Callable[[Any], Any]) -> GaussianModel:
-    return build_model(_fields(path, kind, read), path=path, name=name, up=UP_BY_FORMAT[kind])
+    return build_model(_fields(path, kind, read), path=path, name=name, up=UP_BY_FORMAT[kind], up_source=kind)
 
 
 def _fields(path: Path, kind: str, read: Callable[[Any], Any]) -> Fields:

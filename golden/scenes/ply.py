@@ -9,7 +9,8 @@ They are all `float`, because many readers accept nothing else:
   logit;
 - `f_dc_0_l2` .. `f_dc_2_lL`: the DC coefficients of the levels above 1.
 
-The comment `up X Y Z` gives the scene's up direction. In a foveated file, this project does not use `opacity`; the property is
+The comment `up X Y Z` gives the scene's up direction; after it, the comment `up_source FORMAT` says that it is only the habit
+of a format. In a foveated file, this project does not use `opacity`; the property is
 there for other tools.
 """
 
@@ -172,7 +173,8 @@ def load_ply(path: Path, name: str) -> GaussianModel:
         quats=_columns(path, vertices, [f"rot_{i}" for i in range(4)]), opacity=opacity, sh_dc=np.stack(dc, axis=1),
         sh_rest=sh_rest_from_ply(_columns(path, vertices, _rest_names(path, vertices.dtype.names))), quality_bound=bound,
     )
-    return build_model(fields, path=path, name=name, up=_up(path, header.comments))
+    up, source = _up(header.comments)
+    return build_model(fields, path=path, name=name, up=up, up_source=source)
 
 
 def _columns(path: Path, vertices: np.ndarray, names: list[str]) -> np.ndarray:
@@ -218,8 +220,9 @@ def _level_fields(path: Path, vertices: np.ndarray, levels: int) -> tuple[np.nda
     return opacity, bound.astype(np.uint8)
 
 
-def _up(path: Path, comments: list[str]) -> np.ndarray:
-    """The up direction from a comment `up X Y Z`, or else the PLY format's own."""
+def _up(comments: list[str]) -> tuple[np.ndarray, str]:
+    """The up direction from a comment `up X Y Z`, or else the PLY format's own, and how it is known."""
+    source = next((" ".join(words[1:]) for words in map(str.split, comments) if words[:1] == ["up_source"]), "given")
     for words in map(str.split, comments):
         if words[:1] == ["up"] and len(words) == 4:
             try:
@@ -227,5 +230,5 @@ def _up(path: Path, comments: list[str]) -> np.ndarray:
             except ValueError:
                 continue  # the comment is a sentence that happens to begin with "up"
             if np.isfinite(up).all() and up.any():
-                return up / np.linalg.norm(up)
-    return np.array(UP_BY_FORMAT["ply"])
+                return up / np.linalg.norm(up), source
+    return np.array(UP_BY_FORMAT["ply"]), "ply"

@@ -6,26 +6,21 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from golden.scenes.camera import Camera
-from golden.scenes.camera_file import load_camera
+from golden.scenes.camera_options import ORBIT, add_camera_arguments, choose_camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.levels import smfr_levels
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
-from golden.scenes.orbit import orbit_camera
 from golden.scenes.stereo import EYES
 from golden.scenes.streamed import add_detail_argument
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES
 from spec.effects import EFFECTS
 from spec.errors import InputError
-
-ORBIT_VIEWS = 8
-"""Number of cameras on the orbit from which `--camera INDEX` chooses when a model has no cameras of its own."""
 
 MAX_SIZE = 8192
 """Largest width and height of a frame that any renderer takes, in pixels; a machine may be configured for narrower rows."""
@@ -75,12 +70,9 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
         parser: the command line's parser.
         size: the default frame size as "WxH"; None means the size that the camera has.
     """
-    default_size = size or "the camera's; 640x360 on an orbit"
+    default_size = size or "the camera's, else 640x360"
     add_scene_argument(parser, "model file or folder")
     add_detail_argument(parser)
-    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
-                        help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
-                             "or a JSON file")
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
     parser.add_argument("--gaze", default="none", metavar="X,Y|none",
                         help="the gazed pixel; it turns foveation on (default: none)")
@@ -88,6 +80,7 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
                         help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    add_camera_arguments(parser)
 
 
 def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
@@ -119,7 +112,8 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_request(*argv: str) -> argparse.Namespace:
-    """The arguments of a request and of its eyes, for programs that ask for frames themselves.
+    """The arguments of a request and of its eyes, for programs that ask for frames themselves. Without --camera, these are
+    frames of the orbit, on which all kept reports were measured.
 
     Args:
         argv: as on a command line.
@@ -130,6 +124,7 @@ def parse_request(*argv: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_request_arguments(parser)
     add_stereo_arguments(parser)
+    parser.set_defaults(camera=ORBIT)
     args = parser.parse_args(argv)
     take_stereo_arguments(args)
     return args
@@ -177,31 +172,17 @@ def resolve(args: argparse.Namespace) -> Request:
     if args.levels is not None and args.levels > 1 and model.levels == 1:
         model = smfr_levels(model, args.levels, args.seed)
     levels = min(args.levels or model.levels, model.levels)
-    camera = _camera(args.camera, model, scene.cameras, size)
+    camera, chosen = choose_camera(args, scene, size)
     display = Display(camera.width, camera.height)
     foveation = no_foveation(display) if gaze is None else foveation_map(display, tuple(gaze), levels)
     record = {
         "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
-        "background": background, "seed": args.seed,
+        "background": background, "seed": args.seed, **chosen,
     }
     if scene.detail is not None:
         record |= {"lod": vars(scene.detail)}
         print(f"{args.scene}: {scene.detail.note}", file=sys.stderr)
     return Request(model, camera, foveation, tuple(background), record)
-
-
-def _camera(name: str, model: GaussianModel, cameras: Sequence[Camera], size: tuple[int, int] | None) -> Camera:
-    orbit = name == "orbit"
-    if not orbit and not name.lstrip("-").isdigit():
-        camera = load_camera(name)
-        return camera.resized(*size) if size else camera
-    index = 0 if orbit else int(name)
-    count = len(cameras) or ORBIT_VIEWS
-    if not 0 <= index < count:
-        raise InputError(f"camera {name} is not accepted: 0..{count - 1}, 'orbit' or a JSON file are")
-    if cameras and (not orbit or model.name == EMBEDDED):  # the embedded cameras are an orbit
-        return cameras[index].resized(*size) if size else cameras[index]
-    return orbit_camera(model, index, ORBIT_VIEWS, *(size or (640, 360)))
 
 
 def parse_size(text: str) -> tuple[int, int]:

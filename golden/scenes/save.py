@@ -31,7 +31,9 @@ def save_model(model: GaussianModel, path: Path | str) -> None:
     for i, values in enumerate(columns.values()):
         rows[:, i] = values
     up = " ".join(repr(float(x)) for x in model.up)
-    header = ["ply", "format binary_little_endian 1.0", f"comment up {up}", f"element vertex {len(model)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"comment up {up}"]
+    header += [] if model.up_source == "given" else [f"comment up_source {model.up_source}"]
+    header += [f"element vertex {len(model)}"]
     header += [f"property float {name}" for name in columns] + ["end_header", ""]
     with atomic_output(path) as file:
         file.write("\n".join(header).encode())

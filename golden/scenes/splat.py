@@ -31,7 +31,7 @@ def load_splat(path: Path, name: str) -> GaussianModel:
         quats=quats_from_splat_bytes(rows["quat"]), opacity=rows["rgba"][:, 3:] / 255.0,
         sh_dc=colour_to_sh_dc(rows["rgba"][:, None, :3] / 255.0), sh_rest=np.empty((len(rows), 0, 3)),
     )
-    model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT["splat"])
+    model = build_model(fields, path=path, name=name, up=UP_BY_FORMAT["splat"], up_source="splat")
     if 2 * len(model) < len(rows):
         bad = len(rows) - len(model)
         raise InputError(f"{path}: {bad} of {len(rows)} rows are no splats ({model.dropped}); is it a .splat file?")

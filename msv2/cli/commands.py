@@ -24,8 +24,7 @@ class Command:
 
 _COMMANDS = (
     Command("render", "draw a scene with the integer renderer, whose pixels equal the hardware's", "golden.render"),
-    Command("look", "a contact sheet of a scene from eight directions",
-            instead="msv2 render SCENE --camera 0 (and 1 to 7) draws one of eight directions"),
+    Command("look", "a contact sheet of a scene from eight cameras, with the numbers to copy", "msv2.cli.look"),
     Command("frame", "run one frame through the RTL and compare it with the renderer bit for bit", "tb.frame.__main__"),
     Command("video", "a film along a camera path",
             instead="msv2 render SCENE --camera FILE draws one camera of a path"),

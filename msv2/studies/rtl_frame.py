@@ -10,6 +10,7 @@ from pathlib import Path
 
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import save_camera
+from golden.scenes.camera_options import ORBIT
 from golden.scenes.files import read_json
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import make_folder
@@ -29,13 +30,14 @@ def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]
 
     Args:
         scene: the scene argument of `python -m tb.frame`.
-        options: the other arguments of that command.
+        options: the other arguments of that command; without --camera, the frame is the orbit's.
         out: the output folder.
 
     Raises:
         InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
     """
-    command = [sys.executable, "-m", "tb.frame", scene, *options, "--out", str(out.resolve())]
+    pinned = () if "--camera" in options else ("--camera", ORBIT)  # reports keep their cameras
+    command = [sys.executable, "-m", "tb.frame", scene, *pinned, *options, "--out", str(out.resolve())]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode or not (out / "frame.json").exists():
         last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]

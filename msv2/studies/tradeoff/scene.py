@@ -10,12 +10,13 @@ import numpy as np
 
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
+from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.files import atomic_output, read_json
 from golden.scenes.levels import enhanced_levels
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import orbit_camera
-from golden.scenes.request import ORBIT_VIEWS, parse_size
+from golden.scenes.request import parse_size
 from msv2.studies.kept import fingerprint
 from spec.constants import MAX_LEVELS
 from spec.errors import InputError
