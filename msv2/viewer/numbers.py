@@ -41,21 +41,29 @@ class Numbers:
         energy = {name: value for name, value in self.energy.as_json().items() if name != "rows"}
         return {**self.cycles.as_json(), "energy": energy, "effects": self.plan.record, "frames_per_s": self.frames_per_s}
 
+    def summary(self) -> str:
+        """The most important numbers, in Markdown."""
+        return (f"**{self.frames_per_s:,.0f} frames/s** of the machine, **{self.cycles.entries:,} intersections**, "
+                f"**{self.energy.total_mj:.3f} mJ**")
+
     def markdown(self) -> str:
         """The numbers as the viewer shows them."""
         c, e = self.cycles, self.energy
-        phases = ", ".join(f"{name} {count:,}" for name, count in c.phases.items())
-        rows = "\n".join(f"| {name} | {s.busy:,} | {s.blocked:,} | {s.busy / max(c.total, 1):.0%} |"
-                         for name, s in c.stages.items())
+        phases = " | ".join(f"{count:,}" for count in (*c.phases.values(), c.total))
+        stages = "\n".join(f"| {name} | {s.busy:,} | {s.blocked:,} | {s.starved:,} | {s.busy / max(c.total, 1):.0%} |"
+                           for name, s in c.stages.items())
         active = ", ".join(f"{name}{' (forced)' if name not in self.plan.called else ''}"
                            for name in self.plan.reasons if name in self.plan.active) or "none"
+        power = e.chip_mj * e.clock_hz / max(c.total, 1)
         return (
-            f"**{self.frames_per_s:,.0f} frames/s** at {e.clock_hz / 1e6:,.0f} MHz, machine `{self.machine}`\n\n"
-            f"**{c.entries:,} intersections**, {c.total:,} cycles ({phases})\n\n"
-            f"**{e.total_mj:.3f} mJ**: chip {e.chip_mj:.3f}, DRAM {e.sum_mj('dram'):.3f}, "
-            f"assumed wires and clock tree {e.sum_mj('assumed'):.3f}\n\n"
-            f"| stage | busy | blocked | busy |\n|---|--:|--:|--:|\n{rows}\n\n"
-            f"Effects: {active}")
+            f"Machine `{self.machine}` at {e.clock_hz / 1e6:,.0f} MHz: {1e3 * c.total / e.clock_hz:.2f} ms a frame\n\n"
+            f"| {' | '.join((*c.phases, 'total'))} |\n|{'--:|' * (len(c.phases) + 1)}\n| {phases} |\n\n"
+            f"| stage | busy | blocked | starved | busy |\n|---|--:|--:|--:|--:|\n{stages}\n\n"
+            f"Cycles of each phase, and of each stage's input. {c.groups:,} groups of tiles, {c.fetch_misses:,} misses of the "
+            f"splat cache, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written.\n\n"
+            f"| chip, mJ | DRAM, mJ | assumed, mJ | all, mJ | chip, mW |\n|--:|--:|--:|--:|--:|\n"
+            f"| {e.chip_mj:.3f} | {e.sum_mj('dram'):.3f} | {e.sum_mj('assumed'):.3f} | {e.total_mj:.3f} | {power:.0f} |\n\n"
+            f"Assumed are wires and the clock tree. Effects: {active}.")
 
 
 def energies() -> Table:

@@ -70,12 +70,14 @@ class Picture:
         state: what was drawn, at the size at which it was drawn.
         seconds: the time that drawing took, with overlays.
         notes: lines for the user: warnings, and the error where it was measured.
+        kept: whether the golden frame was kept from before, so that `seconds` do not contain it.
     """
 
     image: np.ndarray
     state: State
     seconds: float
     notes: tuple[str, ...] = ()
+    kept: bool = False
 
 
 class Session:
@@ -236,7 +238,7 @@ class Session:
             InputError: see `work`.
         """
         begin = time.perf_counter()
-        error, notes = state.overlay == "error", []
+        error, notes, kept = state.overlay == "error", [], state.frame_key in self._frames
         floats = self._float_images(state, exact=not moving) if error or state.renderer == FLOAT else None
         golden = self.golden(state) if error or state.renderer != FLOAT or pictures.needs_golden(state) else None
         eyes = pictures.eyes_of(golden, self.work(state).request.foveation) if golden is not None else None
@@ -250,7 +252,7 @@ class Session:
                                                   strict=True)]
         foveations = [eye.foveation for eye in eyes] if eyes else [self.work(state).request.foveation] * len(images)
         image = pictures.compose(state, images, eyes, floats, foveations, found)
-        return Picture(image, state, time.perf_counter() - begin, tuple(notes))
+        return Picture(image, state, time.perf_counter() - begin, tuple(notes), kept)
 
     def numbers(self, state: State) -> numbers.Numbers:
         """The machine's numbers of a state's golden frame, whatever renderer and overlay are shown."""

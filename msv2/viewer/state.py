@@ -49,7 +49,7 @@ class State:
     eyes: str = ONE
     renderer: str = GOLDEN
     overlay: str = "none"
-    gain: float = 64.0
+    gain: float = 256.0
     units_per_metre: float | None = None
     marked: bool = True
 

@@ -191,15 +191,19 @@ class Window:
         gaze = "no gaze" if picture.state.gaze is None else (
             f"gaze {picture.state.gaze[0]:.0f}, {picture.state.gaze[1]:.0f}, {picture.state.levels} levels")
         notes = "".join(f"\n\n{note}" for note in picture.notes)
-        return f"{self.session.name}, {width}x{height}, {gaze}; drawn in {1e3 * picture.seconds:.0f} ms{notes}"
+        splat = f"\n\nsplat {self._found.index:,}: {self._found.weight:.0%} of its pixel; see *Splat*" if self._found else ""
+        drawn = "" if picture.kept else f"; drawn in {1e3 * picture.seconds:.0f} ms"
+        return f"{self.session.name}, {width}x{height}, {gaze}{drawn}{notes}{splat}"
 
     def _reckon(self, state: State) -> None:
         if state is not self.state:
             return
         numbers = self.session.numbers(state)
         if state is self.state and not self._closed:
-            self._controls.write("numbers", numbers.markdown())
-            self.reckoned = state, time.monotonic() - self._changed_at
+            after = time.monotonic() - self._changed_at
+            self._controls.write("summary", numbers.summary())
+            self._controls.write("numbers", f"{numbers.markdown()}\n\nReckoned {after:.1f} s after the last change.")
+            self.reckoned = state, after
 
     def _failed(self, error: Exception) -> None:
         if not self._closed:
