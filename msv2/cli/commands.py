@@ -52,5 +52,6 @@ EXTRAS = {
     "gsply": "models", "pycolmap": "models", "torch": "train", "matplotlib": "train", "warp": "cuda", "pyosys": "synth",
     "distributed": "cluster", "dask": "cluster", "viser": "viewer", "odak": "metrics", "lpips": "metrics", "pytest": "dev",
     "hypothesis": "dev", "apytypes": "dev", "ruff": "dev", "cocotbext": "dev",
+    "websockets": "viewer",
 }
 """The smallest extra of pyproject.toml that brings a package, by the name under which Python imports it."""

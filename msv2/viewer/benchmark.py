@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -46,7 +47,7 @@ def benchmark(session: Session, count: int) -> dict[str, object]:
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     seconds: dict[str, list[float]] = {"golden": [], "rest": [], "moving": []}
 
-    def timed(kind: str, work: object) -> None:
+    def timed(kind: str, work: Callable[[], object]) -> None:
         begin = time.perf_counter()
         work()
         seconds[kind].append(time.perf_counter() - begin)
@@ -59,7 +60,8 @@ def benchmark(session: Session, count: int) -> dict[str, object]:
     try:
         states = path(session, count + 2)
         for state in states[:2]:  # warm
-            show(state, False), show(state, True)
+            for moving in (False, True):
+                show(state, moving)
         for state in states[2:]:
             plain = replace(state, eyes="one")
             work = session.work(plain)

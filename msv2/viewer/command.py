@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 from golden.host.run_options import add_run_arguments, run_options
 from golden.kernels import compile_seconds
@@ -15,12 +14,13 @@ from golden.scenes.request import (
     add_effect_arguments,
     add_request_arguments,
     add_stereo_arguments,
+    make_folder,
     take_stereo_arguments,
     write_json,
 )
 from msv2.viewer.session import Session
 from perf.model import MemoryModel
-from spec.command_line import choice, command_parser
+from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from
 from spec.paths import BUILD, short_path
@@ -38,7 +38,7 @@ examples:
   %(prog)s scene.ply --size 1280x720 --config precise --memory lpddr3
   %(prog)s --port 9000 --host 0.0.0.0             for browsers on other machines
   %(prog)s --benchmark                            the viewer's frame time beside the renderer's own
-  %(prog)s truck.splat --screenshots build/view   pictures of the viewer itself, by a headless Chromium
+  %(prog)s truck.splat --screenshots              pictures of the viewer itself, by a headless Chromium
 """
 
 
@@ -59,10 +59,11 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     group.add_argument("--host", default="127.0.0.1", metavar="ADDRESS",
                        help="address to listen on; 0.0.0.0 also takes browsers on other machines (default: 127.0.0.1)")
     group.add_argument("--benchmark", action="store_true",
-                       help="measure frame times along a camera path, without a browser; writes OUT/benchmark.json")
+                       help="measure frame times along a camera path without a browser, write OUT/benchmark.json, and end")
     group.add_argument("--frames", type=int, default=40, metavar="N", help="frames of --benchmark (default: 40)")
-    group.add_argument("--screenshots", type=Path, metavar="DIR",
-                       help="let a headless Chromium take pictures of the viewer, and end")
+    group.add_argument("--screenshots", action="store_true",
+                       help="let a headless Chromium use the viewer, write pictures of it to OUT, and end")
+    add_out_argument(parser, "build/view", "folder of benchmark and screenshots")
     return parser.parse_args(argv)
 
 
@@ -97,6 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parse_arguments(argv)
     import viser  # noqa: F401  # so that a missing package is reported before the scene is loaded
 
+    out = make_folder(args.out or BUILD / "view") if args.benchmark or args.screenshots else BUILD
     begin = time.perf_counter()
     session = make_session(args)
     warm_up(session)
@@ -106,15 +108,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         from msv2.viewer.benchmark import benchmark, report
 
         numbers = benchmark(session, args.frames)
-        out = BUILD / "view"
-        out.mkdir(parents=True, exist_ok=True)
         write_json(out / "benchmark.json", numbers)
         print(f"{report(numbers)}\nwritten: {short_path(out / 'benchmark.json')}")
         return 0
     if args.screenshots:
         from msv2.viewer.screenshots import take
 
-        print("\n".join(f"written: {short_path(path)}" for path in take(session, args.screenshots)))
+        print("\n".join(f"written: {short_path(path)}" for path in take(session, out)))
         return 0
     from msv2.viewer.server import Viewer
 

@@ -11,7 +11,7 @@ import viser
 
 from msv2.viewer.session import Session
 from msv2.viewer.state import EYES, OVERLAYS, RENDERERS, State
-from spec.effects import ALL, AUTO, NONE
+from spec.effects import ALL, AUTO
 
 HEIGHTS = (180, 270, 360, 540, 720, 1080)
 """Frame heights to choose from, as far as the machine has them."""
@@ -80,8 +80,8 @@ class Controls:
         made["overlay"] = gui.add_dropdown("overlay", OVERLAYS, initial_value=state.overlay)
         made["gain"] = gui.add_slider("error times", 1.0, 1024.0, 1.0, state.gain)
         made["effects"] = gui.add_dropdown(
-            "effects", tuple(dict.fromkeys((AUTO, ALL, NONE, session.state.effects))), initial_value=state.effects,
-            hint="auto: what the frame needs; all: every effect, on neutral data; none: refused where one is needed")
+            "effects", tuple(dict.fromkeys((AUTO, ALL, session.state.effects))), initial_value=state.effects,
+            hint="auto: what the frame needs; all: every effect, on neutral data, which changes cycles but no pixel")
 
     @property
     def shows_splats(self) -> bool:

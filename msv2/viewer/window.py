@@ -25,6 +25,9 @@ SETTLED_S = 0.15
 QUALITY, MOVING_QUALITY = 92, 80
 """JPEG quality at rest and while the camera moves."""
 
+ARRIVAL_S = 3.0
+"""Seconds within which the browser's camera arrives where it is sent. What the browser reports on its way is ignored."""
+
 
 def pose_of(session: Session, camera: Camera) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
     """Position, point looked at, and up direction of a camera. Up is the scene's unless the camera is tilted sideways."""
@@ -60,7 +63,7 @@ class Window:
         self._reckoning = NewestFirst[State](self._reckon, self._failed, "reckoning")
         self._controls = Controls(client.gui, session, self.state)
         self._connect()
-        self._pose = self.look_from(self.state.camera)
+        self._pose, self._arrives_by = self.look_from(self.state.camera)
         client.camera.on_update(self._moved)
         client.scene.on_click()(self._clicked)
         client.scene.on_click(modifier="shift")(self._clicked_with_shift)
@@ -91,8 +94,8 @@ class Window:
             self._controls.show(state)
             self._drawing.put((state, moving))
 
-    def look_from(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """Moves the browser's camera to a camera; returns rotation and position as the browser will report them."""
+    def look_from(self, camera: Camera) -> tuple[tuple[np.ndarray, np.ndarray], float]:
+        """Moves the browser's camera to a camera. Returns the rotation and position that it will report, and by when."""
         position, target, up = pose_of(self.session, camera)
         handle = self.client.camera
         with self.client.atomic():
@@ -100,7 +103,7 @@ class Window:
             handle.look_at = target
             handle.up_direction = up
             handle.fov = self._window_fov()
-        return camera.rotation, camera.position
+        return (camera.rotation, camera.position), time.monotonic() + ARRIVAL_S
 
     def show_camera(self, name: str) -> None:
         """Goes to one of the session's cameras."""
@@ -108,7 +111,7 @@ class Window:
         with self._lock:
             shaped = self.state.resized(camera.width, camera.height)
             self._set(replace(shaped, camera=camera), False)
-            self._pose = self.look_from(camera)
+            self._pose, self._arrives_by = self.look_from(camera)
 
     def show_splat(self, x: float, y: float) -> Found | None:
         """Shows the splat that contributes most to a pixel of the source eye, and marks its tiles."""
@@ -132,7 +135,10 @@ class Window:
             position = np.asarray(camera.position, np.float64)
             reach = 1e-4 * max(1.0, float(np.linalg.norm(camera.look_at - camera.position)))
             if np.allclose(rotation, self._pose[0], atol=1e-4) and np.allclose(position, self._pose[1], atol=reach):
+                self._arrives_by = 0.0
                 return  # the browser reports the camera that it was given, in float32
+            if time.monotonic() < self._arrives_by:
+                return
             self._pose = rotation, position
             self._controls.free_camera()
             self._set(self.state.posed(rotation, position), True)
@@ -255,7 +261,7 @@ class Window:
         with self._lock:
             start = self.session.state
             self._set(replace(start, units_per_metre=self.state.units_per_metre), False)
-            self._pose = self.look_from(start.camera)
+            self._pose, self._arrives_by = self.look_from(start.camera)
             self._controls.free_camera()
 
     def _export(self) -> None:
