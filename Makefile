@@ -25,7 +25,7 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented demo render look frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented viewable view demo render look frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -55,6 +55,13 @@ frame: base ## a frame through the RTL, compared bit for bit; what render takes 
 	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) \
 		$(call option,LATENCY,latency) $(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
+
+viewable:
+	@$(PYTHON) msv2/cli/setup_environment.py --extras models,viewer
+
+view: viewable ## look at a scene in the browser; SCENE= and what render takes, PORT= HOST= BENCHMARK=1 SCREENSHOTS=1 OUT=
+	@$(MSV2) view $(request) $(effects) $(eyes) $(config) $(call option,PORT,port) $(call option,HOST,host) \
+		$(call switch,BENCHMARK,benchmark) $(call switch,SCREENSHOTS,screenshots)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \

@@ -132,7 +132,7 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
     runs = tile_runs(
         projected.box[visible].astype(np.int64), visible, e.splat[arrival], tile_of[arrival], kind.astype(np.int64),
         frame.registers.tiles_x)
-    survivor = np.unique(e.splat)
+    survivor = np.flatnonzero(np.bincount(e.splat, minlength=len(reason)))  # far faster than np.unique
     mask = np.zeros(len(reason), np.uint8)
     np.bitwise_or.at(mask, e.splat, (1 << header[tile_of, 0]).astype(np.uint8))
     return EyeTrace(

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from golden.scenes.camera_file import load_camera, save_camera
+from golden.scenes.camera_file import file_gaze, load_camera, save_camera
 from golden.scenes.orbit import look_at
 from spec.errors import InputError
 
@@ -18,6 +18,23 @@ def test_round_trip_is_exact(tmp_path):
     for key, value in vars(CAMERA).items():
         np.testing.assert_array_equal(getattr(back, key), value, err_msg=key)
     assert [p.name for p in tmp_path.iterdir()] == ["camera.json"]
+
+
+def test_a_file_may_hold_the_gaze(tmp_path):
+    """In pixels of its own frame; it follows the frame's size and is no part of the camera."""
+    path = tmp_path / "camera.json"
+    save_camera(CAMERA, path, (80.0, 150.0))
+    assert file_gaze(path, CAMERA) == (80.0, 150.0)
+    assert file_gaze(path, CAMERA.resized(640, 100)) == (160.0, 75.0)
+    assert (load_camera(path).rotation == CAMERA.rotation).all()
+    save_camera(CAMERA, path)
+    assert file_gaze(path, CAMERA) is None and file_gaze("orbit", CAMERA) is None and file_gaze("3", CAMERA) is None
+
+
+@pytest.mark.parametrize("gaze", [5, [1, 2, 3], ["a", "b"], [1, float("nan")]])
+def test_a_gaze_that_is_none_is_named(tmp_path, gaze):
+    with pytest.raises(InputError, match="gaze"):
+        file_gaze(write(tmp_path, gaze=gaze), CAMERA)
 
 
 def write(tmp_path, **change):

@@ -46,8 +46,8 @@ def test_every_target_is_there():
 def test_targets_dispatch(target):
     """One call of a command behind the set-up; `test`, `lint` and `check` start pytest and ruff."""
     last = commands(target)[-1]
-    assert last[0] in COMMANDS or target in ("help", "setup", "base", "tested", "documented", "test", "test-long", "lint",
-                                             "check")
+    assert last[0] in COMMANDS or target in ("help", "setup", "base", "tested", "documented", "viewable", "test", "test-long",
+                                             "lint", "check")
 
 
 @pytest.mark.parametrize("target", sorted(SHOWN))
