@@ -44,25 +44,42 @@ def with_sh_degree(words: GaussianWords, degree: int) -> GaussianWords:
 def prepare(
     plan: EffectPlan, config: AcceleratorConfig, words: GaussianWords, foveation: FoveationMap,
 ) -> tuple[GaussianWords, FoveationMap]:
-    """Words and tiles of a frame for the machine `plan.machine(config)`.
+    """Words and tiles of a frame for the machine `plan.machine(config)`: `prepare_words` and `prepare_foveation`."""
+    return prepare_words(plan, config, words), prepare_foveation(plan, config, foveation)
+
+
+def prepare_words(plan: EffectPlan, config: AcceleratorConfig, words: GaussianWords) -> GaussianWords:
+    """The Gaussians as the machine `plan.machine(config)` reads them; all frames with this plan share them.
 
     Args:
         plan: the effects.
         config: the machine with all effects; where levels are forced, as many are used as it has.
         words: the Gaussians.
-        foveation: the frame's tile levels and planes.
     """
     words = with_sh_degree(words, min(plan.sh_degree, config.sh_degree))
     if "levels" not in plan.active:
-        return replace(words, levels=1), foveation
+        return replace(words, levels=1)
     if "levels" not in plan.called:  # every level equals the first, so every point belongs to all levels
-        words = _all_levels(words, config.levels)
+        return _all_levels(words, config.levels)
+    return words
+
+
+def prepare_foveation(plan: EffectPlan, config: AcceleratorConfig, foveation: FoveationMap) -> FoveationMap:
+    """The tiles of one frame for the machine `plan.machine(config)`.
+
+    Args:
+        plan, config: as in `prepare_words`.
+        foveation: the frame's tile levels and planes.
+    """
+    if "levels" not in plan.active:
+        return foveation
+    if "levels" not in plan.called:
         foveation = replace(foveation, levels=config.levels)
     if "blend" in plan.active and "blend" not in plan.called:
         blend = foveation.tile_level + 1 < foveation.levels
         plane = np.where(blend[..., None], _NOT_YET, foveation.plane)
         foveation = replace(foveation, blend=blend, plane=plane)
-    return words, foveation
+    return foveation
 
 
 def _all_levels(words: GaussianWords, levels: int) -> GaussianWords:

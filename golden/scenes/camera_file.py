@@ -1,4 +1,4 @@
-"""Reads and writes one camera as a small JSON file, for `--camera FILE`."""
+"""Reads and writes one camera, and where the user looks, as a small JSON file, for `--camera FILE`."""
 
 from __future__ import annotations
 
@@ -13,34 +13,61 @@ from golden.scenes.camera import Camera
 from golden.scenes.files import atomic_output, read_json
 from spec.errors import InputError
 
+GAZE = "gaze"
+"""The file's entry that is no property of a camera."""
+
 RIGID = 1e-4  # largest deviation of R R^T from the identity: a matrix with six decimals passes, a scaled one does not
 
 
-def save_camera(camera: Camera, path: Path | str) -> None:
-    """Writes every field of `camera` under its name; `load_camera` returns it exactly.
+def camera_text(camera: Camera, gaze: tuple[float, float] | None = None) -> str:
+    """The content of a camera's file: every field under its name, and the gaze in pixels of the camera's frame, if any."""
+    fields = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(camera).items()}
+    return json.dumps(fields | ({} if gaze is None else {GAZE: list(gaze)}), indent=1) + "\n"
+
+
+def save_camera(camera: Camera, path: Path | str, gaze: tuple[float, float] | None = None) -> None:
+    """Writes `camera_text`; `load_camera` returns the camera exactly.
 
     Raises:
         InputError: the folder does not exist or is not writable.
     """
-    fields = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(camera).items()}
     with atomic_output(path) as file:
-        file.write((json.dumps(fields, indent=1) + "\n").encode())
+        file.write(camera_text(camera, gaze).encode())
+
+
+def file_gaze(path: Path | str, camera: Camera) -> tuple[float, float] | None:
+    """The gaze in a camera's file, in pixels of `camera`, whose frame may have another size than the file's.
+
+    Args:
+        path: what `--camera` was given; it may be no file at all.
+        camera: the camera of the frame.
+
+    Raises:
+        InputError: the entry is no pair of numbers; see also `load_camera`.
+    """
+    path = Path(path)
+    if not path.is_file() or GAZE not in (entry := read_json(path)):
+        return None
+    stored = load_camera(path)
+    x, y = _array(path, entry, GAZE, (2,))
+    return float(x * camera.width / stored.width), float(y * camera.height / stored.height)
 
 
 def load_camera(path: Path | str) -> Camera:
     """Loads the camera in a JSON file.
 
     The file holds `rotation` (3x3, world to camera, OpenCV axes), `translation`, `fx`, `fy`, `width` and `height`. It may hold
-    `cx` and `cy` (by default the middle), `near` and `name`. `translation` and `near` are in world units, the rest in pixels.
+    `cx` and `cy` (by default the middle), `near`, `name`, and a `gaze`, which `file_gaze` reads. `translation` and `near` are
+    in world units, the rest in pixels.
 
     Raises:
         InputError: an entry is missing, unknown or impossible.
     """
     path = Path(path)
     entry = read_json(path)
-    unknown = set(entry) - set(Camera.__dataclass_fields__)
+    unknown = set(entry) - {*Camera.__dataclass_fields__, GAZE}
     if unknown:
-        accepted = ", ".join(Camera.__dataclass_fields__)
+        accepted = ", ".join((*Camera.__dataclass_fields__, GAZE))
         raise InputError(f"{path}: {sorted(unknown)[0]!r} is not an entry of a camera; accepted are {accepted}")
     rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from golden.scenes.camera import Camera
-from golden.scenes.camera_file import load_camera
+from golden.scenes.camera_file import file_gaze, load_camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.levels import smfr_levels
@@ -39,6 +39,7 @@ class Request:
         foveation: tile levels and blend planes; without a gaze, level 1 everywhere.
         background: red, green and blue in [0, 1].
         record: the request as values for JSON; it is written beside every picture.
+        cameras: the cameras that were stored with the scene.
     """
 
     model: GaussianModel
@@ -46,6 +47,7 @@ class Request:
     foveation: FoveationMap
     background: tuple[float, float, float]
     record: dict[str, object]
+    cameras: tuple[Camera, ...] = ()
 
 
 class _Given(argparse.Action):
@@ -79,8 +81,8 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
                         help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
                              "or a JSON file")
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
-    parser.add_argument("--gaze", default="none", metavar="X,Y|none",
-                        help="the gazed pixel; it turns foveation on (default: none)")
+    parser.add_argument("--gaze", metavar="X,Y|none",
+                        help="the gazed pixel; it turns foveation on (default: that of the camera's JSON file, else none)")
     parser.add_argument("--levels", type=int, default=None, metavar="N",
                         help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
@@ -149,7 +151,7 @@ def take_stereo_arguments(args: argparse.Namespace) -> None:
         raise InputError(f"source eye {args.source!r} is not accepted: choose one of {', '.join(EYES)}")
     args.gaze_target = args.gaze_right
     if args.source == "right" and args.gaze_right is not None:
-        left = None if args.gaze.lower() == "none" else args.gaze
+        left = None if (args.gaze or "none").lower() == "none" else args.gaze
         args.gaze, args.gaze_target = args.gaze_right, left
 
 
@@ -163,7 +165,7 @@ def resolve(args: argparse.Namespace) -> Request:
     background = parse_numbers("background", args.background, 3)
     if not all(0 <= c <= 1 for c in background):
         raise InputError(f"background {args.background!r} is not accepted: three numbers in 0..1 are")
-    gaze = None if args.gaze.lower() == "none" else parse_numbers("gaze", args.gaze, 2)
+    gaze = None if (args.gaze or "none").lower() == "none" else parse_numbers("gaze", args.gaze, 2)
     if args.levels is not None and not 1 <= args.levels <= MAX_LEVELS:
         raise InputError(f"levels {args.levels} is not accepted: 1..{MAX_LEVELS} are")
     if args.seed < 0:
@@ -175,13 +177,15 @@ def resolve(args: argparse.Namespace) -> Request:
         model = smfr_levels(model, args.levels, args.seed)
     levels = min(args.levels or model.levels, model.levels)
     camera = _camera(args.camera, model, scene.cameras, size)
+    if args.gaze is None:
+        gaze = file_gaze(args.camera, camera)
     display = Display(camera.width, camera.height)
     foveation = no_foveation(display) if gaze is None else foveation_map(display, tuple(gaze), levels)
     record = {
         "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
         "background": background, "seed": args.seed,
     }
-    return Request(model, camera, foveation, tuple(background), record)
+    return Request(model, camera, foveation, tuple(background), record, scene.cameras)
 
 
 def _camera(name: str, model: GaussianModel, cameras: Sequence[Camera], size: tuple[int, int] | None) -> Camera:

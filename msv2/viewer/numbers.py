@@ -1,0 +1,91 @@
+"""The machine's numbers of a frame: intersections and cycles by the cycle model, energy by the energy study's tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from golden.host.run_options import RunOptions
+from golden.msv2_ref.eyes import StereoFrame
+from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.plan import Work
+from msv2.studies.energy.frame import EnergyReport, frame_energy, model_counts
+from msv2.studies.energy.table import Table, load_table
+from perf.model import FrameCycles, MemoryModel, simulate
+from perf.trace import trace_of
+from spec.effects import EffectPlan
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What the machine does for a frame.
+
+    Attributes:
+        cycles: intersections, cycles, stages and memory, as `msv2 perf` gives them.
+        energy: the frame's energy and rate.
+        plan: the effects of the frame.
+        machine: the configuration's name.
+    """
+
+    cycles: FrameCycles
+    energy: EnergyReport
+    plan: EffectPlan
+    machine: str
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames a second at the clock."""
+        return self.energy.clock_hz / max(self.cycles.total, 1)
+
+    def as_json(self) -> dict[str, object]:
+        """The values in JSON-ready form; the cycle model's keep the names that they have in perf.json."""
+        energy = {name: value for name, value in self.energy.as_json().items() if name != "rows"}
+        return {**self.cycles.as_json(), "energy": energy, "effects": self.plan.record, "frames_per_s": self.frames_per_s}
+
+    def summary(self) -> str:
+        """The most important numbers, in Markdown."""
+        return (f"**{self.frames_per_s:,.0f} frames/s** of the machine, **{self.cycles.entries:,} intersections**, "
+                f"**{self.energy.total_mj:.3f} mJ**")
+
+    def markdown(self) -> str:
+        """The numbers as the viewer shows them."""
+        c, e = self.cycles, self.energy
+        phases = " | ".join(f"{count:,}" for count in (*c.phases.values(), c.total))
+        stages = "\n".join(f"| {name} | {s.busy:,} | {s.blocked:,} | {s.starved:,} | {s.busy / max(c.total, 1):.0%} |"
+                           for name, s in c.stages.items())
+        active = ", ".join(f"{name}{' (forced)' if name not in self.plan.called else ''}"
+                           for name in self.plan.reasons if name in self.plan.active) or "none"
+        power = e.chip_mj * e.clock_hz / max(c.total, 1)
+        return (
+            f"Machine `{self.machine}` at {e.clock_hz / 1e6:,.0f} MHz: {1e3 * c.total / e.clock_hz:.2f} ms a frame\n\n"
+            f"| {' | '.join((*c.phases, 'total'))} |\n|{'--:|' * (len(c.phases) + 1)}\n| {phases} |\n\n"
+            f"| stage | busy | blocked | starved | busy |\n|---|--:|--:|--:|--:|\n{stages}\n\n"
+            f"Cycles of each phase, and of each stage's input. {c.groups:,} groups of tiles, {c.fetch_misses:,} misses of the "
+            f"splat cache, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written.\n\n"
+            f"| chip, mJ | DRAM, mJ | assumed, mJ | all, mJ | chip, mW |\n|--:|--:|--:|--:|--:|\n"
+            f"| {e.chip_mj:.3f} | {e.sum_mj('dram'):.3f} | {e.sum_mj('assumed'):.3f} | {e.total_mj:.3f} | {power:.0f} |\n\n"
+            f"Assumed are wires and the clock tree. Effects: {active}.")
+
+
+def energies() -> Table:
+    """The energies of operations that the energy study uses."""
+    return load_table()
+
+
+def of_frame(
+    golden: Frame | StereoFrame, work: Work, options: RunOptions, memory: MemoryModel, table: Table, clock_hz: float,
+) -> Numbers:
+    """The numbers of a golden frame.
+
+    Args:
+        golden: the frame.
+        work: its request, plan and machine.
+        options: how the frame runs; merging, beta and the pixels' format are read.
+        memory: the memory of the cycle model.
+        table: the energies of operations.
+        clock_hz: the clock.
+    """
+    trace = trace_of(golden, record=work.request.record)
+    cycles = simulate(trace, work.config, memory=memory, merge=options.merge, beta=options.beta,
+                      display=options.display or isinstance(golden, StereoFrame))
+    energy = frame_energy(model_counts(trace, cycles), cycles.total, work.config, table, clock_hz=clock_hz)
+    return Numbers(cycles, energy, work.plan, work.config.name)
