@@ -24,7 +24,7 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented demo render frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented demo render frame video sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -51,6 +51,10 @@ frame: base ## a frame through the RTL, compared bit for bit; what render takes 
 	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) \
 		$(call option,LATENCY,latency) $(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
+
+video: base ## a film along a camera path, with the machine's numbers below; what render takes, and CAMERAS=orbit|FILE SWEEP=DEG GAZE_PATH=wander|FILE FRAMES=N FPS=F FORMAT=webp,gif,mp4 SHOW=levels|...
+	@$(MSV2) video $(request) $(effects) $(eyes) $(config) $(call option,CAMERAS,path) $(call option,SWEEP,sweep) \
+		$(call option,GAZE_PATH,gaze-path) $(call option,FRAMES,frames) $(call option,FPS,fps) $(call option,FORMAT,format) $(call option,SHOW,show)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
