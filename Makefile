@@ -25,7 +25,7 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented viewable view demo render look frame sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented viewable view demo render look frame video sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -62,6 +62,10 @@ viewable:
 view: viewable ## look at a scene in the browser; SCENE= and what render takes, PORT= HOST= BENCHMARK=1 SCREENSHOTS=1 OUT=
 	@$(MSV2) view $(request) $(effects) $(eyes) $(config) $(call option,PORT,port) $(call option,HOST,host) \
 		$(call switch,BENCHMARK,benchmark) $(call switch,SCREENSHOTS,screenshots)
+
+video: base ## a film along a camera path, with the machine's numbers below; what render takes, and CAMERAS=orbit|FILE SWEEP=DEG GAZE_PATH=wander|FILE FRAMES=N FPS=F FORMAT=webp,gif,mp4 SHOW=levels|...
+	@$(MSV2) video $(request) $(effects) $(eyes) $(config) $(call option,CAMERAS,path) $(call option,SWEEP,sweep) \
+		$(call option,GAZE_PATH,gaze-path) $(call option,FRAMES,frames) $(call option,FPS,fps) $(call option,FORMAT,format) $(call option,SHOW,show)
 
 sim: base ## unit simulation; TEST=float|culling|lists|tmu|sort|vrc|warp|axi|top|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \

@@ -64,7 +64,37 @@ def load_camera(path: Path | str) -> Camera:
         InputError: an entry is missing, unknown or impossible.
     """
     path = Path(path)
-    entry = read_json(path)
+    return _camera(path, read_json(path))
+
+
+def load_cameras(path: Path | str) -> list[tuple[Camera, tuple[float, float] | None]]:
+    """Loads the cameras of a path, each with its gaze in pixels of its own frame, or None.
+
+    Args:
+        path: a JSON object whose only entry `cameras` is a list of what `load_camera` reads from a file; or a folder of such
+            files, which are taken in the order of their names.
+
+    Raises:
+        InputError: there is no camera, or one of them is not accepted; see `load_camera`.
+    """
+    path = Path(path)
+    if path.is_dir():
+        found = [(file, read_json(file)) for file in sorted(path.glob("*.json"))]
+    else:
+        content = read_json(path)
+        listed = content.get("cameras")
+        if set(content) != {"cameras"} or not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
+            raise InputError(f"{path}: is not a list of cameras; {{\"cameras\": [camera, ...]}} is accepted, or a folder of "
+                             "camera files")
+        found = [(path, entry) for entry in listed]
+    if not found:
+        raise InputError(f"{path}: has no camera; one or more are needed")
+    cameras = [_camera(file, entry) for file, entry in found]
+    gazes = [tuple(_array(file, entry, GAZE, (2,)).tolist()) if GAZE in entry else None for file, entry in found]
+    return list(zip(cameras, gazes, strict=True))
+
+
+def _camera(path: Path, entry: dict[str, Any]) -> Camera:
     unknown = set(entry) - {*Camera.__dataclass_fields__, GAZE}
     if unknown:
         accepted = ", ".join((*Camera.__dataclass_fields__, GAZE))

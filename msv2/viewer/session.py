@@ -133,6 +133,11 @@ class Session:
         kept = camera if self._args.size else fitted(camera)
         return kept.width, kept.height
 
+    @property
+    def has_cameras(self) -> bool:
+        """Whether the scene has cameras of its own."""
+        return bool(self._stored)
+
     def camera(self, name: str) -> Camera:
         """The camera of one of the names in `cameras`: what `--camera NUMBER` chooses."""
         number = self.cameras.index(name)
