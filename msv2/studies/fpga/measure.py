@@ -2,8 +2,8 @@
 
     python -m msv2.studies.fpga.measure UNIT CONFIG FAMILY FOLDER
 
-The process limits itself to `CPU_SECONDS` and `MEMORY_GB`, since a memory that fits no block of the family is built of flip-flops and
-multiplexers, which can take hours and more memory than a computer has.
+The process limits itself to `CPU_SECONDS` and `MEMORY_GB`, since a memory that fits no block of the family is built of
+flip-flops and multiplexers, which can take hours and more memory than a computer has.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Family:
     Attributes:
         title: its name in tables.
         command: Yosys' command, which is given `-top UNIT`.
-        lut, lut_ram, ff, bram, dsp: what each type of cell takes: LUTs of logic, LUTs as memory, flip-flops, blocks of memory of
-            18 Kbit, and multipliers.
+        lut, lut_ram, ff, bram, dsp: what each type of cell takes: LUTs of logic, LUTs as memory, flip-flops, blocks of memory
+            of 18 Kbit, and multipliers.
         free: types of cells that take no LUT: multiplexers and carry chains beside the LUTs, buffers, constants.
     """
 
