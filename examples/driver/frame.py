@@ -9,8 +9,10 @@ the golden renderer's in every bit, and the counters that the driver reads with 
 from __future__ import annotations
 
 import argparse
+import fcntl
 import hashlib
 import os
+import re
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +23,7 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.pictures import save_png
+from golden.scenes.request import make_folder
 from msv2.verilog.export import export
 from spec.config import TINY
 from spec.errors import InputError, run_command_line
@@ -74,10 +77,10 @@ def build(folder: Path) -> Path:
 
 def wrong_counts(frame: Frame, said: str) -> list[str]:
     """The counters that the driver has printed and that differ from the golden frame's counts."""
-    words = said.split()
-    events = {name: value for name, value in expected_events(frame).items() if name in words} | {"frames": 1}
-    found = {name: int(words[words.index(name) + 1]) for name in events}
-    return [f"counter {name} must be {events[name]}, not {found[name]}" for name in events if found[name] != events[name]]
+    found = {name: int(value) for name, value in re.findall(r"(\w+) (\d+)", said.partition("\n")[2])}
+    events = expected_events(frame) | {"frames": 1}
+    return [f"counter {name} must be {events[name]}, not {count}" for name, count in found.items()
+            if events.get(name, count) != count]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,10 +89,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/examples/driver"), metavar="DIR")
     parser.add_argument("--size", type=int, default=48, metavar="PIXELS", help="width and height of the frame (default: 48)")
     args = parser.parse_args(argv)
+    if not 1 <= args.size <= TINY.row_width:
+        raise InputError(f"size {args.size} is not accepted: 1 to {TINY.row_width} pixels are")
     out = args.out.resolve()
-    out.mkdir(parents=True, exist_ok=True)
-    simulator = build(out)
-    golden = render(cached_embedded_model(), embedded_cameras(args.size, args.size)[0], config=TINY)
+    make_folder(out)
+    with open(out / "lock", "w") as lock:  # a second run would build into the same folder, so it waits
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return rendered(build(out), out, args.size)
+
+
+def rendered(simulator: Path, out: Path, size: int) -> int:
+    """Renders a square frame of `size` pixels by the driver and compares it; returns 1 where anything differs."""
+    golden = render(cached_embedded_model(), embedded_cameras(size, size)[0], config=TINY)
     image = write_frame_image(golden, out / "frame.img")
     done = subprocess.run([simulator, out / "frame.img", out / "frame.bin", hex(ADDRESS)], check=False, capture_output=True,
                           text=True)
@@ -102,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     counts, values = wrong_counts(golden, done.stdout), mismatches(golden, pixels)
     for line in counts:
         print(line)
-    print(f"{args.size}x{args.size} pixels, {len(golden.entries.splat)} intersections, "
+    print(f"{size}x{size} pixels, {len(golden.entries.splat)} intersections, "
           f"{len(values)} values differ from the golden frame")
     return 1 if values or counts else 0
 

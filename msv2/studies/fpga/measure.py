@@ -1,4 +1,4 @@
-"""Synthesises one unit for one family of FPGAs and prints what it takes, as JSON. The study runs this as a process of its own.
+"""Synthesises one unit for one family of FPGAs and prints its cells by type, as JSON. The study runs this as a process.
 
     python -m msv2.studies.fpga.measure UNIT CONFIG FAMILY FOLDER
 
@@ -62,12 +62,13 @@ COLUMNS = ("lut", "lut_ram", "ff", "bram", "dsp")
 FAMILIES = {
     "ecp5": Family(
         "ECP5", "synth_ecp5",
-        lut={"LUT4": 1, "CCU2C": 2}, lut_ram={"TRELLIS_DPR16X4": 6}, ff={"TRELLIS_FF": 1}, bram={"DP16KD": 1},
+        lut={"LUT4": 1, "CCU2C": 2}, lut_ram={"TRELLIS_DPR16X4": 6}, ff={"TRELLIS_FF": 1}, bram={"DP16KD": 1, "PDPW16KD": 1},
         dsp={"MULT18X18D": 1}, free=frozenset({"PFUMX", "L6MUX21"})),
     "xc7": Family(
         "7-series", "synth_xilinx -family xc7 -noiopad",
         lut={f"LUT{inputs}": 1 for inputs in range(1, 7)} | {"INV": 1},
-        lut_ram={"RAM32M": 4, "RAM32X1D": 2, "RAM64M": 4, "RAM64X1D": 2, "RAM128X1D": 4, "SRL16E": 1, "SRLC32E": 1},
+        lut_ram={"RAM32M": 4, "RAM32X1D": 2, "RAM64M": 4, "RAM64X1D": 2, "RAM128X1D": 4, "RAM64X1S": 1, "RAM128X1S": 2,
+                 "RAM256X1S": 4, "SRL16E": 1, "SRLC32E": 1},
         ff={"FDRE": 1, "FDSE": 1, "FDCE": 1, "FDPE": 1}, bram={"RAMB18E1": 1, "RAMB36E1": 2},
         dsp={"DSP48E1": 1}, free=frozenset({"CARRY4", "MUXF7", "MUXF8", "MUXF9", "BUFG", "VCC", "GND"})),
 }
@@ -93,7 +94,7 @@ def main(argv: Sequence[str]) -> int:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_GB << 30, MEMORY_GB << 30))
     cells = cells_of(unit, config, family, Path(folder))
-    print(json.dumps({**FAMILIES[family].count(cells), "cells": dict(sorted(cells.items()))}))
+    print(json.dumps(dict(sorted(cells.items()))))
     return 0
 
 

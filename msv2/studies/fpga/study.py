@@ -52,14 +52,19 @@ Row = dict[str, object]
 
 
 def synthesised(unit: str, config: str, family: str) -> dict[str, object]:
-    """What a unit takes on a family: the columns of `measure` and the cells by type, or `left_out` with the reason."""
+    """What a unit takes on a family: the columns of `measure` and the cells by type, or `left_out` with the reason.
+
+    Raises:
+        ValueError: the netlist has a type of cell that no column counts.
+    """
     command = [sys.executable, "-m", MEASURE, unit, config, family, str(BUILD / "fpga")]
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=WALL_SECONDS)
     except subprocess.TimeoutExpired:
         return {"left_out": LIMITED}
     if done.returncode == 0:
-        return json.loads(done.stdout)
+        cells = json.loads(done.stdout)
+        return {**FAMILIES[family].count(cells), "cells": cells}
     if _met_a_limit(done):
         return {"left_out": LIMITED}
     said = (done.stderr or done.stdout).strip().splitlines() or ["nothing is said"]
