@@ -27,6 +27,11 @@ MEMORY_GB = 6
 """Most memory of each of the two processes."""
 
 
+COMMANDS = ("proc", "flatten -noscopeinfo", "opt_clean -purge")
+"""What is done before the family's own command. Where inner modules are left to that, Yosys 0.70 ends in an assertion when
+it takes ABC's result back."""
+
+
 @dataclass(frozen=True)
 class Family:
     """A family of FPGAs and how its cells are counted.
@@ -81,9 +86,7 @@ def cells_of(unit: str, config: str, family: str, folder: Path) -> dict[str, int
     label = f"{unit}-{config}-{family}"
     source, statistics = folder / f"{label}.il", folder / f"{label}.stat"
     source.write_text(to_rtlil(units.named(unit).make(CONFIGS[config]), unit))
-    # Flat from the start: with names of inner modules left, Yosys 0.70 ends in an assertion when it takes ABC's result back.
-    flow.run(f"read_rtlil {source}", f"hierarchy -top {unit}", "proc", "flatten -noscopeinfo", "opt_clean -purge",
-             f"{FAMILIES[family].command} -top {unit}",
+    flow.run(f"read_rtlil {source}", f"hierarchy -top {unit}", *COMMANDS, f"{FAMILIES[family].command} -top {unit}",
              f"tee -q -o {statistics} stat -top {unit} -json", log=folder / f"{label}.log")
     return json.loads(statistics.read_text())["modules"][f"\\{unit}"]["num_cells_by_type"]
 

@@ -6,20 +6,24 @@
 
 A unit is synthesised alone, as one flat netlist, in a process of its own with limits of time and memory. Where a limit is
 met, the report says so in place of the numbers. Nothing is placed or routed, so there are no clock rates here.
+
+What was synthesised is kept in build/fpga under a hash of the unit's netlist before synthesis: a study that was interrupted
+goes on where it was, and after a change of the RTL only the changed units are synthesised.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from golden.scenes.files import read_json
+from golden.scenes.request import make_folder, write_json
 from msv2.studies import page
-from msv2.studies.fpga.measure import CPU_SECONDS, FAMILIES, MEMORY_GB
+from msv2.studies.fpga.measure import COMMANDS, CPU_SECONDS, FAMILIES, MEMORY_GB
 from msv2.studies.record import write_report
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS, stage_of
@@ -51,13 +55,13 @@ WALL_SECONDS = 12 * CPU_SECONDS
 Row = dict[str, object]
 
 
-def synthesised(unit: str, config: str, family: str) -> dict[str, object]:
+def synthesised(unit: str, config: str, family: str, folder: Path) -> dict[str, object]:
     """What a unit takes on a family: the columns of `measure` and the cells by type, or `left_out` with the reason.
 
     Raises:
         ValueError: the netlist has a type of cell that no column counts.
     """
-    command = [sys.executable, "-m", MEASURE, unit, config, family, str(BUILD / "fpga")]
+    command = [sys.executable, "-m", MEASURE, unit, config, family, str(folder)]
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=WALL_SECONDS)
     except subprocess.TimeoutExpired:
@@ -69,6 +73,19 @@ def synthesised(unit: str, config: str, family: str) -> dict[str, object]:
         return {"left_out": LIMITED}
     said = (done.stderr or done.stdout).strip().splitlines() or ["nothing is said"]
     return {"left_out": f"the synthesis fails: {said[-1]}"}
+
+
+def kept(unit: str, config: str, family: str, digest: str, folder: Path) -> dict[str, object]:
+    """`synthesised`, or what the folder keeps of the same netlist, commands, limits and version of Yosys."""
+    settled = {"netlist": digest, "commands": list(COMMANDS), "family": FAMILIES[family].command, "yosys": flow.version(),
+               "limits": [CPU_SECONDS, MEMORY_GB]}
+    path = folder / f"{unit}-{digest}-{family}.json"
+    if path.is_file() and (old := read_json(path))["settings"] == settled:
+        found = old["found"]
+        return found if "left_out" in found else {**FAMILIES[family].count(found["cells"]), "cells": found["cells"]}
+    found = synthesised(unit, config, family, folder)
+    write_json(path, {"settings": settled, "found": found})
+    return found
 
 
 def _met_a_limit(done: subprocess.CompletedProcess[str]) -> bool:
@@ -87,8 +104,9 @@ def wanted(units: Sequence[str]) -> list[tuple[str, str, str]]:
     return [(config, unit, digest) for _, config, unit, digest in sorted(found, key=lambda one: (one[1] != TINY.name, one[0]))]
 
 
-def measure(units: Sequence[str]) -> list[Row]:
-    """The rows of these units in both machines. A unit that is the same in both is synthesised once."""
+def measure(units: Sequence[str], folder: Path) -> list[Row]:
+    """The rows of these units in both machines. A unit that is the same in both is synthesised once. `folder` keeps what is
+    found."""
     rows: list[Row] = []
     known: dict[tuple[str, str], Row] = {}
     for config, unit, digest in wanted(units):
@@ -98,7 +116,7 @@ def measure(units: Sequence[str]) -> list[Row]:
             if skipped:
                 row[family] = {"left_out": skipped}
             else:
-                row[family] = same[family] if same else synthesised(unit, config, family)
+                row[family] = same[family] if same else kept(unit, config, family, digest, folder)
         if same and not skipped:
             row["same_as"] = same["config"]
         known[unit, digest] = row
@@ -166,10 +184,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
     units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
     old = read_json(REPORT) if REPORT.exists() and args.unit else None
-    os.makedirs(BUILD / "fpga", exist_ok=True)
-    measured = measure(units)
-    kept = [row for row in (old or {"rows": []})["rows"] if row["unit"] not in units]
+    measured = measure(units, make_folder(BUILD / "fpga"))
+    others = [row for row in (old or {"rows": []})["rows"] if row["unit"] not in units]
     write_report(REPORT, {"yosys": flow.version(), "limits": {"cpu_seconds": CPU_SECONDS, "memory_gb": MEMORY_GB},
-                          "rows": in_order([*kept, *measured])}, [__name__, MEASURE],
+                          "rows": in_order([*others, *measured])}, [__name__, MEASURE],
                  {"units": units, "machines": [CONFIGS[config.name] for config in MACHINES]}, earlier=old)
     return fill()

@@ -35,9 +35,9 @@ def test_an_unknown_cell_is_no_nothing(family) -> None:
 
 @needs_yosys
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_unit_is_synthesised(family: str) -> None:
+def test_a_unit_is_synthesised(family: str, tmp_path: Path) -> None:
     """The product of two significands takes multipliers, and a conversion takes none; both have registers."""
-    product, conversion = (study.synthesised(unit, "tiny", family) for unit in ("float_mul", "fixed_to_float"))
+    product, conversion = (study.synthesised(unit, "tiny", family, tmp_path) for unit in ("float_mul", "fixed_to_float"))
     assert product["dsp"] > 0 and conversion["dsp"] == 0
     for found in (product, conversion):
         assert found["lut"] > 0 and found["ff"] > 0 and found["bram"] == found["lut_ram"] == 0
@@ -76,10 +76,24 @@ def test_tables() -> None:
         "| `expand` | tiny | ECP5 | too large |", "| `expand` | tiny | 7-series | too large |"]
 
 
-def test_the_same_unit_is_synthesised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+@needs_yosys
+def test_what_was_synthesised_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Under the netlist, and for the same commands and limits only."""
+    found = [{"lut": 99, "cells": {"LUT4": 5}}, {"left_out": "too large"}, {"left_out": "again"}, {"left_out": "other limits"}]
+    monkeypatch.setattr(study, "synthesised", lambda *what: found.pop(0))
+    ask = ("setup", "tiny", "ecp5")
+    assert study.kept(*ask, "aaaa", tmp_path)["lut"] == 99
+    assert study.kept(*ask, "aaaa", tmp_path) == {**dict.fromkeys(COLUMNS, 0), "lut": 5, "cells": {"LUT4": 5}}
+    assert study.kept(*ask, "bbbb", tmp_path) == study.kept(*ask, "bbbb", tmp_path) == {"left_out": "too large"}
+    assert study.kept("setup", "tiny", "xc7", "bbbb", tmp_path) == {"left_out": "again"}
+    monkeypatch.setattr(study, "CPU_SECONDS", 7)
+    assert study.kept(*ask, "aaaa", tmp_path) == {"left_out": "other limits"} and not found
+
+
+def test_the_same_unit_is_synthesised_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked = []
-    monkeypatch.setattr(study, "synthesised", lambda *what: asked.append(what) or {"lut": 1})
-    rows = study.measure(["float_add", "tile_merge_unit", "msv2_top"])
+    monkeypatch.setattr(study, "kept", lambda *what: asked.append(what[:3]) or {"lut": 1})
+    rows = study.measure(["float_add", "tile_merge_unit", "msv2_top"], tmp_path)
     assert asked.count(("float_add", "tiny", "ecp5")) == 1 and ("float_add", "paper", "ecp5") not in asked
     assert ("tile_merge_unit", "paper", "xc7") in asked and not [what for what in asked if what[0] == "msv2_top"]
     same = {(one["unit"], one["config"]): one.get("same_as") for one in rows}
