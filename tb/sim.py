@@ -12,7 +12,8 @@ from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
 from spec.private import private_folder
 from tb.axi import suite as axi
-from tb.common.runner import SimulationError, Waves, parse_window
+from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
+from tb.common.wave_view import view_path
 from tb.culling import colour_suite as colour
 from tb.culling import projection_suite as projection
 from tb.culling import tile_test_suite as tiles
@@ -118,7 +119,7 @@ def _run_variant(
     print(f"{name}: {outcome.runs - len(outcome.failures)} of {outcome.runs} runs equal, {outcome.amount}, "
           f"{outcome.cycles} cycles, {outcome.seconds:.1f} s", flush=True)
     if waves:
-        print(f"{name}: waves in {folder / 'dump.fst'}")
+        print(f"{name}: waves in {folder / WAVES_FILE}, in groups with `gtkwave {view_path(folder / WAVES_FILE)}`")
     return 1 if outcome.failures else 0
 
 

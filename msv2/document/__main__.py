@@ -1,11 +1,11 @@
-"""Writes the generated pages of docs/ (formats, effects, registers and stages), and the site of all pages and docstrings."""
+"""Writes the generated pages of docs/ (formats, effects, registers, stages, streams), and the site of pages and docstrings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from msv2.document import effects, formats, registers, site, stages
+from msv2.document import effects, formats, registers, site, stages, streams
 from msv2.document.files import write_whole
 from spec.command_line import command_parser
 from spec.errors import InputError, run_command_line
@@ -18,7 +18,7 @@ examples:
   %(prog)s --site     the pages, and build/docs/site/index.html, which needs the extra `docs`
 """
 
-PAGES: dict[Path, Callable[[], str]] = formats.PAGES | effects.PAGES | registers.PAGES | stages.PAGES
+PAGES: dict[Path, Callable[[], str]] = formats.PAGES | effects.PAGES | registers.PAGES | stages.PAGES | streams.PAGES
 """What is generated, by path."""
 
 

@@ -6,6 +6,7 @@
     names       names that need no escape
     memories    memories as modules of their own, and their behavioural models
     ports       what the ports carry, as comments
+    streams     the streams, and which bits of a payload hold which field
     lint        what Verilator's -Wall is told not to warn of, and why
     rtlil       RTLIL as text
 """

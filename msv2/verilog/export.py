@@ -13,6 +13,7 @@ from msv2.document.files import write_whole
 from msv2.document.registers import MAKERS
 from msv2.verilog.lint import control_file
 from msv2.verilog.modules import Exported, exported
+from msv2.verilog.streams import as_json, streams_page
 from rtl.units import TOP, UNITS, stage_of
 from spec.config import AcceleratorConfig
 from spec.errors import InputError
@@ -34,8 +35,8 @@ class Export:
         files: file list of everything that a simulator compiles; with `logic` and `memories` in its place, either alone.
         logic, memories: file lists of the logic and of the memories' models.
         waivers: Verilator's control file.
-        description: JSON with configuration, ports, modules and memories.
-        documents: documents of the registers, where the unit is the whole machine.
+        description: JSON with configuration, ports, streams, modules and memories.
+        documents: pages and other documents: the streams of a unit that has some, the registers of the whole machine.
     """
 
     folder: Path
@@ -81,6 +82,8 @@ def export(config: AcceleratorConfig, out_dir: Path | str, unit: str = TOP, pref
               names["waivers"]: control_file(list(found.logic)),
               names["description"]: json.dumps(_description(config, unit, prefix, found), indent=1) + "\n"}
     documents = {f"{prefix}{name}": make(config) for name, make in MAKERS.items()} if unit == TOP else {}
+    if found.streams:
+        documents[f"{found.top}_streams.md"] = streams_page(found.top, origin, found.streams)
     for name, text in (texts | documents).items():
         write_whole(folder / name, text)
     return Export(folder, found.top, documents=tuple(folder / name for name in documents),
@@ -109,6 +112,7 @@ def _description(config: AcceleratorConfig, unit: str, prefix: str, found: Expor
         "unit": unit, "doc": UNITS[unit].doc, "stage": stage_of(unit), "top": found.top, "prefix": prefix,
         "configuration": config_record(config),
         "ports": [{"name": name, "direction": way, "bits": bits} for name, way, bits in found.ports],
+        "streams": as_json(found.streams),
         "modules": list(found.logic),
         "memories": [
             {"module": prefix + shape.module, "words": shape.words, "width": shape.width, "lanes": shape.lanes,

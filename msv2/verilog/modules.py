@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from msv2.verilog import memories
 from msv2.verilog.memories import Placed, Shape
 from msv2.verilog.names import rename
-from msv2.verilog.ports import port_notes
+from msv2.verilog.ports import documented, port_notes
 from msv2.verilog.rtlil import parse
+from msv2.verilog.streams import StreamPort, stream_ports
 from rtl import units
 from rtl.emit import to_rtlil, verilog_of
 from spec.config import AcceleratorConfig
@@ -26,6 +27,7 @@ class Exported:
         top: name of the unit's module.
         ports: name, direction and bits of its ports.
         notes: lines that say what its ports carry.
+        streams: its streams with the maps of their payloads.
         logic: Verilog by name of the module, lower ones first.
         models: behavioural models of memories, by name of the module.
         placed: every memory, under the names of the export.
@@ -34,6 +36,7 @@ class Exported:
     top: str
     ports: tuple[tuple[str, str, int], ...]
     notes: tuple[str, ...]
+    streams: tuple[StreamPort, ...]
     logic: dict[str, str]
     models: dict[str, str]
     placed: tuple[Placed, ...]
@@ -54,5 +57,6 @@ def exported(unit: str, config: AcceleratorConfig, prefix: str) -> Exported:
     shapes: list[Shape] = sorted({one.shape for one in placed})
     return Exported(
         of_modules[f"\\{unit}"][1:], tuple(ports), tuple(port_notes(component, config, ports, names)),
+        tuple(stream_ports(component, config, documented(component), names)),
         {module.name[1:]: logic[module.name[1:]] for module in modules},
         {prefix + shape.module: memories.model(shape, prefix) for shape in shapes}, placed)

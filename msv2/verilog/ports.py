@@ -6,15 +6,12 @@ import re
 from collections.abc import Iterator
 
 from amaranth.hdl import Shape
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In
 
-from msv2.document.formats import field_format
 from msv2.document.text import doc_of
-from rtl.shapes import layout
+from msv2.verilog.streams import Records, fields_of, known_records, record_of
 from spec.config import AcceleratorConfig
-from spec.memory import MEMORY_RECORDS
-from spec.records import RECORDS, Record
 
 HANDSHAKE = (
     "The sender of a stream NAME drives NAME__payload and NAME__valid, its receiver drives NAME__ready.",
@@ -35,7 +32,7 @@ def port_notes(
         ports: name, direction and bits of its Verilog ports.
         names: Verilog's name of each port by Amaranth's; they differ where that is a keyword of Verilog.
     """
-    docs, records = _documented(component), _records(config)
+    docs, records = documented(component), known_records(config)
     lines = [f"{name}: {way}, {_bits(width)}: {_CLOCKS[name]}" for name, way, width in ports if name in _CLOCKS]
     notes = list(_notes(component.signature, "", docs, records))
     changed = {old: new for old, new in names.items() if old != new}
@@ -49,7 +46,7 @@ def port_notes(
     return [*lines, *(line for _, group in notes for line in group if not line.startswith(tuple(together)))]
 
 
-def _documented(component: wiring.Component) -> dict[str, str]:
+def documented(component: wiring.Component) -> dict[str, str]:
     """What the docstring of the component's class says of its ports, by name."""
     _, _, listed = doc_of(type(component)).partition("Ports:\n")
     found, listed = {}, listed.partition("\n\n")[0]
@@ -58,19 +55,12 @@ def _documented(component: wiring.Component) -> dict[str, str]:
     return found
 
 
-def _records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]]:
-    """Layouts and their records; those of a machine with stereo too, as some of its units can be made by themselves."""
-    configs = (config,) if config.stereo or not config.depth else (config, config.with_(stereo=True))
-    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS)]
-    return [(layout(record), record) for record in (make(one) for make, one in makers)]
-
-
 def _doc(name: str, docs: dict[str, str]) -> str:
     return f": {docs[name]}" if docs.get(name) else ""
 
 
 def _notes(
-    signature: wiring.Signature, before: str, docs: dict[str, str], records: list, *, flipped: bool = False,
+    signature: wiring.Signature, before: str, docs: dict[str, str], records: Records, *, flipped: bool = False,
 ) -> Iterator[tuple[bool, list[str]]]:
     """Whether it is a stream, and lines, of each member."""
     for name, member in signature.members.items():
@@ -80,12 +70,12 @@ def _notes(
         doc = _doc(path, docs)
         if member.is_port:
             width = Shape.cast(member.shape).width
-            yield False, [f"{path}{several}: {way}, {_bits(width)}{doc}", *_fields(member.shape, records)]
+            yield False, [f"{path}{several}: {way}, {_bits(width)}{doc}", *_map(member.shape, records)]
         elif isinstance(member.signature, stream.Signature):
             payload = member.signature.members["payload"].shape
-            record, bits = _record(payload, records), _bits(Shape.cast(payload).width)
+            record, bits = record_of(payload, records), _bits(Shape.cast(payload).width)
             of = f"of {record.name}, {bits}" if record else f"of {bits}"
-            yield True, [f"{path}{several}: {way} stream {of}{doc}", *_fields(payload, records)]
+            yield True, [f"{path}{several}: {way} stream {of}{doc}", *_map(payload, records)]
         else:
             yield from _notes(member.signature, f"{path}__", docs, records, flipped=inward)
 
@@ -95,30 +85,13 @@ def _renamed(line: str, names: dict[str, str]) -> str:
     return f"{names.get(name, name)}{colon}{rest}"
 
 
-def _record(shape: object, records: list[tuple[data.StructLayout, Record]]) -> Record | None:
-    return next((record for known, record in records if known == shape), None) if isinstance(shape, data.Layout) else None
-
-
-def _fields(shape: object, records: list) -> list[str]:
-    """Bits, name, format and meaning of every field, lowest first."""
-    record = _record(shape, records)
-    if record:
-        rows, offset = [], 0
-        for f in record.fields:
-            rows.append((offset, f.width, f.name, field_format(f), " ".join(f.doc.split())))
-            offset += f.width
-    elif isinstance(shape, data.StructLayout):
-        rows = [(field.offset, field.width, name, "", "") for name, field in shape]
-    else:
+def _map(shape: object, records: Records) -> list[str]:
+    """A line for each field of a payload: bits, name, format and meaning, lowest first."""
+    fields = fields_of(shape, records)
+    if not fields:
         return []
-    widest = [max(len(text) for text in column) for column in zip(*((_span(low, width), name, number)
-              for low, width, name, number, _ in rows), strict=True)]
-    return [f"    {_span(low, width):>{widest[0]}}  {name:{widest[1]}}  {number:{widest[2]}}  {doc}".rstrip()
-            for low, width, name, number, doc in rows]
-
-
-def _span(low: int, width: int) -> str:
-    return f"[{low + width - 1}:{low}]" if width > 1 else f"[{low}]"
+    widest = [max(map(len, column)) for column in zip(*((f"[{f.span}]", f.name, f.format) for f in fields), strict=True)]
+    return [f"    {f'[{f.span}]':>{widest[0]}}  {f.name:{widest[1]}}  {f.format:{widest[2]}}  {f.doc}".rstrip() for f in fields]
 
 
 def _bits(width: int) -> str:

