@@ -204,7 +204,7 @@ def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
-               config.support_sigma, config.row_width, config.warp_columns)
+               config.support_sigma, config.row_width, config.warp_columns, config.warp_fill, config.warp_veiled)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 
