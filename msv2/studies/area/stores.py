@@ -1,9 +1,9 @@
 """The memories of a machine that are large enough to be SRAM, for any configuration, without elaborating its RTL.
 
 Elaborating a machine takes half a minute; a sweep over configurations has a fraction of a second for each. The shapes here are
-those of the RTL's memories (tests/msv2/studies/area/test_stores.py compares them with elaborated units). Only the outputs of the
-culling datapaths are approximate: a schedule decides how they are grouped, so PAPER's groups are used, with as many rows as the
-configuration's schedules need and widths in proportion to the records.
+those of the RTL's memories (tests/msv2/studies/area/test_stores.py compares them with elaborated units). Only the outputs of
+the culling datapaths are approximate: a schedule decides how they are grouped, so PAPER's groups are used, with as many rows as
+the configuration's schedules need and widths in proportion to the records.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
+from msv2.studies.energy.memories import configured
 from msv2.studies.energy.sources import (
     LPDDR3,
     SRAM_LEAKAGE_SHARE,
@@ -25,7 +26,6 @@ from msv2.studies.energy.sources import (
     Dram,
     sram_access_pj,
 )
-from msv2.studies.energy.memories import configured
 from msv2.studies.energy.table import Table, Unit, load_table
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES

@@ -13,9 +13,10 @@ from spec.config import PAPER, AcceleratorConfig
 def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
     """The memories of a unit in `config`, with the accesses of an operation.
 
-    The table of energies was measured on PAPER. A memory that has the same shape there and in `config` stays as it was measured;
-    another one has the shape that `config` gives it (`msv2.studies.area.stores`). Where a machine has more or fewer equal
-    memories, such as lanes, they share the accesses. A stage that only a longer sorter has is accessed as the measured last one.
+    The table of energies was measured on PAPER. A memory that has the same shape there and in `config` stays as it was
+    measured; another one has the shape that `config` gives it (`msv2.studies.area.stores`). Where a machine has more or fewer
+    equal memories, such as lanes, they share the accesses. A stage that only a longer sorter has is accessed as the measured
+    last one.
     """
     was = [store for store in stores(PAPER.with_(stereo=config.stereo)) if store.unit == unit.name]
     now = {store.name: store for store in stores(config) if store.unit == unit.name}
@@ -39,8 +40,8 @@ def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
 
 def _shared(measured: Sequence[Memory], here: Store) -> list[Memory]:
     """As many memories as the machine has, which share the accesses of those that were measured."""
-    share = 1 / here.count
-    return [Memory(here.words, here.width, share * sum(m.reads for m in measured), share * sum(m.writes for m in measured))] * here.count
+    reads, writes = (sum(getattr(memory, name) for memory in measured) / here.count for name in ("reads", "writes"))
+    return [Memory(here.words, here.width, reads, writes)] * here.count
 
 
 def _places(memories: Sequence[Memory], was: Sequence[Store]) -> dict[int, Store]:
@@ -48,8 +49,8 @@ def _places(memories: Sequence[Memory], was: Sequence[Store]) -> dict[int, Store
     some memories have grown since they were measured."""
     left = {store.name: store.count for store in was}
     found: dict[int, Store] = {}
-    tests = (lambda m, s: (m.words, m.width) == (s.words, s.width), lambda m, s: m.width == s.width, lambda m, s: m.words == s.words)
-    for same in tests:
+    for same in (lambda m, s: (m.words, m.width) == (s.words, s.width), lambda m, s: m.width == s.width,
+                 lambda m, s: m.words == s.words):
         for number, memory in enumerate(memories):
             store = next((s for s in was if left[s.name] and same(memory, s)), None) if number not in found else None
             if store is not None:
