@@ -25,7 +25,7 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented viewable view demo render look frame video sim synth verilog report-area report-energy report-performance report perf study train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented viewable view demo render look frame video sim synth verilog report-area report-energy report-performance report perf study sweep train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -95,6 +95,9 @@ report-performance: setup ## machines on the same frames beside the paper, GSCor
 
 report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
 	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
+
+sweep: setup ## cycles, area and energy over many settings; SWEEP=FILE.toml JOBS=N SCHEDULER=ADDRESS OUT=
+	@$(MSV2) sweep "$(SWEEP)" $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
 
 train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= SEED= DEVICE= RESUME=1 OUT=
 	@$(MSV2) train $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \

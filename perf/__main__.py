@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from golden.host.run_options import RunOptions, add_run_arguments, run_options
@@ -24,9 +25,10 @@ from golden.scenes.request import (
 )
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
-from perf.trace import trace_request
+from perf.trace import FrameTrace, trace_request
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.config import AcceleratorConfig
+from spec.effects import EffectPlan
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, cache_folder, short_path
@@ -48,7 +50,8 @@ examples:
 """
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def command_line() -> argparse.ArgumentParser:
+    """The command's parser."""
     parser = command_parser("python -m perf", __doc__, EPILOG)
     add_request_arguments(parser, size="256x144")
     add_stereo_arguments(parser)
@@ -60,7 +63,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                              "lpddr3: four channels")
     add_out_argument(parser, "build/perf/frame")
     parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
-    return parser.parse_args(argv)
+    return parser
 
 
 def table(frame: FrameCycles) -> str:
@@ -83,9 +86,27 @@ def _rendered(args: argparse.Namespace, work: Work, options: RunOptions) -> Fram
     return work.add_eye(frame) if work.second_eye_forced and options.display else frame
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line: traces and simulates a frame, writes the results and prints them."""
-    args = _arguments(argv)
+@dataclass(frozen=True)
+class Asked:
+    """What a command line asks for, but for the scene.
+
+    Attributes:
+        config: the machine before the plan of effects.
+        options: how the frame runs.
+        memory: the memory.
+    """
+
+    config: AcceleratorConfig
+    options: RunOptions
+    memory: MemoryModel
+
+
+def asked_of(args: argparse.Namespace) -> Asked:
+    """Checks everything that can be checked without the scene.
+
+    Raises:
+        InputError: a value is not accepted.
+    """
     config = config_from(args, "default")
     options = run_options(args)
     choice("memory", args.memory, MEMORIES)
@@ -94,23 +115,42 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     take_stereo_arguments(args)
-    memory = MemoryModel(args.memory, options.latency, options.bytes_per_cycle)
+    return Asked(config, options, MemoryModel(args.memory, options.latency, options.bytes_per_cycle))
+
+
+def traced(
+    args: argparse.Namespace, asked: Asked, request: Request, plan: EffectPlan, cache: Path | None,
+) -> tuple[FrameTrace, AcceleratorConfig]:
+    """The trace of the frame, and the machine with the units that the plan gives it."""
+    machine = planned_machine(plan, asked.config, full=asked.options.full)
+    return trace_request(
+        args, machine, cache=cache, request=request,
+        render=lambda: _rendered(
+            args, planned_work(request, plan, asked.config, full=asked.options.full), asked.options)), machine
+
+
+def simulated(trace: FrameTrace, machine: AcceleratorConfig, asked: Asked) -> FrameCycles:
+    """The cycles of the frame."""
+    options = asked.options
+    return simulate(trace, machine, memory=asked.memory, merge=options.merge, beta=options.beta, display=options.display)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line: traces and simulates a frame, writes the results and prints them."""
+    args = command_line().parse_args(argv)
+    asked = asked_of(args)
     request = resolve(args)
     with output_folder(args.out, BUILD / "perf" / "frame") as out:
-        _model(args, request, config, options, memory, out)
+        _model(args, request, asked, out)
     return 0
 
 
-def _model(
-    args: argparse.Namespace, request: Request, config: AcceleratorConfig, options: RunOptions, memory: MemoryModel, out: Path,
-) -> None:
+def _model(args: argparse.Namespace, request: Request, asked: Asked, out: Path) -> None:
     """Traces and simulates the frame, writes the results into the folder `out` and prints them."""
+    config, options, memory = asked.config, asked.options, asked.memory
     plan = plan_for(args, request, config, contention=memory.bytes_per_cycle is not None)
-    trace = trace_request(
-        args, planned_machine(plan, config, full=options.full), cache=None if args.no_cache else CACHE, request=request,
-        render=lambda: _rendered(args, planned_work(request, plan, config, full=options.full), options))
-    frame = simulate(trace, planned_machine(plan, config, full=options.full), memory=memory, merge=options.merge,
-                     beta=options.beta, display=options.display)
+    trace, machine = traced(args, asked, request, plan, None if args.no_cache else CACHE)
+    frame = simulated(trace, machine, asked)
     settings = {"config": config.name, "machine": args.machine, "merge": options.merge, "pipeline": config.incremental,
                 "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
                 "configuration": config_record(config), "effects": plan.record}

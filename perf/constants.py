@@ -17,17 +17,15 @@ from spec.memory import BEAT_BYTES, colour_beats
 from spec.queues import COLOUR_LOOKAHEAD
 
 DATAPATHS = {  # by culling units: lengths of the schedules of the near test, projection, ellipse test and harmonics
-    1: (32, 110, 63, 56), 2: (27, 100, 66, 50), 3: (27, 92, 61, 47), 4: (27, 92, 61, 42),
-    5: (25, 90, 58, 45), 6: (25, 90, 58, 42), 7: (25, 90, 58, 39), 8: (25, 90, 58, 39),
+    1: (32, 110, 63, 56), 2: (27, 100, 66, 50), 4: (27, 92, 61, 42), 8: (25, 90, 58, 39),
 }
 """The lengths of `rtl.culling.schedule.Schedule`: the last output of a slot is ready so many cycles after the slot entered.
 Word lengths change no schedule as long as the formats `view`, `work` and `conic` differ, which they do in every configuration,
-because operators are shared by format. More than 8 units behave as 8 do: a point already enters in every cycle, and a splat's
-colour in every fourth."""
+because operators are shared by format."""
 
-HARMONICS = {0: (0,) * 8, 1: (32, 34, 31, 30, 37, 31, 31, 31), 2: (39, 36, 37, 35, 43, 37, 35, 35)}
-"""Lengths of the harmonics' schedules for machines of SH degree below 3, by the number of culling units from 1 on. Length 0
-means that there is no such datapath: what waits for its colour record goes straight to the sums."""
+HARMONICS = {0: dict.fromkeys(DATAPATHS, 0), 1: {1: 32, 2: 34, 4: 30, 8: 31}, 2: {1: 39, 2: 36, 4: 35, 8: 35}}
+"""Lengths of the harmonics' schedules for machines of SH degree below 3, by the number of culling units. Length 0 means that
+there is no such datapath: what waits for its colour record goes straight to the sums."""
 
 LEAST_COLOUR_INTERVAL = 4
 """The value of `rtl.culling.colour.LEAST_INTERVAL`."""
@@ -76,10 +74,9 @@ class Culling:
 
 def culling(config: AcceleratorConfig) -> Culling:
     """The datapaths of a configuration."""
-    units = min(config.culling_units, max(DATAPATHS))
-    near, projection, ellipse, colour = DATAPATHS[units]
+    near, projection, ellipse, colour = DATAPATHS[config.culling_units]
     if config.sh_degree in HARMONICS:
-        colour = HARMONICS[config.sh_degree][units - 1]
+        colour = HARMONICS[config.sh_degree][config.culling_units]
     point, splat = config.point_interval, max(LEAST_COLOUR_INTERVAL, config.colour_interval)
     return Culling(Timing(near, point), Timing(projection, point), Timing(ellipse, point), Timing(colour, splat))
 

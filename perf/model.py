@@ -22,7 +22,14 @@ from perf.plan import (
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
-from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, DRAM_BYTES_PER_CYCLE, PIXEL_BYTES, colour_beats
+from spec.memory import (
+    BEAT_BYTES,
+    BUS_BYTES_PER_CYCLE,
+    DISPLAY_PIXEL_BYTES,
+    DRAM_BYTES_PER_CYCLE,
+    PIXEL_BYTES,
+    colour_beats,
+)
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_tiles
 from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
@@ -61,8 +68,9 @@ class MemoryModel:
             raise ValueError(f"kind must be 'ideal' or 'lpddr3', not {self.kind!r}")
         if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
             raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
-        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= 1000:
-            raise ValueError(f"bytes_per_cycle must be None or in 0.01..1000, not {self.bytes_per_cycle!r}")
+        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= BUS_BYTES_PER_CYCLE:
+            raise ValueError(f"bytes_per_cycle must be None or in 0.01..{BUS_BYTES_PER_CYCLE}, which the bus moves at most, "
+                             f"not {self.bytes_per_cycle!r}")
 
 
 @dataclass(frozen=True)

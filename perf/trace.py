@@ -2,8 +2,8 @@
 pixels and no splats.
 
 A `FrameTrace` stands for one frame of one or two eyes, and an `EyeTrace` for the pass of one eye. A trace depends on the scene,
-the camera, the formats and the other fields of the configuration that `_key` names. It does not depend on merging, handover,
-lanes or memory, which `perf.model` takes into account.
+the camera, the formats and the other fields of the configuration that `trace_key` names. It does not depend on merging,
+handover, lanes or memory, which `perf.model` takes into account.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def trace_request(
     Raises:
         InputError: see `resolve`.
     """
-    kept = cache / f"{_key(args, config)}.npz" if cache else None
+    kept = cache / f"{trace_key(args, config)}.npz" if cache else None
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
@@ -198,13 +198,13 @@ _REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "
             "source", "gaze_target", "effects", "depth", "machine", "pixels", "lod", "orbit", "fov", "up", "look_at")
 
 
-def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
+def trace_key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     """The file name of a trace: a hash of the request, of the scene's and camera's files, and of the configuration's fields."""
     asked = {name: str(getattr(args, name, None)) for name in _REQUEST}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
-               config.support_sigma, config.row_width, config.warp_columns)
+               config.support_sigma, config.row_width, config.warp_columns, config.warp_fill, config.warp_veiled)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 

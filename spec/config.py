@@ -96,6 +96,9 @@ class NumberFormats:
         return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
 
 
+MOST_CULLING_UNITS = 8
+"""Culling units with which a Gaussian enters in every cycle. More would change nothing but the number."""
+
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
@@ -120,7 +123,9 @@ class AcceleratorConfig:
         depth: whether the array sums depths.
         fine_depth: whether the weights of depth sums have all bits of the transmittance, which they always have with `stereo`.
         support_sigma: Mahalanobis radius at which a splat's support ends, or None where only the cut of alpha ends it.
-        culling_units: number of culling and conversion units, which sets `point_interval` and `colour_interval`.
+        culling_units: rate of culling and conversion, 1, 2, 4 or 8: that of so many units which take a Gaussian every eight
+            cycles each. It sets `point_interval` and `colour_interval`. With 8 a Gaussian enters in every cycle, which is the
+            most that the single memory port before the unit can give.
         row_width: width in pixels of the widest frame.
         line_buffer_bytes: capacity of a line buffer.
         sort_buffer_bytes: capacity of the double buffer before sorting, a power of two; see `sort_chunk`.
@@ -172,7 +177,7 @@ class AcceleratorConfig:
             raise ValueError(f"name must be an identifier, not {self.name!r}")
         for name, low, high in (
             ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS),
-            ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, 64),
+            ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, MOST_CULLING_UNITS),
             ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192),
@@ -185,7 +190,7 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        for name in ("sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
+        for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled"):
@@ -239,12 +244,12 @@ class AcceleratorConfig:
     def point_interval(self) -> int:
         """Cycles that a Gaussian takes in the near test and in projection, and a run of tiles in the tile test: 8 with one
         culling unit."""
-        return max(1, 8 // self.culling_units)
+        return MOST_CULLING_UNITS // self.culling_units
 
     @property
     def colour_interval(self) -> int:
         """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
-        return max(1, 32 // self.culling_units)
+        return 4 * MOST_CULLING_UNITS // self.culling_units
 
     def with_(self, **changes: Any) -> AcceleratorConfig:
         """A copy with some parameters changed."""

@@ -73,6 +73,9 @@ PIXEL_BYTES = 16
 DISPLAY_PIXEL_BYTES = 4
 """Bytes of a DisplayPixel in memory."""
 
+BUS_BYTES_PER_CYCLE = 2 * BEAT_BYTES
+"""Most bytes that the bus moves in a cycle: a beat read and a beat written."""
+
 DRAM_BYTES_PER_CYCLE = 25.6
 """Bandwidth of the paper's memory, four LPDDR3-1600 x32 channels, in bytes per cycle of the machine's 1 GHz clock."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from spec.command_line import choice
 from spec.errors import InputError
-from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.memory import BUS_BYTES_PER_CYCLE, DRAM_BYTES_PER_CYCLE
 from spec.records import COUNT_BITS
 
 MACHINES = ("scene", "full")
@@ -20,8 +20,8 @@ PIXELS = ("wide", "display")
 LONGEST_LATENCY = 1 << 20
 """Largest accepted latency of the memory in cycles."""
 
-BANDWIDTHS = (0.01, 1000.0)
-"""Smallest and largest accepted number of bytes that memory moves in a cycle."""
+BANDWIDTHS = (0.01, float(BUS_BYTES_PER_CYCLE))
+"""Smallest and largest accepted number of bytes that memory moves in a cycle; the bus moves no more than the largest."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help="stages hand over incrementally (default: the configuration's, 1); 0 is another machine, with double buffers")
     add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
     add("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
-        help=f"bandwidth of the memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE})")
+        help=f"bandwidth of the memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE}); "
+             f"the bus moves {BUS_BYTES_PER_CYCLE} at most")
     add("--latency", type=int, default=100, metavar="N", help="latency of the memory in cycles (default: 100)")
 
 
@@ -109,7 +110,8 @@ def parse_bandwidth(text: str) -> float | None:
     except ValueError:
         value = 0.0
     if not low <= value <= high:
-        raise InputError(f"bandwidth {text!r} is not accepted: {low:g}..{high:g} bytes a cycle or 'unlimited' are")
+        raise InputError(f"bandwidth {text!r} is not accepted: {low:g}..{high:g} bytes a cycle are, which is what the bus "
+                         "moves at most (a beat read and a beat written), or 'unlimited'")
     return value
 
 

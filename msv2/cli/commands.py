@@ -12,14 +12,12 @@ class Command:
     Attributes:
         name: what the user types behind `msv2`.
         summary: one line for the list of commands.
-        module: where its `main(argv)` is; None where this version does not have the command yet.
-        instead: what to use as long as there is no module.
+        module: where its `main(argv)` is.
     """
 
     name: str
     summary: str
-    module: str | None = None
-    instead: str = ""
+    module: str
 
 
 _COMMANDS = (
@@ -31,8 +29,7 @@ _COMMANDS = (
     Command("sim", "simulate one unit's RTL against the renderer", "tb.sim"),
     Command("synth", "synthesise a unit or a whole machine: area and timing", "synth.__main__"),
     Command("perf", "count the cycles of a frame with the cycle model, in seconds instead of minutes", "perf.__main__"),
-    Command("sweep", "the cycle model over many configurations",
-            instead="msv2 perf SCENE --set NAME=VALUE models one configuration; msv2 study tradeoff compares settings"),
+    Command("sweep", "cycles, area and energy over many settings of machine, frame and memory", "msv2.sweep.command"),
     Command("train", "train a foveated model from photographs or from a trained model", "golden.train"),
     Command("cases", "run the hard cases on every engine", "msv2.cases.command"),
     Command("study", "list or run the experiments and reports", "msv2.studies.__main__"),

@@ -32,7 +32,7 @@ msv2 COMMAND --help shows the options of a command."""
 def help_text() -> str:
     """What `msv2 --help` prints."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {c.name:<{width}}  {c.summary}{'' if c.module else ' (not yet available)'}" for c in COMMANDS.values()]
+    lines = [f"  {c.name:<{width}}  {c.summary}" for c in COMMANDS.values()]
     return "\n".join([
         "usage: msv2 COMMAND ...", "", "An open accelerator for foveated 3D Gaussian Splatting.", "", "commands:", *lines, "",
         EXAMPLES])
@@ -52,10 +52,8 @@ def run_subcommand(command: Command, argv: Sequence[str]) -> int:
     """Runs a command; its exit status.
 
     Raises:
-        InputError: as the command does; or this version does not have it, or a package that it needs is not installed.
+        InputError: as the command does, or a package that it needs is not installed.
     """
-    if command.module is None:
-        raise InputError(f"msv2 {command.name} is not yet available in this version; use instead: {command.instead}")
     with called_as(f"msv2 {command.name}"):
         try:
             return import_module(command.module).main(list(argv)) or 0

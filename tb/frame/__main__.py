@@ -114,7 +114,7 @@ def _simulated(
         print(f"FAILED: {error}")
         return 1
     if waves:
-        wave = folder / WAVES_FILE
+        wave = out / "sim" / WAVES_FILE
         print(f"{short_path(out)}: waves in {short_path(wave)}, in groups with `gtkwave {short_path(view_path(wave))}`")
     settings = {"config": config.name, "machine": args.machine, "part": args.part, "pixels": args.pixels,
                 "merge": options.merge, "pipeline": config.incremental, "beta": options.beta,

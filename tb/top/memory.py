@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE
+from spec.memory import BEAT_BYTES, BUS_BYTES_PER_CYCLE, DRAM_BYTES_PER_CYCLE
 
 SOURCE = ("memory.sv", (Path(__file__).parent / "memory.sv").read_text())
 
@@ -47,8 +47,9 @@ class MemorySpeed:
                 raise TypeError(f"{name} must be an integer, not {value!r}")
             if not low <= value <= high:
                 raise ValueError(f"{name} must be in {low}..{high}, not {value!r}")
-        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= 1000:
-            raise ValueError(f"bytes_per_cycle must be None or in 0.01..1000, not {self.bytes_per_cycle!r}")
+        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= BUS_BYTES_PER_CYCLE:
+            raise ValueError(f"bytes_per_cycle must be None or in 0.01..{BUS_BYTES_PER_CYCLE}, which the bus moves at most, "
+                             f"not {self.bytes_per_cycle!r}")
 
     @property
     def signals(self) -> dict[str, int]:

@@ -17,9 +17,9 @@ from rtl.warp_unit.queue import queue_rows, ring_tiles
 from spec.config import CONFIGS, PAPER, PRESETS, TINY
 from spec.stereo import disparity
 
-UNITS = (1, 2, 4, 5, 8)
+UNITS = (1, 2, 4, 8)
 MACHINES = [*(PAPER.with_(name=f"units_{units}", culling_units=units) for units in UNITS), *PRESETS.values(),
-            PAPER.with_(name="degree_1", culling_units=3, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2)]
+            PAPER.with_(name="degree_1", culling_units=4, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2)]
 
 
 @pytest.mark.parametrize("config", MACHINES, ids=lambda config: config.name)

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
+from msv2.studies.energy.memories import configured
 from msv2.studies.energy.sources import (
     LPDDR3,
     SRAM_LEAKAGE_SHARE,
@@ -206,7 +207,8 @@ def frame_energy(
         if unit.operation != "warped" or config.stereo:
             rows += _unit_rows(unit, counts, cycles, seconds, config, table)
     rows += _dram_rows(counts, seconds, dram)
-    switching = sum(unit.switching_pj * counts.of(unit.operation) for unit in table.units) * table.to_16nm
+    switching = table.to_16nm * sum(
+        _work(unit, config, table) * unit.switching_pj * counts.of(unit.operation) for unit in table.units)
     clock = sum(row.value_mj for row in rows if row.part == "clock")
     rows.append(EnergyRow(
         "assumed: wires", "assumed", WIRE_SHARE * switching * PJ_TO_MJ, switching, "pJ of nets", WIRE_SHARE, "16 nm",
@@ -224,10 +226,10 @@ def _unit_rows(
     made = "16 nm", unit.source, f"{table.node}: {table.scaling}"
     leakage = factor * size * unit.leakage_mw  # leakage is scaled like energy, a simplification that matters little
     rows = [
-        _row(unit.name, "dynamic", done, unit.operation, factor * unit.dynamic_pj, *made),
+        _row(unit.name, "dynamic", done, unit.operation, factor * _work(unit, config, table) * unit.dynamic_pj, *made),
         _row(unit.name, "clock", cycles, "cycles", factor * size * unit.clock_pj, *made),
         _row(unit.name, "leakage", seconds * 1e9, "ns", leakage, *made)]
-    for m in unit.memories:
+    for m in configured(unit, config):
         access, kept = sram_access_pj(m.words, m.width), m.words * m.width * SRAM_LEAKAGE_SHARE * table.flop_leakage_pw * 1e-9
         rows.append(_row(
             unit.name, "sram", done * (m.reads + m.writes), f"accesses of {m.words} x {m.width}", access, "16 nm", SRAM_SOURCE,
@@ -247,6 +249,12 @@ def _size(unit: Unit, config: AcceleratorConfig, table: Table) -> float:
         return 1.0
     here = {"cores": config.cores_x * config.cores_y, "culling_units": config.culling_units, "warp_lanes": config.warp_lanes}
     return here[unit.scales_with] / table.reference[unit.scales_with]
+
+
+def _work(unit: Unit, config: AcceleratorConfig, table: Table) -> float:
+    """The work of an operation relative to the table's. An array with a quarter of the cores needs four operations where the
+    measured one needs one, and each of them works a quarter of the cores."""
+    return _size(unit, config, table) if unit.scales_with == "cores" else 1.0
 
 
 def _dram_rows(counts: WorkCounts, seconds: float, dram: Dram) -> list[EnergyRow]:

@@ -16,8 +16,6 @@ from tests.helpers.processes import python
 
 EXPECTED = ("render", "look", "frame", "video", "view", "sim", "synth", "perf", "sweep", "train", "cases", "study", "verilog",
             "doctor")
-NOT_YET = ("video", "sweep")
-AVAILABLE = [command for command in COMMANDS.values() if command.module]
 
 
 def test_help_names_every_command_with_examples(capsys):
@@ -52,23 +50,12 @@ def test_an_unknown_command_names_the_nearest():
     assert "did you mean 'render'?" in done.stderr and "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("name", NOT_YET)
-def test_commands_that_are_not_there_yet_say_what_to_use(name):
-    with pytest.raises(InputError, match=rf"msv2 {name} is not yet available in this version; use instead: msv2 \w+"):
-        main([name])
-
-
-def test_a_command_that_is_not_there_yet_exits_with_2():
-    done = python("-m", "msv2", "video", "scene.ply")
-    assert done.returncode == 2 and "not yet available" in done.stderr
-
-
-@pytest.mark.parametrize("command", AVAILABLE, ids=lambda command: command.name)
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=lambda command: command.name)
 def test_each_command_is_a_module_that_is_there(command):
     assert find_spec(command.module) is not None
 
 
-@pytest.mark.parametrize("command", AVAILABLE, ids=lambda command: command.name)
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=lambda command: command.name)
 def test_every_command_calls_the_function_of_its_room(command, monkeypatch):
     seen = []
 

@@ -85,6 +85,7 @@ def test_run_options():
     (["--machine", "half"], "machine 'half' is not accepted: choose one of scene, full"),
     (["--pixels", "tall"], "pixels 'tall'"), (["--merge", "2"], "merge '2' is not accepted: 0 or 1 is"),
     (["--pipeline", "yes"], "pipeline 'yes'"), (["--beta", "-1"], "beta '-1' is not accepted: 0..16777215 or 'auto' are"),
+    (["--bandwidth", "65"], "bandwidth '65' is not accepted: 0.01..64 bytes a cycle are, which is what the bus moves at most"),
     (["--bandwidth", "fast"], "bandwidth 'fast'"), (["--bandwidth", "0"], "bandwidth '0'"),
     (["--bandwidth", "nan"], "bandwidth 'nan'"), (["--latency", "0"], "latency 0"),
 ])

@@ -208,8 +208,8 @@ def test_scenes_are_exact(config, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("change", [
-    {"support_sigma": None}, {"support_sigma": 8.0, "culling_units": 3}, {"row_width": 112},
-    {"support_sigma": 0.5, "row_width": 4096, "culling_units": 64}, {"formats": NARROW},
+    {"support_sigma": None}, {"support_sigma": 8.0, "culling_units": 2}, {"row_width": 112},
+    {"support_sigma": 0.5, "row_width": 4096, "culling_units": 8}, {"formats": NARROW},
 ], ids=["no support", "wide support", "seven tiles", "wide frames", "narrow formats"])
 def test_other_machines_are_exact(change, tmp_path):
     config = TINY.with_(**change)

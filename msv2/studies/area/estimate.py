@@ -1,0 +1,225 @@
+"""The area of any configuration: that of a synthesised build where there is one, else an estimate from the unit tables.
+
+    area = estimate_area(config)
+    area.mm2, area.synthesised, area.groups["sorting and tile merging"].memory_um2
+
+An estimate begins with PAPER's build of reports/area.json, with or without the warp unit. The logic of a group is scaled by
+what the configuration changes in it (`_logic`). Memories are taken from the table of shapes (`msv2.studies.area.stores`) and
+built of macros as in synthesis (`synth.macros`), so that a larger cache costs the area of its lines and tags. For the
+synthesised presets the estimate is within 1 % of their builds (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at
+16 nm.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+
+from msv2.studies.area.stores import stores
+from spec.config import PAPER, PRESETS, AcceleratorConfig, NumberFormats
+from spec.errors import InputError
+from spec.paths import REPORTS
+from synth.machine import ARRAY, BLENDING, COLOUR, CONTROL, CULLING, GROUPS, SORTING, WARP
+from synth.macros import FLOP_UM2, MUX_UM2, make
+from synth.memories import Macro
+from synth.scaling import TO_16NM
+
+REPORT, CULLING_REPORT, SYNTHESIS_REPORT = (REPORTS / f"{name}.json" for name in ("area", "culling_area", "synthesis"))
+
+BUILDS = {"mono": PAPER, "1ghz": PAPER.with_(stereo=True), **PRESETS}
+"""The builds of the area report at 1 GHz in ASAP7, and their machines."""
+
+SYNTHESISED, ESTIMATE = "synthesised", "estimate"
+"""Where a number comes from: the report of a synthesised build, or scaling from one."""
+
+NO_AREA = ("name", "support_sigma", "warp_fill", "warp_veiled")
+"""Fields without an area: constants of a register or of a comparison, whose width does not depend on them."""
+
+_TO_16NM = TO_16NM["asap7"].area
+_OPERATORS_OF_WORK = 0.8
+"""Share of the culling operators that are of the `work` format; the others are of `view`."""
+
+
+@dataclass(frozen=True)
+class GroupArea:
+    """The area of a group of units, in um^2 at 16 nm."""
+
+    logic_um2: float
+    memory_um2: float
+
+
+@dataclass(frozen=True)
+class AreaEstimate:
+    """The area of a machine.
+
+    Attributes:
+        groups: by the names of `synth.machine.GROUPS`.
+        basis: SYNTHESISED or ESTIMATE.
+        build: the synthesised build that the numbers are of, or from which they are scaled.
+    """
+
+    groups: dict[str, GroupArea]
+    basis: str
+    build: str
+
+    @property
+    def synthesised(self) -> bool:
+        return self.basis == SYNTHESISED
+
+    @property
+    def logic_mm2(self) -> float:
+        """Area of all logic."""
+        return sum(group.logic_um2 for group in self.groups.values()) / 1e6
+
+    @property
+    def memory_mm2(self) -> float:
+        """Area of all memories."""
+        return sum(group.memory_um2 for group in self.groups.values()) / 1e6
+
+    @property
+    def mm2(self) -> float:
+        """Area of the machine in mm^2 at 16 nm."""
+        return self.logic_mm2 + self.memory_mm2
+
+
+@cache
+def _report(name: str) -> dict:
+    path = {"area": REPORT, "culling": CULLING_REPORT, "synthesis": SYNTHESIS_REPORT}[name]
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is not a report of areas ({error}): see `msv2 study list --reports`") from error
+
+
+def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
+    """The area of a machine.
+
+    Raises:
+        InputError: a report of synthesis is missing.
+    """
+    for name, build in BUILDS.items():
+        if all(getattr(config, f.name) == getattr(build, f.name) for f in fields(config) if f.name not in NO_AREA):
+            return AreaEstimate(_of_build(name), SYNTHESISED, name)
+    name = "1ghz" if config.stereo else "mono"
+    build = BUILDS[name]
+    base, here, there = _of_build(name), _memories(config), _memories(build)
+    groups = {
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build),
+                         max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
+        for group in base}
+    return AreaEstimate(groups, ESTIMATE, name)
+
+
+def _of_build(name: str) -> dict[str, GroupArea]:
+    found = _report("area")["builds"][name]["groups"]
+    return {group: GroupArea(found[group]["logic_um2_16nm"], found[group]["memory_um2_16nm"])
+            for group in GROUPS if group in found}
+
+
+def _memories(config: AcceleratorConfig) -> dict[str, float]:
+    """Area of the memories by group."""
+    found: dict[str, float] = {}
+    for store in stores(config):
+        found[store.group] = found.get(store.group, 0.0) + store.count * _memory_um2(store.words, store.width)
+    return found
+
+
+@cache
+def _memory_um2(words: int, width: int) -> float:
+    return make(Macro(words, width, 1, 1)).area_um2 * _TO_16NM
+
+
+def _logic(group: str, config: AcceleratorConfig, build: AcceleratorConfig) -> float:
+    """The logic of a group relative to that of the build."""
+    scale = {ARRAY: _array, BLENDING: _blending, CULLING: _culling, COLOUR: _colour, SORTING: _sorting, CONTROL: _control,
+             WARP: _warp}.get(group)
+    return scale(config) / scale(build) if scale else 1.0
+
+
+def _row(unit: str) -> Mapping[str, object]:
+    return next(row for row in _report("area")["rows"] if row["unit"] == unit)
+
+
+def _pixel_bits(config: AcceleratorConfig) -> int:
+    """Bits that a core holds of one pixel at one level: colour sums, depth sum and transmittance."""
+    n = config.formats
+    return 3 * n.accumulator.width + (n.depth_accumulator.width if config.depth else 0) + n.transmittance.width
+
+
+def _core_bits(config: AcceleratorConfig) -> float:
+    """Widths of a core's arithmetic: exponent and its differences, alpha, weights and sums."""
+    n = config.formats
+    exponent = 2 * n.exponent.width + n.slope.width + n.curvature.width
+    weights = n.transmittance.width + n.alpha.width + n.weight.width + n.exp2_segments / 2
+    sums = 3 * (n.accumulator.width + n.colour.width * n.weight.width / 4)
+    depth = n.depth_accumulator.width + n.depth.width * config.depth_weight.width / 4 if config.depth else 0
+    return exponent + weights + sums + depth
+
+
+def _array(config: AcceleratorConfig) -> float:
+    """Cores with their banks of sums, rows, and what does not depend on the array's size."""
+    parts = _row("render.array")["parts"]
+    core, row = parts["pixel_core"]["area"], parts["vrc_row"]["area"]
+    held = BUILDS["1ghz"]
+    more = (config.banks * _pixel_bits(config) - held.banks * _pixel_bits(held)) * (FLOP_UM2 + MUX_UM2)
+    cores = config.cores_x * config.cores_y
+    rest = _row("render.array")["logic_um2"] - parts["pixel_core"]["count"] * core - parts["vrc_row"]["count"] * row
+    around = sum(_row(f"render.array.{name}")["logic_um2"] for name in ("setup", "sequencer"))
+    expand = _row("render.array.expand")["logic_um2"] * config.cores_x / held.cores_x
+    return (cores * (core * _core_bits(config) / _core_bits(held) + more) + config.cores_y * row
+            + rest * cores / (held.cores_x * held.cores_y) + around + expand)
+
+
+def _blending(config: AcceleratorConfig) -> float:
+    """The rows' collection, and the unit that blends two levels where there are two."""
+    blend = next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == "blend")
+    collect = _row("render.array.collect")["logic_um2"] - blend
+    size = config.cores_x / PAPER.cores_x * _pixel_bits(config) / _pixel_bits(PAPER)
+    return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0))
+
+
+def _shared(part: str, config: AcceleratorConfig) -> float:
+    """Area of one culling or colour unit, as synthesised at the rate that `culling_units` gives it."""
+    rows = [row for row in _report("culling")["rows"] if row["part"] == part]
+    row = next(row for row in rows if row["units"] == PAPER.culling_units // config.culling_units)
+    return row["area_um2"] / row["units"]
+
+
+def _culling(config: AcceleratorConfig) -> float:
+    n, usual = config.formats, NumberFormats()
+    bits = (_OPERATORS_OF_WORK * n.work.sig_bits / usual.work.sig_bits
+            + (1 - _OPERATORS_OF_WORK) * n.view.sig_bits / usual.view.sig_bits)
+    return bits * _shared("projection_unit", config)
+
+
+def _colour(config: AcceleratorConfig) -> float:
+    builds, n, usual = _report("area")["builds"], config.formats, NumberFormats()
+    by_degree = {degree: builds[name]["groups"][COLOUR]["logic_um2"]
+                 for degree, name in ((3, "precise"), (2, "balanced"), (1, "fast"))}
+    by_degree[0] = by_degree[1] ** 2 / by_degree[2]  # no machine of degree 0 was synthesised: the ratio goes on
+    bits = (n.sh_basis.width + n.sh_rest.width) / (usual.sh_basis.width + usual.sh_rest.width)
+    return by_degree[config.sh_degree] * bits * _shared("colour_unit", config)
+
+
+def _sorting(config: AcceleratorConfig) -> float:
+    """Stages of the chunk sorter, ways of the merge tree, and what does not depend on either."""
+    stages = (config.sort_chunk.bit_length() - 1) / (PAPER.sort_chunk.bit_length() - 1)
+    ways = config.merge_ways / PAPER.merge_ways
+    sorter, tree = _row("render.sorter.sorter")["logic_um2"], sum(
+        _row(f"render.sorter.{name}")["logic_um2"] for name in ("reader", "tree"))
+    group = sum(row["logic_um2"] for row in _report("area")["rows"] if row["group"] == SORTING)
+    return sorter * stages + tree * ways + group - sorter - tree
+
+
+def _control(config: AcceleratorConfig) -> float:
+    group = sum(row["logic_um2"] for row in _report("area")["rows"] if row["group"] == CONTROL)
+    return group - (0 if config.counters else _row("counters")["logic_um2"])
+
+
+def _warp(config: AcceleratorConfig) -> float:
+    parts = _row("render.warp")["parts"].values()
+    lanes = sum(part["count"] * part["area"] for part in parts)
+    group = sum(row["logic_um2"] for row in _report("area")["rows"] if row["group"] == WARP)
+    return lanes * config.warp_lanes / PAPER.warp_lanes + group - lanes
