@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from golden.diff import import_torch
 from golden.scenes.request import add_scene_argument, parse_size
+from golden.training.ship import add_ship_arguments, take_ship_arguments
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import run_command_line
 
@@ -42,6 +43,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--seed", type=int, default=0, help="seed of everything drawn at random (default: 0)")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--resume", action="store_true", help="continue from the last checkpoint in the output folder")
+    add_ship_arguments(parser)
     add_out_argument(parser, "build/train/NAME")
     return parser.parse_args(argv)
 
@@ -49,6 +51,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work; its exit status."""
     args = parse_arguments(argv)
+    take_ship_arguments(args)
     import_torch()
     from golden.diff.device import resolve_device
     from golden.training.failure import TrainingError

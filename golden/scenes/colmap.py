@@ -12,12 +12,14 @@ from golden.scenes.camera import Camera
 from golden.scenes.conventions import up_of_cameras
 from golden.scenes.dataset import Dataset, fit_to_images
 from golden.scenes.files import read_bytes, require_package
+from golden.scenes.lens import COEFFICIENTS, Lens, lens_of, without_distortion
 from spec.errors import InputError
 
-PINHOLE = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
-"""Camera models without distortion, with the number of their parameters. Other models are accepted when their distortion is
-zero."""
-FIRST_DISTORTION = {"SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4, "FULL_OPENCV": 4}
+DISTORTION = {
+    "SIMPLE_PINHOLE": (3, ()), "PINHOLE": (4, ()), "SIMPLE_RADIAL": (3, ("k1",)), "RADIAL": (3, ("k1", "k2")),
+    "OPENCV": (4, ("k1", "k2", "p1", "p2")), "FULL_OPENCV": (4, COEFFICIENTS),
+}
+"""The accepted camera models. Of each: the number of parameters before those of the distortion, and the names of these."""
 
 
 def find_model(folder: Path) -> Path | None:
@@ -35,8 +37,8 @@ def load_colmap(folder: Path, model: Path) -> Dataset:
     set has no photographs.
 
     Raises:
-        InputError: the model is broken, a camera has distortion, a photograph is missing, or the extra `models` is not
-            installed.
+        InputError: the model is broken, a camera is of a model that is not in DISTORTION, a photograph is missing, or the
+            extra `models` is not installed.
     """
     pycolmap = require_package("pycolmap", f"reading {model}")
     try:
@@ -46,17 +48,21 @@ def load_colmap(folder: Path, model: Path) -> Dataset:
     posed = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
     if not posed:
         raise InputError(f"{model}: has {len(reconstruction.images)} images and none with a pose; at least one is needed")
-    cameras = [_camera(model, image, reconstruction.cameras[image.camera_id]) for image in posed]
+    cameras = [_camera(image, reconstruction.cameras[image.camera_id]) for image in posed]
     photographs = find_images(folder)
     images = None if photographs is None else [photographs / camera.name for camera in cameras]
+    coefficients = [_distortion(model, image, reconstruction.cameras[image.camera_id]) for image in posed]
+    error = [_pose_error(image, camera, lens_of(camera, each), reconstruction)
+             for image, camera, each in zip(posed, cameras, coefficients, strict=True)]
+    pinholes, lenses = without_distortion(cameras if images is None else fit_to_images(cameras, images), coefficients)
     points = list(reconstruction.points3D.values())
     return Dataset(
-        cameras=tuple(cameras) if images is None else fit_to_images(cameras, images),
+        cameras=pinholes, lenses=lenses,
         images=None if images is None else tuple(images),
         points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
         point_colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
-        pose_error=np.array([_pose_error(image, camera, reconstruction) for image, camera in zip(posed, cameras, strict=True)]),
+        pose_error=np.array(error),
     )
 
 
@@ -68,11 +74,17 @@ def find_images(folder: Path) -> Path | None:
     return min(reduced, key=lambda p: int(p.name[7:]), default=None)
 
 
-def _camera(model: Path, image: object, intrinsics: object) -> Camera:
+def _distortion(model: Path, image: object, intrinsics: object) -> dict[str, float]:
+    """The distortion coefficients of an image's camera, by name."""
     kind, parameters = intrinsics.model.name, intrinsics.params
-    if kind not in PINHOLE and (kind not in FIRST_DISTORTION or np.any(parameters[FIRST_DISTORTION[kind] :])):
-        raise InputError(f"{model}: camera of {image.name} is {kind} with distortion; {' and '.join(PINHOLE)} are accepted "
-                         "(colmap image_undistorter makes them)")
+    if kind not in DISTORTION:
+        raise InputError(f"{model}: camera of {image.name} is {kind}; {', '.join(DISTORTION)} are accepted "
+                         "(colmap image_undistorter makes PINHOLE of any other)")
+    first, names = DISTORTION[kind]
+    return dict(zip(names, map(float, parameters[first:]), strict=True))
+
+
+def _camera(image: object, intrinsics: object) -> Camera:
     pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world  # a property before pycolmap 3.12
     matrix = pose.matrix()
     return Camera(
@@ -83,14 +95,15 @@ def _camera(model: Path, image: object, intrinsics: object) -> Camera:
     )
 
 
-def _pose_error(image: object, camera: Camera, reconstruction: object) -> float:
+def _pose_error(image: object, camera: Camera, lens: Lens | None, reconstruction: object) -> float:
     """Median distance in pixels between an image's keypoints and the projections of their 3D points; nan if it has none."""
     seen = [point for point in image.points2D if point.has_point3D()]
     if not seen:
         return math.nan
     points = np.array([reconstruction.points3D[point.point3D_id].xyz for point in seen])
     local = points @ camera.rotation.T + camera.translation
-    projected = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    rays = local[:, :2] / local[:, 2:]
+    projected = rays * (camera.fx, camera.fy) + (camera.cx, camera.cy) if lens is None else lens.project(rays)
     return float(np.median(np.linalg.norm(projected - [point.xy for point in seen], axis=1)))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from golden.scenes.camera import Camera
+from golden.scenes.lens import Lens
 from spec.errors import InputError
 
 UNREADABLE = (OSError, SyntaxError, ValueError)
@@ -31,6 +32,10 @@ class Dataset:
         pose_error: (V,) float64, for each photograph the median distance between its keypoints and the projections of their 3D
             points, in pixels at the size of the reconstruction; nan where a photograph has no keypoints. None where the data
             set has no such numbers.
+        lenses: for each camera the distorted lens that took its photograph, or None. `cameras` are pinholes in any case, and
+            `pixels` removes the distortion. None where no lens is distorted.
+        masks: for each photograph the path of its mask, or None; None where there are no masks.
+        depths: nearest and farthest depth of the scene from its cameras, in world units; None where the data set has none.
     """
 
     cameras: tuple[Camera, ...]
@@ -40,6 +45,9 @@ class Dataset:
     up: np.ndarray
     name: str
     pose_error: np.ndarray | None = None
+    lenses: tuple[Lens | None, ...] | None = None
+    masks: tuple[Path | None, ...] | None = None
+    depths: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.images is not None and len(self.images) != len(self.cameras):
@@ -53,10 +61,9 @@ class Dataset:
         """Indices of the held-out photographs and their cameras."""
         return tuple(range(0, len(self), TEST_EVERY))
 
-    def photograph(self, index: int) -> np.ndarray:
-        """Reads a photograph from disk (again at each call): (height, width, 3) float32 in 0..1, sRGB as stored.
-
-        A photograph with alpha is composited over white, as 3DGS does.
+    def pixels(self, index: int) -> np.ndarray:
+        """Reads a photograph from disk (again at each call): (height, width, 4) uint8 RGBA, sRGB as stored, without the lens's
+        distortion. A photograph without an alpha channel is opaque.
 
         Raises:
             InputError: this camera has no photograph, or it is unreadable or not of the camera's size.
@@ -66,13 +73,23 @@ class Dataset:
         camera, path = self.cameras[index], self.images[index]
         try:
             with Image.open(path) as image:
-                rgba = np.asarray(image.convert("RGBA"), np.float32) / np.float32(255)
+                rgba = np.asarray(image.convert("RGBA"))
         except UNREADABLE as error:
             raise InputError(f"{path}: is not a readable photograph ({error})") from error
         if rgba.shape[:2] != (camera.height, camera.width):
             raise InputError(f"{path}: is {rgba.shape[1]}x{rgba.shape[0]}, its camera {camera.width}x{camera.height}")
-        alpha = rgba[..., 3:]
-        return rgba[..., :3] * alpha + (1 - alpha)
+        lens = self.lenses[index] if self.lenses is not None else None
+        return rgba if lens is None else lens.undistorted(rgba, camera)
+
+    def photograph(self, index: int) -> np.ndarray:
+        """`pixels` as (height, width, 3) float32 in 0..1. A photograph with alpha is composited over black, the renderers'
+        background, as 3DGS does by default.
+
+        Raises:
+            InputError: as for `pixels`.
+        """
+        rgba = self.pixels(index).astype(np.float32) / np.float32(255)
+        return rgba[..., :3] * rgba[..., 3:]
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 from golden.scenes import colmap, llff, sfm_npz, transforms
 from golden.scenes.camera import Camera
 from golden.scenes.dataset import Dataset
+from golden.scenes.masks import masks_beside
 from spec.errors import InputError
 
 
@@ -19,7 +22,18 @@ def load_dataset(path: Path | str) -> Dataset:
         InputError: there is no data set, or anything is wrong in it; the message names the file, the value and what is
             accepted.
     """
-    path = Path(path)
+    data = _read(Path(path))
+    if data.masks is not None or data.images is None:
+        return data
+    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    places = [image.parent.name for image in data.images]
+    reduced = re.fullmatch(r"images(_\d+)", places[0])
+    names = [camera.name for camera in data.cameras]
+    return replace(data, masks=masks_beside(folder, names, reduced.group(1) if reduced else ""))
+
+
+def _read(path: Path) -> Dataset:
+    """The data set at a path, with the masks that its own files name."""
     if not path.exists():
         raise InputError(f"{path}: does not exist; a folder with posed photographs, a transforms.json or an .npz is needed")
     if path.is_file():
@@ -54,8 +68,8 @@ def cameras_beside_model(path: Path) -> tuple[Camera, ...]:
     folder = path if path.is_dir() else path.parent
     if folder.parent.name == "point_cloud":
         folder = folder.parent.parent
-    if (folder / "cameras.json").exists():
-        return transforms.load_inria_cameras(folder / "cameras.json")
+    if (folder / transforms.CAMERAS).exists():
+        return transforms.load_inria_cameras(folder / transforms.CAMERAS)
     sets = ("poses_bounds.npy", "transforms.json", "transforms_train.json")
     if path.is_dir() and (colmap.find_model(folder) or any((folder / name).exists() for name in sets)):
         return load_dataset(folder).cameras

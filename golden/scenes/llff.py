@@ -21,7 +21,7 @@ def load_llff(folder: Path) -> Dataset:
     """Loads the set in an LLFF folder. The rows of `poses_bounds.npy` belong to the photographs in the order of their names.
 
     A row is a 3x5 matrix (the pose, then height, width and focal length of the full-size photograph) followed by the scene's
-    nearest and farthest depth, which nothing here needs. Points come from `sparse/0/points3D.bin` where it exists.
+    nearest and farthest depth. Points come from `sparse/0/points3D.bin` where it exists.
 
     Raises:
         InputError: the poses are malformed, or the number of photographs is not that of the poses.
@@ -46,7 +46,14 @@ def load_llff(folder: Path) -> Dataset:
     return Dataset(
         cameras=cameras, images=tuple(images), points=points, point_colours=colours,
         up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
+        depths=_depths(np.asarray(rows, np.float64)[:, 15:]),
     )
+
+
+def _depths(bounds: np.ndarray) -> tuple[float, float] | None:
+    """Nearest and farthest depth over all rows (N, 2); None if they bound nothing."""
+    near, far = float(bounds[:, 0].min()), float(bounds[:, 1].max())
+    return (near, far) if np.isfinite(bounds).all() and 0 < near < far else None
 
 
 def _camera(pose: np.ndarray, image: Path) -> Camera:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,16 @@ import numpy as np
 from golden.scenes.camera import Camera
 from golden.scenes.conventions import UP_BY_FORMAT, camera_from_opencv, camera_from_opengl
 from golden.scenes.dataset import Dataset, fit_to_images, image_size
-from golden.scenes.files import read_bytes, read_json
+from golden.scenes.files import atomic_output, read_bytes, read_json
+from golden.scenes.lens import without_distortion
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError
 
-DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+CAMERAS = "cameras.json"
+"""The file in which trainers leave their cameras beside a model."""
+
+DISTORTION = ("k1", "k2", "k3", "p1", "p2")
+"""Coefficients of a lens that is undistorted; nerfstudio's k4 is that of a polynomial which OpenCV's model does not have."""
 
 
 def load_transforms(path: Path) -> Dataset:
@@ -27,7 +33,8 @@ def load_transforms(path: Path) -> Dataset:
     `ply_file_path`.
 
     Raises:
-        InputError: an entry is missing or malformed, a lens is distorted, or only some of the photographs exist.
+        InputError: an entry is missing or malformed, a lens is a fisheye or has a fourth radial coefficient, or only some of
+            the photographs exist.
     """
     meta = read_json(path)
     frames = meta.get("frames")
@@ -38,10 +45,20 @@ def load_transforms(path: Path) -> Dataset:
     found = [image.exists() for image in images]
     if any(found) and not all(found):
         raise InputError(f"{images[found.index(False)]}: does not exist, but {sum(found)} of {len(images)} photographs do")
-    cameras = tuple(_camera(path, {**meta, **frame}, image, all(found)) for frame, image in zip(frames, images, strict=True))
+    entries = [{**meta, **frame} for frame in frames]
+    distorted = [_camera(path, entry, image, all(found)) for entry, image in zip(entries, images, strict=True)]
+    cameras, lenses = without_distortion(
+        distorted, [{key: _number(path, entry, key, 0.0) for key in DISTORTION} for entry in entries])
     points, colours = _points(path.parent / meta["ply_file_path"]) if "ply_file_path" in meta else _no_points()
     return Dataset(cameras=cameras, images=tuple(images) if all(found) else None, points=points, point_colours=colours,
-                   up=np.array(UP_BY_FORMAT["nerfstudio"]), name=path.absolute().parent.name)
+                   up=np.array(UP_BY_FORMAT["nerfstudio"]), name=path.absolute().parent.name, lenses=lenses,
+                   masks=_masks(path, frames))
+
+
+def _masks(path: Path, frames: list[dict[str, Any]]) -> tuple[Path | None, ...] | None:
+    """The masks that frames name (nerfstudio's `mask_path`); None if none does."""
+    named = tuple(path.parent / str(frame["mask_path"]) if frame.get("mask_path") else None for frame in frames)
+    return named if any(named) else None
 
 
 def _image_path(path: Path, frame: dict[str, Any]) -> Path:
@@ -74,10 +91,11 @@ def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
 
 
 def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) -> Camera:
-    distorted = [key for key in DISTORTION if _number(path, entry, key, 0.0)]
-    if distorted or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
-        raise InputError(f"{path}: {image.name} has a distorted lens ({distorted or 'fisheye'}); a pinhole is "
-                         "accepted (colmap image_undistorter makes them, then import its model)")
+    fourth = _number(path, entry, "k4", 0.0)
+    if fourth or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
+        what = f"distorted with k4 = {fourth:g}" if fourth else "a fisheye"
+        raise InputError(f"{path}: the lens of {image.name} is {what}; a pinhole, or a lens with {', '.join(DISTORTION)}, is "
+                         "accepted (colmap image_undistorter makes pinholes of others, then import its model)")
     rotation, translation = camera_from_opengl(_pose(path, entry))
     size = image_size(image) if image_exists else (0, 0)
     width, height = round(_number(path, entry, "w", size[0])), round(_number(path, entry, "h", size[1]))
@@ -110,7 +128,8 @@ def _no_points() -> tuple[np.ndarray, np.ndarray]:
 
 
 def load_inria_cameras(path: Path) -> tuple[Camera, ...]:
-    """Loads a `cameras.json` of the INRIA trainer: camera to world in OpenCV axes, principal point in the middle.
+    """Loads a `cameras.json` of the INRIA trainer: camera to world in OpenCV axes, principal point in the middle unless `cx`
+    and `cy` say otherwise.
 
     Raises:
         InputError: the file is not such a list of cameras.
@@ -128,5 +147,23 @@ def _inria_camera(entry: dict[str, Any]) -> Camera:
     pose = np.column_stack([np.array(entry["rotation"], np.float64), np.array(entry["position"], np.float64)])
     rotation, translation = camera_from_opencv(pose)
     width, height = int(entry["width"]), int(entry["height"])
-    return Camera(rotation=rotation, translation=translation, fx=float(entry["fx"]), fy=float(entry["fy"]), cx=width / 2,
-                  cy=height / 2, width=width, height=height, name=str(entry.get("img_name", entry.get("id", "camera"))))
+    return Camera(rotation=rotation, translation=translation, fx=float(entry["fx"]), fy=float(entry["fy"]),
+                  cx=float(entry.get("cx", width / 2)), cy=float(entry.get("cy", height / 2)), width=width, height=height,
+                  name=str(entry.get("img_name", entry.get("id", "camera"))))
+
+
+def save_inria_cameras(cameras: Sequence[Camera], path: Path) -> None:
+    """Writes cameras as the INRIA trainer's `cameras.json`, with the entries `cx` and `cy` added, which other tools ignore.
+
+    `load_inria_cameras` returns the same cameras, up to the rounding of a matrix product, with the default near plane.
+
+    Raises:
+        InputError: the folder does not exist or is not writable.
+    """
+    entries = [
+        {"id": index, "img_name": camera.name, "width": camera.width, "height": camera.height,
+         "position": camera.position.tolist(), "rotation": camera.rotation.T.tolist(),
+         "fy": float(camera.fy), "fx": float(camera.fx), "cx": float(camera.cx), "cy": float(camera.cy)}
+        for index, camera in enumerate(cameras)]
+    with atomic_output(path) as file:
+        file.write((json.dumps(entries) + "\n").encode())

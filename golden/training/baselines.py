@@ -152,7 +152,8 @@ class SeparateStage(Stage):
             self._optimiser.select(keep)
             self._scores.select(keep)
         view = view_at(self._scene.train, self._seed, self.name, self.done)
-        loss = self._hvsq(view).absolute(render(self.gaussians, self._scene.cameras[view], alpha_max=self._alpha_max).image)
+        image = render(self.gaussians, self._scene.cameras[view], alpha_max=self._alpha_max).image
+        loss = self._hvsq(view).absolute(self._scene.unmasked(view, image))
         loss.backward()
         self._optimiser.step()
         self.done += 1

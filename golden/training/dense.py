@@ -128,7 +128,8 @@ class DenseStage(Stage):
         view = view_at(scene.train, self.seed, self.name, self.done)
         target = self._target(scene, view)
         rendering = render(self.gaussians, scene.cameras[view])
-        loss = photometric(rendering.image, target.ssim, target.image)
+        image = scene.unmasked(view, rendering.image)
+        loss = photometric(image, target.ssim, target.image)
         value, record = float(loss.detach()), {}
         if math.isfinite(value):
             loss.backward()
@@ -138,7 +139,7 @@ class DenseStage(Stage):
             self._control_density()
             if self.done % self.options.densify_every == 0 or self.finished:
                 record["narrowed"] = self._bounds.apply(self.gaussians)
-        error = float((rendering.image.detach().clamp(0, 1) - target.image).square().mean())
+        error = float((image.detach().clamp(0, 1) - target.image).square().mean()) / scene.shown_share(view)
         return {"loss": value, "points": len(self.gaussians), "psnr": -10 * math.log10(max(error, 1e-10)), "view": view,
                 "entries": int(rendering.entries), **record}
 

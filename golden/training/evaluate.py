@@ -99,6 +99,8 @@ def evaluate(
 ) -> Quality:
     """Renders views of the scene and compares them with the photographs; images are clamped to 0..1 as on a display.
 
+    PSNR is that of the pixels that a view's mask does not hide. For SSIM and HVSQ, hidden pixels count as equal.
+
     Args:
         gaussians: one level.
         scene: the scene.
@@ -117,12 +119,13 @@ def evaluate(
         for done, view in enumerate(views, 1):
             camera, photograph = scene.cameras[view], scene.photograph(view).to(gaussians.device)
             rendering = render(gaussians, camera, alpha_max=alpha_max)
-            shown = rendering.image.clamp(0.0, 1.0)
+            shown = scene.unmasked(view, rendering.image.clamp(0.0, 1.0))
             tiles = -(-camera.width // TILE) * -(-camera.height // TILE)
             left, right = shown.cpu().numpy(), photograph.cpu().numpy()
             hvsq = [float(Hvsq(photograph, size)(shown)) for size in pooling]
             entries = rendering.entries
-            rows.append([metrics.psnr(left, right), metrics.ssim(left, right), entries, entries / tiles, *hvsq])
+            psnr = metrics.psnr(left, right) + 10 * np.log10(scene.shown_share(view))
+            rows.append([psnr, metrics.ssim(left, right), entries, entries / tiles, *hvsq])
             if progress is not None:
                 progress(done)
     psnr, ssim, entries, per_tile, *hvsq = (float(value) for value in np.mean(rows, axis=0))

@@ -90,8 +90,9 @@ class FineTuneStage(Stage):
             self.before = self.after = self._quality(self._best)
         view = view_at(self._scene.train, self._seed, self.name, self.done)
         rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
-        hvsq, photograph = self._hvsq(view).absolute(rendering.image), self._scene.photograph(view).to(self.gaussians.device)
-        others = photometric(rendering.image, self._ssim(view), photograph)
+        image = self._scene.unmasked(view, rendering.image)
+        hvsq, photograph = self._hvsq(view).absolute(image), self._scene.photograph(view).to(self.gaussians.device)
+        others = photometric(image, self._ssim(view), photograph)
         loss = hvsq + (hvsq.detach() / others.detach().clamp(min=1e-12)) * others
         loss.backward()
         self._optimiser.step()

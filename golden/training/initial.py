@@ -7,9 +7,9 @@ import torch
 from scipy.spatial import cKDTree
 
 from golden.diff.gaussians import Gaussians
-from golden.scenes.camera import Camera
 from golden.scenes.conventions import colour_to_sh_dc
 from golden.scenes.model import SH_REST_COUNT
+from golden.training.random_points import in_frame
 from golden.training.scene import MIN_POINTS, TrainingScene
 from spec.errors import InputError
 
@@ -48,7 +48,7 @@ def initial_gaussians(scene: TrainingScene, seed: int, *, max_points: int | None
     if sh_degree not in SH_REST_COUNT:
         raise ValueError(f"sh_degree must be 0, 1, 2 or 3, not {sh_degree!r}")
     cameras = [scene.cameras[i] for i in scene.train]
-    kept = np.flatnonzero(np.logical_or.reduce([_in_frame(scene.points, camera) for camera in cameras]))
+    kept = np.flatnonzero(np.logical_or.reduce([in_frame(scene.points, camera) for camera in cameras]))
     if len(kept) < MIN_POINTS:
         raise InputError(f"{scene.name}: {len(kept)} of {len(scene.points)} points are in view of a training camera; at least "
                          f"{MIN_POINTS} are needed (do points and cameras belong to the same reconstruction?)")
@@ -64,15 +64,6 @@ def initial_gaussians(scene: TrainingScene, seed: int, *, max_points: int | None
         quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(n, 1), opacity=torch.full((n,), float(np.log(OPACITY / (1 - OPACITY)))),
         log_amp=torch.zeros(n), sh_dc=_tensor(colour_to_sh_dc(scene.colours[kept])),
         sh_rest=torch.zeros(n, SH_REST_COUNT[sh_degree], 3))
-
-
-def _in_frame(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """(P,) bool: whether the point lies beyond the near plane and inside the frame."""
-    x, y, z = (points @ camera.rotation.T + camera.translation).T
-    ahead = z > camera.near
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-    return ahead & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
 
 
 def _tensor(values: np.ndarray) -> torch.Tensor:

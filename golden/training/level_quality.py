@@ -76,11 +76,12 @@ def level_pooling(level: int, width: int, pooling: Sequence[float] | None = None
 def reference_image(
     scene: TrainingScene, view: int, dense: Gaussians | None, device: torch.device | str
 ) -> torch.Tensor:
-    """(H, W, 3) float32 in 0..1: the photograph of a view or, if `dense` is given, that model's render."""
+    """(H, W, 3) float32 in 0..1: the photograph of a view or, if `dense` is given, that model's render, with the photograph's
+    pixels where the view's mask hides them."""
     if dense is None:
         return scene.photograph(view).to(device)
     with torch.no_grad():
-        return render(dense, scene.cameras[view], alpha_max=ALPHA_MAX_L1).image.clamp(0.0, 1.0).to(device)
+        return scene.unmasked(view, render(dense, scene.cameras[view], alpha_max=ALPHA_MAX_L1).image.clamp(0.0, 1.0).to(device))
 
 
 def mean_hvsq(
@@ -108,7 +109,7 @@ def view_hvsq(
     with torch.no_grad():
         for view in views:
             rendering = render(gaussians, scene.cameras[view], alpha_max=alpha_max)
-            values.append((float(hvsq(view)(rendering.image.clamp(0.0, 1.0))), rendering.entries))
+            values.append((float(hvsq(view)(scene.unmasked(view, rendering.image.clamp(0.0, 1.0)))), rendering.entries))
     table = np.array(values)
     return table[:, 0], float(table[:, 1].mean())
 
@@ -162,7 +163,7 @@ def region_hvsq(
     masks = {level: region == level for level in range(levels.levels) if bool((region == level).any())}
     for view in views:
         with torch.no_grad():
-            image = render_foveated(shown, scene.cameras[view], foveation).clamp(0.0, 1.0)
+            image = scene.unmasked(view, render_foveated(shown, scene.cameras[view], foveation).clamp(0.0, 1.0))
             hvsq = foveated(reference_image(scene, view, dense, image.device), eccentricity)
             found = dict(zip(masks, hvsq.regions(image, list(masks.values())).tolist(), strict=True))
         each.append([found.get(level, np.nan) for level in range(levels.levels)])

@@ -179,7 +179,7 @@ class LevelStage(Stage):
             record |= self._decide()
         view = view_at(self._scene.train, self._seed, self.name, self.done)
         rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=self._alpha_max)
-        loss = self._hvsq(view).absolute(rendering.image)
+        loss = self._hvsq(view).absolute(self._scene.unmasked(view, rendering.image))
         loss.backward()
         self._training.step(self.done / self.total)
         self.done += 1

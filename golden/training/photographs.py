@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from golden.scenes.dataset import UNREADABLE, Dataset, image_size
+from golden.scenes.dataset import Dataset, image_size
+from golden.scenes.masks import read_mask
 from spec.errors import InputError
-
-MASK_FOLDERS = ("masks", "mask")
-"""Folders beside the photographs in which COLMAP and nerfstudio keep masks."""
 
 
 def area_resized(images: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -52,14 +50,13 @@ def check_photographs(data: Dataset, path: Path) -> None:
     """Refuses photographs that training cannot use, before any of them is read whole.
 
     Raises:
-        InputError: there are no photographs, fewer than three, photographs of several sizes, or masks.
+        InputError: there are no photographs, fewer than three, or photographs of several sizes.
     """
     if data.images is None:
         raise InputError(f"{path}: has {len(data)} cameras and no photographs; a folder 'images' (or 'images_N') is needed")
     if len(data) < 3:
         word = "photograph" if len(data) == 1 else "photographs"
         raise InputError(f"{path}: has {len(data)} {word}; at least 3 are needed, to train, to validate and to test")
-    _check_masks(data, path)
     sizes = [image_size(image) for image in data.images]
     for image, size in zip(data.images, sizes, strict=True):
         if size != sizes[0]:
@@ -67,44 +64,42 @@ def check_photographs(data: Dataset, path: Path) -> None:
                              "photographs of one size are accepted (resize or crop them, then run COLMAP again)")
 
 
-def _check_masks(data: Dataset, path: Path) -> None:
-    """Refuses masks instead of ignoring them: what they hide would be learnt as part of the scene."""
-    folder = path if path.is_dir() else path.parent
-    for name in MASK_FOLDERS:
-        if (folder / name).is_dir():
-            raise InputError(f"{folder / name}: masks are not supported; remove or rename the folder to train on "
-                             "whole photographs")
-    for name in (path.name,) if path.suffix == ".json" else ("transforms.json", "transforms_train.json"):
-        if (folder / name).is_file() and '"mask_path"' in (folder / name).read_text(errors="replace"):
-            raise InputError(f"{folder / name}: names masks (mask_path), which are not supported; remove the entries "
-                             "to train on whole photographs")
-
-
 def read_photographs(data: Dataset, width: int, height: int) -> np.ndarray:
-    """(V, height, width, 3) uint8, the photographs of a checked data set, reduced by averaging over areas.
+    """(V, height, width, 3) uint8, the photographs of a checked data set without their lenses' distortion, transparent ones
+    over black, reduced by averaging over areas.
 
     Raises:
-        InputError: a photograph is unreadable, is not of its camera's size, or has transparent pixels.
+        InputError: a photograph is unreadable or is not of its camera's size.
     """
     result = np.empty((len(data), height, width, 3), np.uint8)
-    for i, path in enumerate(data.images):
-        pixels = _opaque(path)
-        camera = data.cameras[i]
-        if pixels.shape[:2] != (camera.height, camera.width):
-            raise InputError(f"{path}: is {pixels.shape[1]}x{pixels.shape[0]}, its camera {camera.width}x{camera.height}")
-        result[i] = pixels if pixels.shape[:2] == (height, width) else area_resized(pixels, width, height)
+    for i in range(len(data)):
+        pixels = data.pixels(i)
+        opaque = pixels[..., :3]
+        if (pixels[..., 3] < 255).any():
+            opaque = np.floor(opaque * (pixels[..., 3:] / np.float32(255)) + 0.5).astype(np.uint8)
+        result[i] = opaque if opaque.shape[:2] == (height, width) else area_resized(opaque, width, height)
     return result
 
 
-def _opaque(path: Path) -> np.ndarray:
-    """Reads a photograph as (H, W, 3) uint8; transparency, which is a mask, is refused."""
-    try:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("RGBA"))
-    except UNREADABLE as error:
-        raise InputError(f"{path}: is not a readable photograph ({error})") from error
-    transparent = int((pixels[..., 3] < 255).sum())
-    if transparent:
-        raise InputError(f"{path}: {transparent} pixels are transparent; masks are not supported, opaque photographs "
-                         "are accepted")
-    return pixels[..., :3]
+def read_masks(data: Dataset, width: int, height: int) -> np.ndarray | None:
+    """(V, height, width) bool: where the photographs show the scene; None if there are no masks.
+
+    A reduced pixel shows the scene if all of the area that it covers does.
+
+    Raises:
+        InputError: a mask is unreadable, has other proportions than its photograph, or hides all of it.
+    """
+    if data.masks is None:
+        return None
+    result = np.ones((len(data), height, width), bool)
+    for i, path in enumerate(data.masks):
+        if path is None:
+            continue
+        camera, lens = data.cameras[i], data.lenses[i] if data.lenses is not None else None
+        grey = np.repeat(read_mask(path, camera.width, camera.height)[..., None], 3, axis=2) * np.uint8(255)
+        grey = grey if lens is None else lens.undistorted(grey, camera)
+        result[i] = area_resized(grey, width, height)[..., 0] == 255
+        if not result[i].any():
+            raise InputError(f"{path}: hides all of {camera.name}; a mask that is white where the scene is seen is accepted "
+                             "(or leave the photograph out)")
+    return result

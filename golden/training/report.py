@@ -19,6 +19,7 @@ from golden.scenes.gaze import region_level
 from golden.scenes.pictures import levels_picture, save_png
 from golden.scenes.request import make_folder, write_json
 from golden.scenes.save import save_model
+from golden.scenes.transforms import CAMERAS, save_inria_cameras
 from golden.training.evaluate import evaluate
 from golden.training.foveated import level_alpha_max
 from golden.training.level_quality import Levels, centre_foveation, level_hvsq, level_pooling
@@ -57,7 +58,8 @@ class Trained:
 
 
 def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Callable[[str], None] = print) -> dict[str, Any]:
-    """Writes model.ply, report.json, report.md, curves.png, curves.json and pictures/ into a folder that holds the run's log.
+    """Writes model.ply, cameras.json, report.json, report.md, curves.png, curves.json and pictures/ into a folder that holds
+    the run's log.
 
     Everything is measured on test views, which no stage has read.
 
@@ -73,6 +75,7 @@ def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Cal
     begin = time.monotonic()
     for name, model in model_files(trained.levels, scene).items():
         save_model(model, folder / name)
+    save_inria_cameras(scene.cameras, folder / CAMERAS)
     note(f"measuring on {len(scene.test)} test views")
     report = numbers(trained, scene)
     report["pictures"] = _pictures(trained, scene, folder)
@@ -170,6 +173,7 @@ def _regions(trained: Trained, scene: TrainingScene) -> list[dict[str, Any]]:
         with torch.no_grad():
             images = {"dense": _frame(trained.dense, scene, view), "l1": _frame(trained.levels.level(0), scene, view),
                       "foveated": _foveated_frame(trained.levels, scene, view)}
+            images = {name: scene.unmasked(view, image) for name, image in images.items()}
             rows.append([judge.regions(image, list(masks.values())).numpy() for image in images.values()])
     mean = np.mean(rows, axis=0)
     return [

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from golden.diff.gaussians import Gaussians, to_model
 from golden.host.quantise import quantise_model
@@ -69,21 +70,25 @@ def machine_numbers(levels: Levels, dense: Gaussians, scene: TrainingScene) -> M
     def note(name: str, value: float) -> None:
         rows.setdefault(name, []).append(float(value))
 
+    def psnr(view: int, image: np.ndarray) -> float:
+        shown = image if scene.masks is None else scene.unmasked(view, torch.from_numpy(image).to(torch.float32)).numpy()
+        return psnr_vs(shown, scene.photograph(view).numpy()) + 10 * np.log10(scene.shown_share(view))
+
     for view in views:
-        camera, photograph = scene.cameras[view], scene.photograph(view).numpy()
+        camera = scene.cameras[view]
         whole = pipeline.render(words, camera, config=PAPER)
         note("dense", len(pipeline.render(dense_words, camera, config=PAPER).entries.splat))
         note("l1", len(whole.entries.splat))
-        note("quantised", psnr_vs(whole.image, photograph))
-        note("float", psnr_vs(render_oracle(model, camera).image, photograph))
+        note("quantised", psnr(view, whole.image))
+        note("float", psnr(view, render_oracle(model, camera).image))
         if levels.levels == 1:
             continue
         note("foveated", frame_cost(levels, camera).entries)
         if isinstance(levels, FoveatedModel):
             foveation = centre_foveation(camera, levels.levels)
-            note("foveated_quantised", psnr_vs(
-                pipeline.render(words, camera, config=PAPER, foveation=foveation).image, photograph))
-            note("foveated_float", psnr_vs(render_oracle(model, camera, foveation=foveation).image, photograph))
+            note("foveated_quantised", psnr(
+                view, pipeline.render(words, camera, config=PAPER, foveation=foveation).image))
+            note("foveated_float", psnr(view, render_oracle(model, camera, foveation=foveation).image))
     mean = {name: float(np.mean(values)) for name, values in rows.items()}
     return MachineNumbers(
         views, {name: mean[name] for name in ("dense", "l1", "foveated") if name in mean}, mean["float"], mean["quantised"],

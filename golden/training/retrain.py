@@ -113,7 +113,8 @@ class Retraining:
         self.view = view = view_at(self._scene.train, self._seed, self._purpose, iteration)
         gaussians, device = self.gaussians, self.gaussians.device
         rendering = render(gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
-        loss = photometric(rendering.image, self._ssim(view), self._scene.photograph(view).to(device))
+        image = self._scene.unmasked(view, rendering.image)
+        loss = photometric(image, self._ssim(view), self._scene.photograph(view).to(device))
         if gamma > 0:
             loss = loss + gamma * weighted_scale(gaussians.log_scales, rendering.index, rendering.tiles)
         loss.backward()

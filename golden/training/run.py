@@ -16,7 +16,8 @@ from golden.training.chain import Chain, Interrupted
 from golden.training.failure import room_needed
 from golden.training.recipe import DEFAULTS, EMBEDDED_DEFAULTS, RESULTS, Recipe, levels_of, models_of, plan
 from golden.training.report import Trained, write_report
-from golden.training.scene import TrainingScene, load_training_scene
+from golden.training.scene import EMBEDDED_VIEWS, TrainingScene, load_training_scene
+from golden.training.ship import shipped_text, write_shipped
 from golden.training.teacher import has_photographs, teacher_scene
 from spec.errors import InputError
 from spec.paths import BUILD
@@ -42,10 +43,13 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     """
     recipe = chosen_recipe(args)
     dense = None if args.source is None else loaded_dense(Path(args.source), device)
-    scene, references = chosen_scene(args.scene, size, dense)
+    scene, references = chosen_scene(args.scene, size, dense, args.views)
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
+    if scene.random_start and dense is None:
+        print(f"note: {scene.name} has no points of structure from motion; {len(scene.points):,} random ones in the volume "
+              "that the cameras have in common take their place", file=sys.stderr)
     out = make_folder(args.out or BUILD / "train" / run_name(scene.name, recipe))
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
@@ -59,6 +63,8 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
         rows = models_of(results, [stage.name for stage in chain.plan])
         trained = Trained(results["dense"], levels_of(results), rows, chain.spent, options, references, recipe.pooling)
         report = write_report(trained, scene, out, note=lambda text: print(text, file=sys.stderr))
+        if args.ship:
+            print(shipped_text(write_shipped(trained.levels, scene, options, report["seconds"]["total"])))
     print(f"{out}: PSNR {report['psnr_dense']:.2f} dB dense, {report['psnr_l1']:.2f} dB L1, "
           f"points {' > '.join(f'{count:,}' for count in [len(trained.dense), *trained.levels.counts])}, "
           f"{report['seconds']['total']:.0f} s; see {out / 'report.md'}")
@@ -101,12 +107,14 @@ def loaded_dense(path: Path, device: str) -> Gaussians:
     return gaussians
 
 
-def chosen_scene(name: str, size: tuple[int, int] | None, dense: Gaussians | None) -> tuple[TrainingScene, str]:
+def chosen_scene(
+    name: str, size: tuple[int, int] | None, dense: Gaussians | None, views: int | None = None,
+) -> tuple[TrainingScene, str]:
     """The training scene, and what its references are: photographs or, where there are only cameras, the dense model's
-    renders."""
+    renders. `views` is the number of photographs of the embedded scene."""
     if dense is not None and str(name) != EMBEDDED and not has_photographs(Path(name)):
         return teacher_scene(Path(name), size, dense), "renders of the dense model"
-    return load_training_scene(name, size, points_needed=dense is None), "photographs"
+    return load_training_scene(name, size, points_needed=dense is None, views=views or EMBEDDED_VIEWS), "photographs"
 
 
 def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, device: str) -> dict[str, Any]:
@@ -116,7 +124,8 @@ def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, 
         "variant": recipe.variant, "from": None if args.source is None else _content(Path(args.source)),
         "baseline": recipe.baseline, "opacity-enhancement": recipe.enhancement, "size": f"{scene.size[0]}x{scene.size[1]}",
         "iterations": recipe.iterations, "max-points": None if args.source else recipe.max_points, "seed": recipe.seed,
-        "pooling-width": recipe.pooling_width, "device": device}
+        "pooling-width": recipe.pooling_width, "device": device,
+        **({"views": len(scene)} if getattr(args, "views", None) else {})}  # a study's command line has no views
 
 
 def _content(path: Path) -> str:
@@ -133,8 +142,10 @@ def resume_command(args: argparse.Namespace, out: Path) -> str:
     for name, value, default in (
         ("variant", args.variant, "H"), ("from", args.source, None), ("baseline", args.baseline, None),
         ("size", args.size, None), ("iterations", args.iterations, None), ("max-points", args.max_points, None),
-        ("seed", args.seed, 0), ("pooling-width", args.pooling_width, None), ("device", args.device, "auto"),
+        ("seed", args.seed, 0), ("pooling-width", args.pooling_width, None), ("views", args.views, None),
+        ("device", args.device, "auto"),
     ):
         given += [f"--{name}", str(value)] if value != default else []
     given += [] if args.enhancement else ["--no-opacity-enhancement"]
+    given += ["--ship"] if args.ship else []
     return shlex.join(["python", "golden/train.py", *given, "--out", str(out), "--resume"])

@@ -16,7 +16,8 @@ from golden.scenes.dataset import TEST_EVERY, Dataset
 from golden.scenes.datasets import load_dataset
 from golden.scenes.embedded.scene import UP, embedded_cameras
 from golden.training.embedded_photographs import photographs_and_points
-from golden.training.photographs import area_resized, check_photographs, read_photographs
+from golden.training.photographs import area_resized, check_photographs, read_masks, read_photographs
+from golden.training.random_points import random_points
 from spec.errors import InputError
 
 VALIDATE_EVERY = 8
@@ -41,6 +42,9 @@ EMBEDDED_POINTS = 6000
 EMBEDDED_SIZE = (256, 256)
 """Default frame size of the embedded scene."""
 
+EMBEDDED_VIEWS = 24
+"""Default number of photographs of the embedded scene."""
+
 
 @dataclass(frozen=True)
 class TrainingScene:
@@ -56,6 +60,8 @@ class TrainingScene:
         extent: 3DGS's scene extent of the training cameras, in world units.
         points: (P, 3) float64, world units.
         colours: (P, 3) float64 in 0..1.
+        masks: (V, H, W) bool, true where a photograph shows the scene; None if all pixels do.
+        random_start: whether the points are random, because the data set has none.
     """
 
     name: str
@@ -69,6 +75,8 @@ class TrainingScene:
     points: np.ndarray
     colours: np.ndarray
     doubtful: tuple[int, ...] = ()
+    masks: np.ndarray | None = None
+    random_start: bool = False
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -83,42 +91,65 @@ class TrainingScene:
         millisecond."""
         return torch.from_numpy(self.images[index]).to(torch.float32).div_(255)
 
+    def shown_share(self, index: int) -> float:
+        """The share of a view's pixels that its mask does not hide."""
+        return 1.0 if self.masks is None else float(self.masks[index].mean())
+
+    def unmasked(self, index: int, image: torch.Tensor) -> torch.Tensor:
+        """A rendering (H, W, 3) of a view with the photograph's pixels where the view's mask hides them.
+
+        There, the result equals what it is compared with, and passes on no gradient, whichever loss or metric reads it.
+        """
+        if self.masks is None:
+            return image
+        shown = torch.from_numpy(self.masks[index]).to(image.device)
+        return torch.where(shown[..., None], image, self.photograph(index).to(image.device))
+
     def resized(self, width: int, height: int) -> TrainingScene:
-        """The scene with smaller cameras and photographs; photographs are reduced by averaging over areas."""
+        """The scene with smaller cameras and photographs; photographs are reduced by averaging over areas. A pixel of a reduced
+        mask shows the scene if all of its area does."""
         if (width, height) == self.size:
             return self
-        cameras = tuple(camera.resized(width, height) for camera in self.cameras)
-        return replace(self, cameras=cameras, images=area_resized(self.images, width, height))
+        cameras, masks = tuple(camera.resized(width, height) for camera in self.cameras), self.masks
+        if masks is not None:
+            masks = area_resized(np.repeat(masks[..., None], 3, axis=3) * np.uint8(255), width, height)[..., 0] == 255
+        return replace(self, cameras=cameras, images=area_resized(self.images, width, height), masks=masks)
 
 
-def load_training_scene(path: Path | str, size: tuple[int, int] | None = None, *, points_needed: bool = True) -> TrainingScene:
+def load_training_scene(
+    path: Path | str, size: tuple[int, int] | None = None, *, points_needed: bool = True, views: int = EMBEDDED_VIEWS,
+) -> TrainingScene:
     """Loads the scene at `path`, or the embedded one.
 
-    Every 8th view is a test view, as everywhere in the field. Of the others, every 8th from the 4th on validates. Photographs
-    with masks (a folder `masks`, `mask_path`, or transparent pixels) are refused. Photographs that a COLMAP model does not name
-    are not used. Views with doubtful poses neither train nor validate. Points that are not finite are dropped.
+    Every 8th view is a test view, as everywhere in the field. Of the others, every 8th from the 4th on validates. Pixels that a
+    mask hides (a folder `masks`, `mask_path`) neither train nor judge; transparent pixels are composited over black. Distortion
+    of lenses is removed. Photographs that a COLMAP model does not name are not used. Views with doubtful poses neither train
+    nor validate. Points that are not finite are dropped. Where a data set has no points, random ones take their place.
 
     Args:
         path: a data set as `load_dataset` reads it, or 'embedded'.
         size: (width, height) to train at, no larger than the photographs and with their proportions; None for their size.
         points_needed: False if there is a trained model to start from.
+        views: number of photographs of the embedded scene; other scenes have their own number.
 
     Raises:
         InputError: anything is wrong with the data set; the message names the file, the value and what is accepted.
     """
     if str(path) == "embedded":
-        return _embedded(*(size or EMBEDDED_SIZE))
+        return _embedded(*(size or EMBEDDED_SIZE), views)
     path = Path(path)
     data = load_dataset(path)
     check_photographs(data, path)
     width, height = _accepted_size(data, size, path)
     finite = np.isfinite(data.points).all(axis=1)
-    if points_needed and finite.sum() < MIN_POINTS:
-        raise InputError(f"{path}: has {finite.sum()} points; at least {MIN_POINTS} are needed, from COLMAP's points3D or "
-                         "nerfstudio's ply_file_path (or a trained model to start from)")
     cameras = tuple(camera.resized(width, height) for camera in data.cameras)
-    return divided_scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
-                         data.point_colours[finite] / 255, doubtful_poses(data.pose_error))
+    scene = divided_scene(data.name, data.up, cameras, read_photographs(data, width, height), data.points[finite],
+                          data.point_colours[finite] / 255, doubtful_poses(data.pose_error), read_masks(data, width, height))
+    if not points_needed or finite.sum() >= MIN_POINTS:
+        return scene
+    views = list(scene.train)
+    points, colours = random_points([cameras[view] for view in views], scene.images[views], data.depths)
+    return replace(scene, points=points, colours=colours, random_start=True)
 
 
 def doubtful_poses(error: np.ndarray | None) -> tuple[int, ...]:
@@ -141,7 +172,7 @@ def _accepted_size(data: Dataset, size: tuple[int, int] | None, path: Path) -> t
 
 
 def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images: np.ndarray, points: np.ndarray,
-                  colours: np.ndarray, doubtful: tuple[int, ...] = ()) -> TrainingScene:
+                  colours: np.ndarray, doubtful: tuple[int, ...] = (), masks: np.ndarray | None = None) -> TrainingScene:
     """The scene with its views divided and its extent measured. It needs at least three views; fields are those of
     `TrainingScene`.
 
@@ -162,12 +193,12 @@ def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images
     if extent == 0:  # all training cameras are in one place, so the points say how large the scene is
         extent = float(np.linalg.norm(points - positions[0], axis=1).mean()) if len(points) else 1.0
     return TrainingScene(name=name, up=up, cameras=cameras, images=images, train=train, validation=validation, test=test,
-                         extent=extent, points=points, colours=colours, doubtful=doubtful)
+                         extent=extent, points=points, colours=colours, doubtful=doubtful, masks=masks)
 
 
-def _embedded(width: int, height: int) -> TrainingScene:
+def _embedded(width: int, height: int, views: int) -> TrainingScene:
     """The embedded scene: ray-traced photographs, which are cached, and surface points in place of SfM points."""
     if min(width, height) < MIN_EDGE:
         raise InputError(f"size {width}x{height} is not accepted for the embedded scene: both must be at least {MIN_EDGE}")
-    cameras = tuple(embedded_cameras(width, height))
+    cameras = tuple(embedded_cameras(width, height, views))
     return divided_scene("embedded", UP, cameras, *photographs_and_points(cameras, EMBEDDED_POINTS))

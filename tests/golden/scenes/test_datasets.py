@@ -217,7 +217,7 @@ def test_broken_llff(tmp_path):
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"frames": []}, "frames"), ({"frames": 3}, "frames"), ({"fl_x": "wide"}, "'wide'"), ({"fl_x": -1}, "-1"),
-    ({"k1": 0.1}, "k1"),
+    ({"k1": "strong"}, "'strong'"), ({"k4": 0.1}, "k4 = 0.1"), ({"k1": -30}, "view_00.*k1 -30"),
     ({"camera_model": "OPENCV_FISHEYE"}, "fisheye"), ({"fl_x": float("nan")}, "nan"),
 ])
 def test_broken_transforms(tmp_path, change, message):
@@ -259,11 +259,11 @@ def test_broken_photographs(tmp_path):
         data.photograph(1)
 
 
-def test_transparent_photographs_lie_on_white(tmp_path):
+def test_transparent_photographs_lie_on_black(tmp_path):
     write_set("blender", tmp_path)
     data = load_dataset(tmp_path)
     Image.new("RGBA", (WIDTH, HEIGHT), (255, 0, 0, 51)).save(data.images[0])
-    np.testing.assert_allclose(data.photograph(0)[0, 0], [1, 0.8, 0.8], atol=1e-6)
+    np.testing.assert_allclose(data.photograph(0)[0, 0], [0.2, 0, 0], atol=1e-6)
 
 
 @pytest.mark.parametrize("spoil", [lambda d: d[:-1], lambda d: d[:30], lambda d: b"", lambda d: b"\xff" * 8 + d[8:]])
@@ -296,8 +296,8 @@ def test_broken_or_distorted_colmap(tmp_path):
     write_set("colmap", tmp_path)
     path = tmp_path / "sparse" / "0" / "cameras.txt"
     c = little_scene()[0][0]
-    path.write_text(f"1 SIMPLE_RADIAL {WIDTH} {HEIGHT} {c.fx} {c.cx} {c.cy} 0.1\n")
-    with pytest.raises(InputError, match="SIMPLE_RADIAL"):
+    path.write_text(f"1 SIMPLE_RADIAL_FISHEYE {WIDTH} {HEIGHT} {c.fx} {c.cx} {c.cy} 0.1\n")
+    with pytest.raises(InputError, match=r"view_00\.png is SIMPLE_RADIAL_FISHEYE; SIMPLE_PINHOLE, .*colmap image_undistorter"):
         load_dataset(tmp_path)
     path.write_text(f"1 SIMPLE_RADIAL {WIDTH} {HEIGHT} {c.fx} {c.cx} {c.cy} 0\n")
     assert load_dataset(tmp_path).cameras[0].fy == pytest.approx(c.fx)

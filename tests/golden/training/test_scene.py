@@ -1,6 +1,7 @@
 """Training scenes: views divided, photographs reduced, the first Gaussians, and every bad input named."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,14 @@ torch = pytest.importorskip("torch")
 
 from PIL import Image  # noqa: E402
 
+from golden.diff.render import render  # noqa: E402
+from golden.metrics.ssim import Ssim  # noqa: E402
+from golden.scenes.datasets import load_dataset  # noqa: E402
 from golden.training import embedded_photographs as embedded  # noqa: E402
+from golden.training import random_points  # noqa: E402
+from golden.training.evaluate import evaluate  # noqa: E402
 from golden.training.initial import OPACITY, WIDEST, initial_gaussians  # noqa: E402
+from golden.training.losses import photometric  # noqa: E402
 from golden.training.photographs import area_resized  # noqa: E402
 from golden.training.scene import load_training_scene  # noqa: E402
 from spec.constants import SH_C0  # noqa: E402
@@ -132,41 +139,83 @@ def test_mixed_sizes(tmp_path):
 
 def test_masks(tmp_path):
     write_set("nerfstudio", tmp_path)
+    assert load_training_scene(tmp_path).masks is None
+    hidden = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    hidden[:10, :20] = 0
     (tmp_path / "masks").mkdir()
-    reject(tmp_path, "masks: masks are not supported; remove or rename")
-    (tmp_path / "masks").rmdir()
-    path = tmp_path / "transforms.json"
-    meta = json.loads(path.read_text())
-    meta["frames"][0]["mask_path"] = "masks/view_00.png"
-    path.write_text(json.dumps(meta))
-    reject(tmp_path, "mask_path")
-    del meta["frames"][0]["mask_path"]
-    path.write_text(json.dumps(meta))
-    pixels = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    reject(tmp_path, r"masks: has no mask of view_00\.png")
+    Image.fromarray(hidden).save(tmp_path / "masks" / "view_01.png")
+    scene = load_training_scene(tmp_path)
+    assert np.array_equal(scene.masks[1], hidden > 0) and np.delete(scene.masks, 1, axis=0).all()
+    assert scene.shown_share(1) == pytest.approx(1 - 200 / (WIDTH * HEIGHT)) and scene.shown_share(0) == 1
+    half = scene.resized(48, 32)  # 0.8 of the size: the ninth pixel across is the first that the mask leaves alone as a whole
+    assert half.masks.shape == (VIEWS, 32, 48) and not half.masks[1, :8, :16].any() and half.masks[1, 8:].all()
+    Image.new("L", (WIDTH, HEIGHT)).save(tmp_path / "masks" / "view_01.png")
+    reject(tmp_path, r"view_01\.png: hides all of view_01\.png")
+
+
+def test_masked_pixels_neither_train_nor_judge(tmp_path):
+    write_set("nerfstudio", tmp_path)
+    shown = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    shown[:, 30:] = 0
+    (tmp_path / "masks").mkdir()
+    for name in ("view_00", "view_01"):
+        Image.fromarray(shown).save(tmp_path / "masks" / f"{name}.png")
+    scene, hidden = load_training_scene(tmp_path), torch.from_numpy(shown == 0)
+    image = torch.rand(HEIGHT, WIDTH, 3, generator=torch.manual_seed(0), requires_grad=True)
+    photograph = scene.photograph(1)
+    photometric(scene.unmasked(1, image), Ssim(photograph), photograph).backward()
+    assert not image.grad[hidden].any() and image.grad[~hidden].any(dim=-1).float().mean() > 0.9
+    assert torch.equal(scene.unmasked(2, image), image)
+
+    model = initial_gaussians(scene, 0)
+    plain = evaluate(model, replace(scene, masks=None), [0])
+    spoilt = scene.images.copy()
+    spoilt[0][shown == 0] = 255 - spoilt[0][shown == 0]
+    one, other = (evaluate(model, replace(scene, images=images), [0], pooling=[1.0]) for images in (scene.images, spoilt))
+    assert one.psnr == pytest.approx(other.psnr, abs=1e-4) != pytest.approx(plain.psnr, abs=1e-2)
+    left = scene.images[0][shown > 0] / np.float32(255)
+    drawn = render(model, scene.cameras[0]).image.clamp(0, 1).numpy()[shown > 0]
+    assert one.psnr == pytest.approx(-10 * np.log10(np.mean((left - drawn) ** 2)), abs=1e-3)  # of the pixels that are shown
+
+
+def test_transparent_photographs_are_composited_over_black(tmp_path):
+    write_set("nerfstudio", tmp_path)
+    pixels = np.full((HEIGHT, WIDTH, 4), 200, np.uint8)
+    pixels[..., 3] = 255
+    pixels[2, 3:8, 3] = 51
     Image.fromarray(pixels).save(tmp_path / "images" / "view_01.png")
-    load_training_scene(tmp_path)  # an alpha channel that hides nothing is no mask
-    pixels[2, 3:8, 3] = 254
-    Image.fromarray(pixels).save(tmp_path / "images" / "view_01.png")
-    reject(tmp_path, r"view_01\.png: 5 pixels are transparent")
+    image = load_training_scene(tmp_path).images[1]
+    assert (image[2, 3:8] == 40).all() and (np.delete(image, 2, axis=0) == 200).all()
 
 
 @pytest.mark.parametrize("kind", ["colmap", "nerfstudio"])
-def test_distorted_cameras(tmp_path, kind):
+def test_photographs_of_distorted_lenses(tmp_path, kind):
     write_set(kind, tmp_path)
+    c = little_scene()[0][0]
     if kind == "colmap":
         pytest.importorskip("pycolmap")
-        c = little_scene()[0][0]
         (tmp_path / "sparse" / "0" / "cameras.txt").write_text(f"1 SIMPLE_RADIAL {WIDTH} {HEIGHT} {c.fx} {c.cx} {c.cy} 0.1\n")
     else:
         path = tmp_path / "transforms.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | {"k1": 0.1}))
-    reject(tmp_path, "colmap image_undistorter")
+    data = load_dataset(tmp_path)
+    scene = load_training_scene(tmp_path)
+    assert scene.size == (WIDTH, HEIGHT) and scene.cameras[0].fx > c.fx
+    assert np.array_equal(scene.images[2], data.pixels(2)[..., :3]) and scene.images[2].any()
 
 
-def test_empty_point_cloud(tmp_path):
+def test_random_points_where_there_are_none(tmp_path):
     write_set("blender", tmp_path)
-    reject(tmp_path, "0 points; at least 4")
+    scene = load_training_scene(tmp_path)
+    assert scene.random_start and len(scene.points) == len(scene.colours) == random_points.COUNT
     assert len(load_training_scene(tmp_path, points_needed=False).points) == 0
+    cameras = [scene.cameras[i] for i in scene.train]
+    seen = sum(random_points.in_frame(scene.points, camera).astype(int) for camera in cameras)
+    assert seen.min() >= len(cameras) / 2
+    assert len(initial_gaussians(scene, 0, max_points=500)) == 500
+    again = load_training_scene(tmp_path)
+    assert np.array_equal(again.points, scene.points) and np.array_equal(again.colours, scene.colours)
 
 
 @pytest.mark.parametrize("content", [b"", b"not an image", None])
@@ -202,8 +251,6 @@ def test_first_gaussians(tmp_path):
 def test_points_out_of_view_are_dropped_and_points_alike_are_finite(tmp_path):
     write_set("llff", tmp_path)
     scene = load_training_scene(tmp_path)
-    from dataclasses import replace
-
     behind = scene.cameras[1].position + 10 * (scene.cameras[1].position - scene.points.mean(axis=0))
     crowd = replace(scene, points=np.concatenate([np.repeat(scene.points[:1], 6, axis=0), behind[None]]),
                     colours=np.ones((7, 3)))
