@@ -25,10 +25,11 @@ from golden.msv2_ref.plan import Work, planned_machine, prepare_foveation, prepa
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import camera_text
+from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.model import GaussianModel
 from golden.scenes.probe import probe
-from golden.scenes.request import ORBIT_VIEWS, Request, resolve
+from golden.scenes.request import Request, resolve
 from golden.scenes.stereo import StereoPair, scene_scale, stereo_pair, target_gaze
 from msv2.studies.speed import float32
 from msv2.viewer import numbers, pictures, splat
