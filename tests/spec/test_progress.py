@@ -66,7 +66,14 @@ def test_a_phase_says_what_it_does_and_how_long_it_took_last_time(cache):
 def test_the_line_counts_seconds_and_a_long_phase_leaves_its_time(cache):
     _, text = on_a_terminal(sys.executable, "-c", WAIT.format(seconds=2.3))
     assert "x: 1 s\r" in text and "x: 2 s\r" in text
-    assert text.rstrip().endswith("\x1b[Kbuilding the simulator x: 2 s")
+    assert text.rstrip().endswith("\x1b[K\r\x1b[Kbuilding the simulator x: 2 s")
+
+
+def test_of_nested_phases_the_inner_one_is_shown_until_it_ends(cache):
+    code = "from spec.progress import phase\nwith phase('outer'):\n    with phase('inner'): pass\n    print()"
+    status, text = on_a_terminal(sys.executable, "-c", code)
+    assert status == 0
+    assert text.split("\r\x1b[K") == ["", "outer: 0 s", "inner: 0 s", "outer: 0 s", ""]
 
 
 def test_elsewhere_nothing_is_said_but_the_time_is_kept(cache, capfd):
