@@ -33,6 +33,11 @@ def on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is None
 
 
+def pool_on_terminal() -> bool:
+    """Whether this process is a pool's worker at a terminal, which may write whole lines only."""
+    return sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is not None
+
+
 class LiveLine:
     """A line of the terminal that is written anew every second within a `with` block, and is erased at its end.
 
