@@ -24,7 +24,7 @@ from numba.core.dispatcher import Dispatcher
 
 from spec.paths import ROOT, cache_folder
 from spec.private import locked
-from spec.progress import LiveLine, as_time, keep_seconds, last_seconds, on_terminal
+from spec.progress import LiveLine, as_time, keep_seconds, last_seconds, on_terminal, pool_on_terminal
 from spec.sources import fingerprint, sources_of
 
 STATES_KEPT = 8
@@ -146,7 +146,10 @@ class _CompileTime(event.Listener):
             if self.kernels == 0 and not on_terminal():
                 print(f"compiling kernels: {_WHY}", file=sys.stderr, flush=True)
             self._name = _kernel_name(what)
-            self._line = LiveLine(self._text(last_seconds(self._name)))
+            before = last_seconds(self._name)
+            if before is not None and before > _WORTH_A_LINE and pool_on_terminal():
+                print(f"compiling {self._name} ({as_time(before)} last time)", file=sys.stderr, flush=True)
+            self._line = LiveLine(self._text(before))
             self._line.__enter__()
             self._begin = time.perf_counter()
         self._depth += 1
@@ -170,6 +173,10 @@ _WHY = "the first run after a change of their sources takes longer"
 
 _WORTH_KEEPING = 0.5
 """Seconds of a kernel's compilation from which on its time is kept for the next one."""
+
+
+_WORTH_A_LINE = 5
+"""Seconds that a kernel took last time from which on a pool's worker names it; it has no live line."""
 
 
 def _kernel_name(compilation: event.Event) -> str:

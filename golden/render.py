@@ -12,7 +12,7 @@ from golden.kernels import compile_note, compile_seconds
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
-from golden.msv2_ref.plan import work_for
+from golden.msv2_ref.plan import Work, work_for
 from golden.oracle.render import render as render_oracle
 from golden.scenes.files import atomic_output
 from golden.scenes.pictures import depth_picture, levels_picture, save_png
@@ -107,13 +107,13 @@ def main(argv: Sequence[str] | None = None) -> None:
             choice(name, value, accepted)
     take_stereo_arguments(args)
     request = resolve(args)
-    with output_folder(args.out, BUILD / "render" / request.model.name) as out:
-        _draw(args, request, config, out)
-
-
-def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, out: Path) -> None:
-    """Renders the frame, writes pictures and numbers into the folder `out`, and prints the most important numbers."""
     work = work_for(args, request, config)
+    with output_folder(args.out, BUILD / "render" / request.model.name) as out:
+        _draw(args, request, config, work, out)
+
+
+def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:
+    """Renders the frame, writes pictures and numbers into the folder `out`, and prints the most important numbers."""
     eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:

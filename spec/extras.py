@@ -13,10 +13,8 @@ EXTRAS = {
 
 
 def how_to_get(package: str) -> str:
-    """The end of a message about a package of EXTRAS that is not installed: its smallest extra, and the lines that install it.
-
-    Raises:
-        KeyError: no extra has the package.
-    """
-    extra = EXTRAS[package]
+    """The end of a message about a package that is not installed: its smallest extra, and the lines that install it."""
+    extra = EXTRAS.get(package)
+    if extra is None:
+        return f"pip install {package}"
     return f"the extra '{extra}' has it: make setup EXTRAS={extra}, or pip install '.[{extra}]' in the checkout"

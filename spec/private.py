@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,10 +17,20 @@ LOCK = ".lock"
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Holds the lock of a file, which is made if need be; waits while another process, or another thread, holds it."""
+def locked(path: Path, notice: str = "") -> Iterator[None]:
+    """Holds the lock of a file, which is made if need be; waits while another process, or another thread, holds it.
+
+    Args:
+        path: the file, in a folder that exists.
+        notice: what is printed on standard error before a wait.
+    """
     with open(path, "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if notice:
+                print(notice, file=sys.stderr, flush=True)
+            fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
@@ -39,18 +50,15 @@ def private_folder(folder: Path) -> Iterator[Path]:
         if lock is not None:
             break
         number += 1
-    try:
-        with _held(lock, place):
-            yield place
-    finally:
-        if new:
-            with suppress(OSError):  # it is not empty, or another run has just begun there
-                place.rmdir()
+    with _held(lock, place, new):
+        yield place
 
 
 @contextmanager
 def output_folder(given: Path | str | None, default: Path) -> Iterator[Path]:
     """The folder for a run's outputs, which no other run of these commands writes to as long as the block runs.
+
+    A folder that was made here and that nothing was written into is removed at the end.
 
     Args:
         given: the folder that the user named; None for the default.
@@ -63,21 +71,24 @@ def output_folder(given: Path | str | None, default: Path) -> Iterator[Path]:
         with private_folder(default) as place:
             yield place
         return
-    lock = _claimed(Path(given))
+    new, lock = not Path(given).exists(), _claimed(Path(given))
     if lock is None:
         raise InputError(f"output folder {given} is not accepted while another run writes to it: name another one, or wait")
-    with _held(lock, Path(given)):
+    with _held(lock, Path(given), new):
         yield Path(given)
 
 
 @contextmanager
-def _held(lock: IO[str], place: Path) -> Iterator[None]:
-    """Holds a claimed folder; at the end its lock goes, so that it is not taken for an output."""
+def _held(lock: IO[str], place: Path, new: bool) -> Iterator[None]:
+    """Holds a claimed folder. At the end its lock goes, and the folder with it if it is new and empty."""
     with lock:
         try:
             yield
         finally:
             (place / LOCK).unlink(missing_ok=True)
+            if new:
+                with suppress(OSError):  # it is not empty, or another run has just begun there
+                    place.rmdir()
 
 
 def _claimed(place: Path) -> IO[str] | None:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
+from typing import ClassVar
 
 from spec.paths import cache_folder
 from spec.private import locked
@@ -32,44 +33,55 @@ def on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is None
 
 
+def pool_on_terminal() -> bool:
+    """Whether this process is a pool's worker at a terminal, which may write whole lines only."""
+    return sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is not None
+
+
 class LiveLine:
     """A line of the terminal that is written anew every second within a `with` block, and is erased at its end.
 
-    A process shows one such line at a time: blocks that begin in other threads meanwhile are silent.
+    A process shows one line at a time. Where blocks are nested, or run in several threads, it is that of the block which began
+    last; when this one ends, the one before it is shown again.
 
     Args:
         text: gives the line's text for the seconds since the block began.
-
-    Attributes:
-        shown: whether this block writes its line.
     """
 
-    _one = threading.Lock()
+    _running: ClassVar[list[LiveLine]] = []
+    _lock = threading.Lock()
 
     def __init__(self, text: Callable[[float], str]) -> None:
-        self.shown = False
         self._text, self._end = text, threading.Event()
+        self._thread: threading.Thread | None = None
 
     def __enter__(self) -> LiveLine:
-        self.shown = on_terminal() and LiveLine._one.acquire(blocking=False)
-        if self.shown:
+        if on_terminal():
             self._begin = time.monotonic()
-            self._show()
+            with LiveLine._lock:
+                LiveLine._running.append(self)
+                self._show()
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self.shown:
+        if self._thread is not None:
             self._end.set()
             self._thread.join()
-            sys.stderr.write(_ERASE)
-            sys.stderr.flush()
-            LiveLine._one.release()
+            with LiveLine._lock:
+                LiveLine._running.remove(self)
+                if LiveLine._running:
+                    LiveLine._running[-1]._show()
+                else:
+                    sys.stderr.write(_ERASE)
+                    sys.stderr.flush()
 
     def _run(self) -> None:
         while not self._end.wait(1):
-            self._show()
+            with LiveLine._lock:
+                if LiveLine._running[-1] is self:
+                    self._show()
 
     def _show(self) -> None:
         width = (os.get_terminal_size(sys.stderr.fileno()).columns or 80) - 1  # some terminals do not tell
@@ -86,12 +98,12 @@ def phase(what: str) -> Iterator[None]:
     """
     before, begin = last_seconds(what), time.monotonic()
     hint = "" if before is None else f" ({as_time(before)} last time)"
-    with LiveLine(lambda seconds: f"{what}: {as_time(seconds)}{hint}") as line:
+    with LiveLine(lambda seconds: f"{what}: {as_time(seconds)}{hint}"):
         yield
     seconds = time.monotonic() - begin
     keep_seconds(what, seconds)
-    if seconds > 2 and line.shown:
-        print(f"{what}: {as_time(seconds)}", file=sys.stderr, flush=True)
+    if seconds > 2 and on_terminal():
+        print(f"{_ERASE}{what}: {as_time(seconds)}", file=sys.stderr, flush=True)
 
 
 def as_time(seconds: float) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from rtl.top.machine import Machine
 from spec.config import AcceleratorConfig
+from spec.progress import phase
 from spec.sources import fingerprint, sources_of
 from synth.design import Design, elaborate
 from synth.report import write_json
@@ -67,7 +68,8 @@ def machine_design(config: AcceleratorConfig, folder: Path) -> Design:
     key = fingerprint(sources_of("synth.machine"), config, version)
     kept = folder / "cache" / f"{TOP}-{config.name}-{key}.json"
     if not kept.exists():
-        design = cut(elaborate(Machine(config), TOP))
+        with phase(f"elaborating the machine {config.name}"):
+            design = cut(elaborate(Machine(config), TOP))
         write_json(kept, {"texts": design.texts, "below": {name: dict(count) for name, count in design.below.items()}})
     found = json.loads(kept.read_text())
     return Design(TOP, found["texts"], {name: Counter(below) for name, below in found["below"].items()})

@@ -22,6 +22,7 @@ from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras
 from msv2.verilog.export import export
 from spec.config import TINY
 from spec.errors import InputError, run_command_line
+from spec.private import output_folder
 from tb.top.check import frame_run, mismatches
 from tb.top.player import Map, setting_writes
 
@@ -55,8 +56,13 @@ def write_registers(image: MemoryImage, path: Path) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("build/examples/axi_system"), metavar="DIR")
-    out = parser.parse_args(argv).out
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: build/examples/axi_system)")
+    with output_folder(parser.parse_args(argv).out, Path("build/examples/axi_system")) as out:
+        return _run(out)
+
+
+def _run(out: Path) -> int:
+    """Simulates the frame with all files in the folder `out`; 1 where a value differs."""
     if shutil.which("iverilog") is None:
         raise InputError("iverilog is not installed: apt-get install iverilog")
     machine = export(TINY, out)

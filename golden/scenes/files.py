@@ -75,7 +75,7 @@ def require_package(name: str, purpose: str) -> Any:
     """Imports an optional package and returns it.
 
     Args:
-        name: the package, one of `spec.extras.EXTRAS`.
+        name: the package.
         purpose: what needs it, for the error message.
 
     Raises:

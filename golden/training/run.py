@@ -11,7 +11,6 @@ from typing import Any
 
 from golden.diff.gaussians import Gaussians, from_model
 from golden.scenes.load import EMBEDDED, load_model
-from golden.scenes.request import make_folder
 from golden.training.chain import Chain, Interrupted
 from golden.training.failure import room_needed
 from golden.training.recipe import DEFAULTS, EMBEDDED_DEFAULTS, RESULTS, Recipe, levels_of, models_of, plan
@@ -21,6 +20,7 @@ from golden.training.ship import shipped_text, write_shipped
 from golden.training.teacher import has_photographs, teacher_scene
 from spec.errors import InputError
 from spec.paths import BUILD
+from spec.private import output_folder
 
 LOG_SCALE_MIN = -20.0
 """Degenerate axes of loaded models (log scale -inf) get this log scale: they look the same and can be trained."""
@@ -47,10 +47,23 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
+<<<<<<< HEAD
     if scene.random_start and dense is None:
         print(f"note: {scene.name} has no points of structure from motion; {len(scene.points):,} random ones in the volume "
               "that the cameras have in common take their place", file=sys.stderr)
     out = make_folder(args.out or BUILD / "train" / run_name(scene.name, recipe))
+=======
+    default = BUILD / "train" / run_name(scene.name, recipe)
+    with output_folder(args.out or (default if args.resume else None), default) as out:  # to resume means one certain folder
+        return _run(args, recipe, scene, references, dense, device, out)
+
+
+def _run(
+    args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, references: str, dense: Gaussians | None, device: str,
+    out: Path,
+) -> int:
+    """Trains in the folder `out` and writes the report there; the exit status."""
+>>>>>>> wt-comfort
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
     try:

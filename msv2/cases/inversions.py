@@ -13,12 +13,13 @@ from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.camera_options import ORBIT
 from golden.scenes.model import GaussianModel
-from golden.scenes.request import Request, add_request_arguments, make_folder, resolve, write_json
+from golden.scenes.request import Request, add_request_arguments, resolve, write_json
 from spec.command_line import command_parser
 from spec.config import AcceleratorConfig
 from spec.errors import run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD
+from spec.private import output_folder
 
 EPILOG = """\
 Writes OUT/order.json. An inversion is a pair of neighbours in a tile's list of which the second is nearer.
@@ -114,9 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     config = config_from(args)
     request = resolve(args)
-    numbers = report(request, config)
-    out = make_folder(args.out or BUILD / "order" / request.model.name)
-    write_json(out / "order.json", numbers)
+    with output_folder(args.out, BUILD / "order" / request.model.name) as out:
+        numbers = report(request, config)
+        write_json(out / "order.json", numbers)
     print(f"{out}: {numbers['entries']:,} intersections, {numbers['machine_inversions']} inversions by the machine's z, "
           f"{numbers['float64_inversions']:,} by float64 z, which change a pixel by {numbers['max_abs_error']:.3g} at most")
     return int(numbers["machine_inversions"] > 0)

@@ -27,6 +27,7 @@ from spec.config import DEFAULT
 from spec.errors import run_command_line
 from spec.paths import BUILD
 from spec.private import output_folder
+from spec.progress import LiveLine, on_terminal
 from tb.common.runner import SimulationError
 from tb.frame.whole import simulate_machine, tiled
 from tb.top import device
@@ -40,11 +41,14 @@ ERROR_GAIN = 64
 
 @contextmanager
 def step(name: str):
-    """Prints a step's name, and the seconds it took when it is done."""
-    print(f"  {name:<58}", end="", flush=True)
+    """Prints a step's name, and the seconds it took when it is done; on a terminal, the seconds so far until then."""
+    title, live = f"  {name:<58}", on_terminal()
+    if not live:
+        print(title, end="", flush=True)
     begin = time.perf_counter()
-    yield
-    print(f"{time.perf_counter() - begin:7.1f} s", flush=True)
+    with LiveLine(lambda seconds: f"{title}{seconds:7.0f} s"):
+        yield
+    print(f"{title * live}{time.perf_counter() - begin:7.1f} s", flush=True)
 
 
 def heat_picture(frame: pipeline.Frame) -> np.ndarray:

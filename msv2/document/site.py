@@ -19,6 +19,8 @@ from spec.command_line import command_parser
 from spec.errors import InputError
 from spec.extras import how_to_get
 from spec.paths import DOCS, ROOT
+from spec.private import locked
+from spec.progress import phase
 from spec.sources import ROOMS
 
 SECTIONS: dict[str, tuple[str, ...]] = {
@@ -99,12 +101,13 @@ def build(out: Path) -> Path:
         raise InputError(f"the site needs mkdocs-material and mkdocstrings; {how_to_get('mkdocs')}")
     source, site = out / "source", out / "site"
     out.mkdir(parents=True, exist_ok=True)
-    gather(source)
-    config = out / "mkdocs.yml"
-    config.write_text(json.dumps(settings(source, site), indent=1), encoding="utf-8")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--clean", "-f", str(config)]
-    if subprocess.run(command, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode:
-        raise InputError("mkdocs could not build the site (its own message is above)")
+    with locked(out / "lock", f"waiting for another run that builds the site in {out}"), phase("building the site"):
+        gather(source)
+        config = out / "mkdocs.yml"
+        config.write_text(json.dumps(settings(source, site), indent=1), encoding="utf-8")
+        command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--clean", "-f", str(config)]
+        if subprocess.run(command, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode:
+            raise InputError("mkdocs could not build the site (its own message is above)")
     return site / "index.html"
 
 

@@ -8,16 +8,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
 from msv2.studies import destination, record
 from spec.command_line import called_as, choice, command_parser
 from spec.errors import InputError
-from spec.paths import REPORTS, ROOT
+from spec.paths import BUILD, REPORTS, ROOT
+from spec.private import locked
 
 
 @dataclass(frozen=True)
@@ -207,12 +210,23 @@ def run_study(argv: Sequence[str]) -> int:
         raise InputError(f"{destination.KEEP} is not accepted together with --out: one of them says where the report goes")
     destination.tell(keep=keep, named=named)
     words = [word for word in rest if word != destination.KEEP]
-    with called_as(study.command()):
+    with called_as(study.command()), _alone(name, words):
         try:
             return importlib.import_module(study.module).main([*study.only, *words, *study.kept_by * keep]) or 0
         finally:
             if {"-h", "--help"} & {*words}:
                 print(f"\n{destination.HELP}")
+
+
+@contextmanager
+def _alone(name: str, words: Sequence[str]) -> Iterator[None]:
+    """Waits while another run of the study writes to the same place: to the default one, or to that behind `--out`."""
+    place = " ".join(word for i, word in enumerate(words) if word.startswith("--out") or "--out" in words[max(i - 1, 0) : i])
+    folder = BUILD / "running"
+    folder.mkdir(parents=True, exist_ok=True)
+    notice = f"waiting for another run of study {name}, which writes to the same place; --out DIR names another one"
+    with locked(folder / f"{name}-{hashlib.sha256(place.encode()).hexdigest()[:8]}", notice):
+        yield
 
 
 def list_studies(argv: Sequence[str] = ()) -> int:

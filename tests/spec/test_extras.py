@@ -99,3 +99,4 @@ def test_no_other_text_tells_how_to_install_an_extra():
             text = path.read_text(encoding="utf-8")
             assert name in own or not re.search(r"EXTRAS=\w|pip install[^\n]*\[\w+\]", text), name
     assert how_to_get("pyosys").startswith("the extra 'synth' has it")
+    assert how_to_get("no_extra_has_it") == "pip install no_extra_has_it"

@@ -34,6 +34,20 @@ if __name__ == "__main__":
         assert list(pool.map(work, range(4))) == [0, 1, 2, 3]
 """
 
+KERNEL_IN_POOL = """
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import numpy as np
+
+def work():
+    from golden.msv2_ref import fetch
+    fetch.find_misses(np.zeros(3, np.int64), np.zeros(3, np.int64), 4, 2, False, False)
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
+        pool.submit(work).result()
+"""
+
 KERNEL = """
 from golden.kernels import compiled
 from golden.msv2_ref import fetch
@@ -66,7 +80,14 @@ def test_a_phase_says_what_it_does_and_how_long_it_took_last_time(cache):
 def test_the_line_counts_seconds_and_a_long_phase_leaves_its_time(cache):
     _, text = on_a_terminal(sys.executable, "-c", WAIT.format(seconds=2.3))
     assert "x: 1 s\r" in text and "x: 2 s\r" in text
-    assert text.rstrip().endswith("\x1b[Kbuilding the simulator x: 2 s")
+    assert text.rstrip().endswith("\x1b[K\r\x1b[Kbuilding the simulator x: 2 s")
+
+
+def test_of_nested_phases_the_inner_one_is_shown_until_it_ends(cache):
+    code = "from spec.progress import phase\nwith phase('outer'):\n    with phase('inner'): pass\n    print()"
+    status, text = on_a_terminal(sys.executable, "-c", code)
+    assert status == 0
+    assert text.split("\r\x1b[K") == ["", "outer: 0 s", "inner: 0 s", "outer: 0 s", ""]
 
 
 def test_elsewhere_nothing_is_said_but_the_time_is_kept(cache, capfd):
@@ -134,3 +155,13 @@ def test_kernels_are_named_while_they_are_compiled(cache):
         path.unlink()
     assert f"compiling {name}: 0 s (1:39 min last time)" in on_a_terminal(sys.executable, "-c", KERNEL)[1]
     assert on_a_terminal(sys.executable, "-c", KERNEL) == (0, "")  # it is in the cache
+
+
+def test_the_workers_of_a_pool_name_long_kernels_in_whole_lines(cache, tmp_path):
+    """So that the first point of a sweep is not silent."""
+    progress.keep_seconds("kernel golden.msv2_ref.fetch.find_misses", 99)
+    (tmp_path / "pool.py").write_text(KERNEL_IN_POOL)
+    status, text = on_a_terminal(sys.executable, str(tmp_path / "pool.py"), env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert status == 0
+    assert text.splitlines() == ["compiling kernels: the first run after a change of their sources takes longer",
+                                 "compiling kernel golden.msv2_ref.fetch.find_misses (1:39 min last time)"]

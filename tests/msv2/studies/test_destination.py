@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -124,3 +126,22 @@ def test_a_study_without_options_leaves_the_kept_reports_alone(away, capfd):
     assert main(["run", "accuracy", "embedded", "--size", "32x24", "--views", "0"]) == 0
     assert {path: path.stat().st_mtime_ns for path in REPORTS.iterdir()} == before
     assert {"accuracy.json", "accuracy.md"} <= {path.name for path in away.iterdir()}
+
+
+def test_a_second_run_of_a_study_waits_and_says_so(monkeypatch, tmp_path):
+    """Unless `--out` names another folder."""
+    monkeypatch.setattr(catalogue, "BUILD", tmp_path)
+    code = ("import sys, pathlib; from msv2.studies import catalogue; catalogue.BUILD = pathlib.Path(sys.argv[1]); "
+            "catalogue.importlib.import_module = lambda name: type('M', (), {'main': staticmethod(lambda argv: 0)}); "
+            "sys.exit(catalogue.run_study(sys.argv[2:]))")
+
+    def start(*words):
+        command = [sys.executable, "-c", code, str(tmp_path), *words]
+        return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+
+    with catalogue._alone("accuracy", ["--size", "3x3"]):
+        waiting = start("accuracy")
+        assert waiting.stderr.readline().startswith("waiting for another run of study accuracy")
+        assert start("accuracy", "--out", "x").wait() == 0
+        assert waiting.poll() is None
+    assert waiting.wait() == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from msv2.studies import destination
 from msv2.studies.record import OTHER_SOURCES
 from msv2.studies.results import study
 from msv2.studies.rtl_frame import COMMAND
@@ -26,10 +27,13 @@ def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monk
     monkeypatch.setattr(study, "fill", lambda *arguments, check: 0)
     monkeypatch.setenv("MSV2_DATA", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["results.py", "--only", "training"])
+    monkeypatch.setattr(destination, "_told", destination._Told(keep=True))
     assert study.main() == 0
     fern.mkdir(parents=True)
     assert study.main() == 0
-    written = ("--out", str(tmp_path / "reports"), "--name", "training")
-    assert commands == [("-m", "msv2.studies", "training", "embedded", *written),
-                        ("-m", "msv2.studies", "training", "embedded", str(fern), *written)]
+    monkeypatch.setattr(destination, "_told", destination._Told())
+    assert study.main() == 0
+    training = ("-m", "msv2.studies", "training", "embedded")
+    assert commands == [(*training, "--keep", "--name", "training"), (*training, str(fern), "--keep", "--name", "training"),
+                        (*training, str(fern), "--name", "training")]
     assert "training" not in study.PARTS
