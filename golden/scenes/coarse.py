@@ -23,8 +23,10 @@ ROWS, COLUMNS = 32, 64
 PYRAMID = 6
 """Number of grids over which discs are spread, by their size: each grid has half the rows and columns of the one before."""
 WIDE, BLOCK = 4.0, 4
-"""Discs whose standard deviation is more than WIDE cells are evaluated as round blurs, at the middles of blocks of cells, and
-may lie outside the frame."""
+"""Giants whose standard deviation is more than WIDE cells are projected as 3DGS does and evaluated at the middles of blocks of
+BLOCK by BLOCK cells; they may lie outside the frame."""
+GUARD = 1.3
+"""Half frames from the middle at which the projection's linear approximation is held, as in 3DGS."""
 SLICES = 24
 """Number of slices of depth; their limits grow geometrically."""
 LARGEST_LOG = 60.0
@@ -44,6 +46,7 @@ class Discs:
         faces: (n, 3, 3) float64; in each row of three an axis of the splat, as long as the product of the standard deviations
             across it, so that `faces @ direction` has the length of the area seen from there over 2 pi.
         count: (n,) float64, the number of the model's splats that each disc stands for.
+        covariance: (g, 3, 3) float64, covariances of the first discs, which stand for themselves, world units squared.
     """
 
     means: np.ndarray
@@ -51,6 +54,7 @@ class Discs:
     sigma: np.ndarray
     faces: np.ndarray
     count: np.ndarray
+    covariance: np.ndarray
 
     @classmethod
     def of(cls, model: GaussianModel, sample: int = SAMPLE, giants: int = GIANTS) -> Discs:
@@ -67,8 +71,10 @@ class Discs:
         count = np.concatenate([np.ones(int(large.sum())), np.full(len(small[::stride]), float(stride))])
         sigma = np.exp(scales[kept])
         across = sigma[:, [1, 2, 0]] * sigma[:, [2, 0, 1]]
-        faces = rotations(model.quats[kept]).transpose(0, 2, 1) * across[:, :, None]
-        return cls(model.means[kept], opacity[kept], sigma.max(axis=1), faces, count)
+        axes = rotations(model.quats[kept]).transpose(0, 2, 1)
+        spread = axes[: large.sum()] * sigma[: large.sum(), :, None]
+        covariance = np.matmul(spread.transpose(0, 2, 1), spread)
+        return cls(model.means[kept], opacity[kept], sigma.max(axis=1), axes * across[:, :, None], count, covariance)
 
     @property
     def weight(self) -> np.ndarray:
@@ -122,11 +128,11 @@ def picture_of(discs: Discs, camera: Camera, distance: float, near: float) -> Pi
     ahead = points[:, 2] > camera.near
     framed = ahead & (x >= 0) & (x < COLUMNS) & (y >= 0) & (y < ROWS)
     scale = math.sqrt(camera.fx * camera.fy * ROWS * COLUMNS / (camera.width * camera.height)) / depth  # cells per world unit
-    wide = ahead & (discs.count == 1) & (discs.sigma * scale > WIDE)
+    wide = ahead & (np.arange(len(depth)) < len(discs.covariance)) & (discs.sigma * scale > WIDE)
     limits = np.sort(np.append(distance * np.geomspace(NEAREST, FARTHEST, SLICES - 1), near))  # no slice is on both sides of it
     slice_of = np.searchsorted(limits, depth)
     area = np.zeros(len(depth))
-    some = np.flatnonzero(framed | wide)
+    some = np.flatnonzero(framed)
     away = np.linalg.norm(points[some], axis=1, keepdims=True)
     sight = np.matmul(discs.faces[some], (points[some] @ camera.rotation / away)[:, :, None])[:, :, 0]
     area[some] = np.linalg.norm(sight, axis=1) * scale[some] ** 2
@@ -136,7 +142,8 @@ def picture_of(discs: Discs, camera: Camera, distance: float, near: float) -> Pi
     reach = 2.0 * discs.sigma[small] * scale[small] * np.sqrt(discs.count[small])  # one that stands for several covers as much
     level = np.ceil(np.log2(np.clip(reach, 1.0, 2.0 ** (PYRAMID - 1)))).astype(int)
     absorbed = _spread(row, column, slice_of[small], level, mass, len(limits) + 1)
-    absorbed += _blurs(x[wide], y[wide], slice_of[wide], area[wide], discs.opacity[wide], len(limits) + 1)
+    large = np.flatnonzero(wide)
+    absorbed += _blurs(discs, camera, large, points[large], slice_of[large], len(limits) + 1)
     before = np.exp(-np.concatenate([np.zeros((1, ROWS, COLUMNS)), np.cumsum(absorbed, axis=0)]))
     visible = np.zeros(len(discs.means))
     shown = np.flatnonzero(framed)
@@ -163,16 +170,39 @@ def _spread(row: np.ndarray, column: np.ndarray, slice_of: np.ndarray, level: np
     return total
 
 
-def _blurs(x: np.ndarray, y: np.ndarray, slice_of: np.ndarray, area: np.ndarray, opacity: np.ndarray,
-           slices: int) -> np.ndarray:
-    """(slices, ROWS, COLUMNS) float64 optical depth of wide discs at (x, y) in cells, with `area` over 2 pi in cells."""
+def _blurs(
+    discs: Discs, camera: Camera, large: np.ndarray, points: np.ndarray, slice_of: np.ndarray, slices: int,
+) -> np.ndarray:
+    """(slices, ROWS, COLUMNS) float64: optical depth of wide splats, projected as 3DGS does, at the middles of blocks.
+
+    Args:
+        discs: the thinned model.
+        camera: the camera.
+        large: (m,) int, which discs these are.
+        points: (m, 3) their means in camera axes.
+        slice_of: (m,) int, their slices of depth.
+        slices: number of slices.
+    """
     rows, columns = ROWS // BLOCK, COLUMNS // BLOCK
     total = np.zeros((slices, rows, columns))
-    variance = np.maximum(area, 1.0)[:, None]
-    across = np.exp(-0.5 * ((np.arange(columns) + 0.5) * BLOCK - x[:, None]) ** 2 / variance)
-    down = np.exp(-0.5 * ((np.arange(rows) + 0.5) * BLOCK - y[:, None]) ** 2 / variance)
-    depth = -np.log1p(-0.99 * opacity)
-    for k in np.unique(slice_of):
-        here = slice_of == k
-        total[k] = np.einsum("n,nr,nc->rc", depth[here], down[here], across[here])
+    if not len(large):
+        return total.repeat(BLOCK, axis=1).repeat(BLOCK, axis=2)
+    fx, fy = camera.fx * columns / camera.width, camera.fy * rows / camera.height  # from here on in blocks
+    cx, cy = camera.cx * columns / camera.width, camera.cy * rows / camera.height
+    depth = points[:, 2]
+    slope = points[:, :2] / depth[:, None]
+    bound = GUARD * np.array([columns / 2 / fx, rows / 2 / fy])
+    held = np.clip(slope, -bound, bound)  # the linear approximation is taken no farther outside the frame
+    jacobian = np.zeros((len(large), 2, 3))
+    jacobian[:, 0, 0], jacobian[:, 1, 1] = fx / depth, fy / depth
+    jacobian[:, 0, 2], jacobian[:, 1, 2] = -held[:, 0] * fx / depth, -held[:, 1] * fy / depth
+    turned = np.matmul(jacobian, camera.rotation)
+    spread = np.matmul(np.matmul(turned, discs.covariance[large]), turned.transpose(0, 2, 1))
+    a, b, c = spread[:, 0, 0] + 0.05, spread[:, 0, 1], spread[:, 1, 1] + 0.05
+    across = np.arange(columns) + 0.5 - (slope[:, :1] * fx + cx)
+    down = np.arange(rows) + 0.5 - (slope[:, 1:] * fy + cy)
+    square = (c[:, None, None] * across[:, None, :] ** 2 - 2 * b[:, None, None] * across[:, None, :] * down[:, :, None]
+              + a[:, None, None] * down[:, :, None] ** 2) / np.maximum(a * c - b * b, 1e-300)[:, None, None]
+    absorbed = -np.log1p(-0.99 * discs.opacity[large, None, None] * np.exp(-0.5 * square))
+    np.add.at(total, slice_of, absorbed)
     return total.repeat(BLOCK, axis=1).repeat(BLOCK, axis=2)

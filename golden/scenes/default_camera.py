@@ -19,7 +19,7 @@ from golden.scenes.coarse import Discs, Picture, picture_of
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import FOV_DEG
 from golden.scenes.standpoint import Standpoint
-from golden.scenes.subject import Subject, find_subject
+from golden.scenes.subject import Subject, find_subject, weighted_percentiles
 
 AZIMUTHS = tuple(float(azimuth) for azimuth in range(0, 360, 30))
 ELEVATIONS = (20.0, 10.0, 35.0, 55.0)
@@ -27,8 +27,12 @@ DISTANCES = (1.3, 1.0, 0.75, 0.55, 0.4, 0.3)
 """Distances that are tried, as multiples of the distance at which a sphere of the subject's radius fills the frame's width."""
 ELEVATION_COST = {20.0: 0.0, 10.0: 0.03, 35.0: 0.05, 55.0: 0.25}
 """What an elevation costs a camera's merit: people look at things from a little above."""
+LYING_ELEVATION, FLAT = 60.0, 0.05
+"""A subject whose height is less than FLAT of its width, such as a sign that lies, is looked at from this elevation."""
 REFINED = 6
 """Number of the best cameras at the first elevation that are tried at the others, too."""
+CHECKED, NEAR_SAMPLE = 8, 20_000
+"""Number of the best cameras whose near field is looked at with all of its splats, or with about NEAR_SAMPLE of them."""
 COVERAGE_MERIT, SPREAD_MERIT, CLOSE_MERIT = 0.3, 0.3, 0.08
 """Weights beside the share of the subject that is seen, which counts 1."""
 OBSTRUCTION_COST = 1.0
@@ -74,11 +78,13 @@ class Judge:
     """Judges cameras of one model by coarse pictures.
 
     Attributes:
+        model: the model.
         discs: the thinned model.
         subject: its subject.
         aspect: frame height over frame width.
     """
 
+    model: GaussianModel
     discs: Discs
     subject: Subject
     aspect: float
@@ -87,13 +93,40 @@ class Judge:
     def of(cls, model: GaussianModel, aspect: float) -> Judge:
         """The judge of a model for frames of an aspect."""
         discs = Discs.of(model)
-        return cls(discs, find_subject(discs.means, discs.weight, discs.sigma), aspect)
+        return cls(model, discs, find_subject(discs.means, discs.weight, discs.sigma), aspect)
 
     def picture(self, standpoint: Standpoint) -> Picture:
         """The coarse picture of a standpoint."""
-        front = standpoint.distance - self.subject.radius
-        near = max(NEAR_SHARE * standpoint.distance, 0.5 * front)
-        return picture_of(self.discs, standpoint.camera(64, max(1, round(64 * self.aspect))), standpoint.distance, near)
+        return picture_of(self.discs, self.camera(standpoint), standpoint.distance, self.near(standpoint))
+
+    def thickness(self, up: np.ndarray) -> float:
+        """The height of the subject as a share of its width."""
+        offset = self.discs.means - self.subject.middle
+        inside = np.linalg.norm(offset, axis=1) <= self.subject.radius
+        height = offset[inside] @ up
+        low, high = weighted_percentiles(height, self.discs.weight[inside], (3, 97))
+        across = np.linalg.norm(offset[inside] - np.outer(height, up), axis=1)
+        return float((high - low) / max(2 * np.percentile(across, 90), 1e-300))
+
+    def camera(self, standpoint: Standpoint) -> Camera:
+        """A standpoint's camera for coarse pictures."""
+        return standpoint.camera(64, max(1, round(64 * self.aspect)))
+
+    def near(self, standpoint: Standpoint) -> float:
+        """The depth, in world units, before which splats are in the way."""
+        return max(NEAR_SHARE * standpoint.distance, 0.5 * (standpoint.distance - self.subject.radius))
+
+    def checked(self, framing: Framing) -> Framing:
+        """The framing with its obstruction by all splats of the near field, of which the thinned model may lack some."""
+        standpoint = framing.standpoint
+        camera, near = self.camera(standpoint), self.near(standpoint)
+        depth = self.model.means @ camera.rotation[2] + camera.translation[2]
+        inside = np.flatnonzero((depth > camera.near) & (depth < near))
+        if not len(inside):
+            return framing
+        discs = Discs.of(self.model.select(inside), sample=NEAR_SAMPLE, giants=NEAR_SAMPLE // 4)
+        obstruction = picture_of(discs, camera, standpoint.distance, near).obstruction
+        return replace(framing, obstruction=max(framing.obstruction, obstruction))
 
     def framing(self, standpoint: Standpoint) -> Framing:
         """The standpoint with its numbers."""
@@ -132,12 +165,14 @@ def choose_framing(
 def choose(judge: Judge, target: np.ndarray, up: np.ndarray, fov_deg: float) -> Framing:
     """The framing of most merit around a target; the arguments are those of `choose_framing`."""
     fit = fit_distance(judge.subject, fov_deg)
-    first = [judge.framing(Standpoint(target, up, azimuth, ELEVATIONS[0], factor * fit, fov_deg))
+    start = LYING_ELEVATION if judge.thickness(up) < FLAT else ELEVATIONS[0]
+    first = [judge.framing(Standpoint(target, up, azimuth, start, factor * fit, fov_deg))
              for factor in DISTANCES for azimuth in AZIMUTHS]
     best = sorted(first, key=lambda found: found.merit, reverse=True)[:REFINED]
     higher = [judge.framing(replace(found.standpoint, elevation_deg=elevation, distance=factor * found.standpoint.distance))
-              for found in best for elevation in ELEVATIONS[1:] for factor in (1.0, 0.75)]
-    return max([*best, *higher], key=lambda found: found.merit)
+              for found in best if start == ELEVATIONS[0] for elevation in ELEVATIONS[1:] for factor in (1.0, 0.75)]
+    tried = sorted([*best, *higher], key=lambda found: found.merit, reverse=True)
+    return max(map(judge.checked, tried[:CHECKED]), key=lambda found: found.merit)
 
 
 def default_camera(

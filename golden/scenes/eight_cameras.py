@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from golden.scenes.default_camera import Framing, Judge, choose, fit_distance
+from golden.scenes.default_camera import CHECKED, Framing, Judge, choose, fit_distance
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import FOV_DEG
 from golden.scenes.standpoint import Standpoint
@@ -44,17 +44,19 @@ def eight_cameras(
     found = [("default", first)]
     for turn in TURNS_DEG:
         azimuth = (start.azimuth_deg + turn) % 360.0
-        options = [judge.framing(replace(start, azimuth_deg=azimuth, distance=factor * start.distance)) for factor in NEARER]
+        options = [judge.checked(judge.framing(replace(start, azimuth_deg=azimuth, distance=factor * start.distance)))
+                   for factor in NEARER]
         best = max(options, key=lambda framing: framing.merit)
         found.append((f"turned by {turn:.0f}", best if best.merit > options[0].merit + BETTER else options[0]))
     fit = fit_distance(judge.subject, fov_deg)
     azimuths = [start.azimuth_deg, *((start.azimuth_deg + turn) % 360.0 for turn in TURNS_DEG)]
     above = _framings(judge, [Standpoint(target, up, azimuth, elevation, factor * fit, fov_deg)
                               for azimuth in azimuths for elevation in HIGH_ELEVATIONS for factor in FAR])
-    found.append(("whole", max(above, key=_whole)))
+    found.append(("whole", max(map(judge.checked, sorted(above, key=_whole)[-CHECKED:]), key=_whole)))
     near = _framings(judge, [replace(start, azimuth_deg=azimuth, distance=factor * start.distance)
                              for azimuth in azimuths for factor in CLOSE])
-    found.append(("close", max(near, key=lambda framing: framing.merit)))
+    near.sort(key=lambda framing: framing.merit)
+    found.append(("close", max(map(judge.checked, near[-CHECKED:]), key=lambda framing: framing.merit)))
     return found
 
 

@@ -50,17 +50,19 @@ SHARP_DEG, WIDE_DEG = 6.0, 25.0
 TILTED = 0.4
 ALONG_DEG = 12.0
 """A surface counts for a direction if its normal lies within this angle."""
-SURFACE_WEIGHT, STANDING_WEIGHT = 1.5, 3.0
+SURFACE_WEIGHT, STANDING_WEIGHT = 2.5, 4.0
 CAPTURED_SHARE = 0.01
 """Share of the normals that fall within ALONG_DEG of a random direction by chance, with some allowance."""
 FLAT = 0.08
 """A model is flat if its thickness is less than this share of its width."""
+FLAT_SURE = 0.8
+"""What the confidence is multiplied with where only the habit of the format speaks."""
 SAME_DEG = 20.0
 AGREEMENT = 0.5
 """Cameras tell up if the length of the mean of their own up directions is at least this; those of a drone that looks down and
 turns have a mean near zero."""
 SURE = 0.99
-LOW = 0.6
+LOW = 0.7
 """Below this confidence, commands print the alternatives."""
 
 
@@ -143,7 +145,8 @@ def _from_model(model: GaussianModel) -> Orientation:
     evidence = {
         "format": model.up_source, "habit": round(float(habit[best]), 3), "surfaces": round(float(along[best]), 3),
         "standing": round(float(standing[best]), 3), "flat": bool(flat)}
-    return Orientation(up, _share(odds, candidates, same), "model", evidence, candidates[int(np.argmax(others))])
+    confidence = _share(odds, candidates, same) * (FLAT_SURE if flat else 1.0)
+    return Orientation(up, confidence, "model", evidence, candidates[int(np.argmax(others))])
 
 
 def _share(odds: np.ndarray, candidates: np.ndarray, same: np.ndarray) -> float:
@@ -230,7 +233,7 @@ class _Surfaces:
         return float((high - low) / max(across, 1e-300))
 
     def standing(self, direction: np.ndarray) -> float:
-        """-1..1: whether things stand on something in this direction, or hang in it. The mean of three radii."""
+        """-1..1: whether things stand on something in this direction, or hang in it. The mean of four radii."""
         height = (self.points - self.subject.middle) @ direction
         distance = np.linalg.norm(self.points - self.subject.middle, axis=1)
         across = np.abs(self.normal @ direction) > math.cos(math.radians(ALONG_DEG))

@@ -31,7 +31,7 @@ class Subject:
         middle: (3,) float64, world units; it lies in the densest part.
         radius: world units.
         share: the share of the model's weight inside that radius, 0..1.
-        scales: (3,) radii that hold 30, 50 and 70 % of the weight, world units.
+        scales: (4,) radii that hold 30, 50, 70 and 90 % of the weight, world units.
     """
 
     middle: np.ndarray
@@ -68,7 +68,7 @@ def find_subject(means: np.ndarray, weight: np.ndarray, extent: np.ndarray | flo
     while last + 3 < len(radii) and radii[last + 3] < JUMP * radii[last]:
         last += 1
     end = MARGIN * radii[min(last + 1, len(radii) - 1)] if last + 3 < len(radii) else radii[-1]
-    scales = weighted_percentiles(distance, weight, (30, 50, 70))
+    scales = weighted_percentiles(distance, weight, (30, 50, 70, 90))
     radius = float(min(end, REACH * scales[1])) or float(distance.max())
     return Subject(middle, radius, float(weight[distance <= radius].sum() / weight.sum()), scales)
 

@@ -163,7 +163,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _caption(shown: Shown, numbers: dict[str, object]) -> str:
     seen = numbers.get("seen")
-    shows = f"shows {seen:.0%} of the subject, " if isinstance(seen, float) else ""
+    shows = f"shows {seen:.0%}, " if isinstance(seen, float) else ""
     return f"{shown.title}: {shows}covers {numbers['coverage']:.0%}"
 
 
