@@ -115,7 +115,7 @@ class Session:
         self._energies = numbers.energies()
 
         request = resolve(args)
-        model = request.model
+        self._first = model = request.model
         self.most_levels = min(config.levels, model.levels if model.levels > 1 else config.levels)
         levels = min(args.levels or model.levels, self.most_levels)
         if levels == model.levels:
@@ -144,10 +144,6 @@ class Session:
     def _asked(self, **changes: object) -> argparse.Namespace:
         """The command line's arguments with changes and without a gaze."""
         return argparse.Namespace(**{**vars(self._args), "gaze": "none", **changes})
-
-    def ready(self, state: State) -> bool:
-        """Whether the model with the state's levels is in memory; else the next picture takes the time to make it."""
-        return state.levels in self._models
 
     def _model(self, levels: int) -> tuple[GaussianModel, GaussianWords]:
         def make() -> tuple[GaussianModel, GaussianWords]:
@@ -280,7 +276,7 @@ class Session:
         It is the median depth of the splats in the middle quarter of the frame, each counting by its opacity and by the area
         that it covers.
         """
-        model, _ = self._model(self.state.levels)
+        model = self._first
         points = model.means @ camera.rotation.T + camera.translation
         z = points[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -25,6 +25,11 @@ SETTLED_S = 0.15
 QUALITY, MOVING_QUALITY = 92, 80
 """JPEG quality at rest and while the camera moves."""
 
+PATIENCE_S = 1.0
+"""Seconds of drawing after which the window says that it is still at it."""
+
+SLOW = "drawing … The first picture of its kind takes longer: levels are made, or kernels are compiled."
+
 ARRIVAL_S = 3.0
 """Seconds within which the browser's camera arrives where it is sent. What the browser reports on its way is ignored."""
 
@@ -174,11 +179,13 @@ class Window:
 
     def _draw(self, job: tuple[State, bool]) -> None:
         state, moving = job
-        if not self.session.ready(state):
-            self._controls.write("status", f"making the model with {state.levels} levels …")
-        begin = time.perf_counter()
-        picture = self.session.picture(
-            state.moving() if moving else state, moving=moving, found=None if moving else self._found)
+        begin, waiting = time.perf_counter(), threading.Timer(PATIENCE_S, self._controls.write, ("status", SLOW))
+        waiting.start()
+        try:
+            picture = self.session.picture(
+                state.moving() if moving else state, moving=moving, found=None if moving else self._found)
+        finally:
+            waiting.cancel()
         image = pictures.letterboxed(picture.image, self._aspect)
         self.client.scene.set_background_image(image, format="jpeg", jpeg_quality=MOVING_QUALITY if moving else QUALITY)
         self.client.flush()
