@@ -74,8 +74,6 @@ class Window:
         client.scene.on_click(modifier="shift")(self._clicked_with_shift)
         self._drawing.put((self.state, False))
 
-    # What changes the state
-
     def change(self, *, moving: bool = False, **fields: object) -> None:
         """Changes fields of the state and draws it.
 
@@ -175,8 +173,6 @@ class Window:
         across = (2 if self.state.eyes == SIDE_BY_SIDE else 1) * width
         return 2 * math.atan(math.tan(self.state.vertical_fov / 2) * max(1.0, across / height / self._aspect))
 
-    # Threads
-
     def _draw(self, job: tuple[State, bool]) -> None:
         state, moving = job
         begin, waiting = time.perf_counter(), threading.Timer(PATIENCE_S, self._controls.write, ("status", SLOW))
@@ -238,8 +234,6 @@ class Window:
         self._closed = True
         self._drawing.close()
         self._reckoning.close()
-
-    # What the user does with the controls
 
     def _connect(self) -> None:
         on = self._controls.on
