@@ -105,7 +105,7 @@ def take(session: Session, folder: Path) -> list[Path]:
         x, y = middle(browser, CANVAS)
         shot("start")
         shot("machine", "Machine")
-        browser.drag((x, y), (x + 120, y + 20))
+        browser.drag((x, y), (x + 50, y + 10))
         time.sleep(0.5)
         shot("camera")
         browser.click(x - 60, y)

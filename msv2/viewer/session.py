@@ -40,6 +40,9 @@ from spec.effects import EffectPlan
 
 T = TypeVar("T")
 
+ORBIT_CAMERAS = 8
+"""Number of cameras that `--camera INDEX` chooses from where a scene has none of its own."""
+
 
 class Kept(Generic[T]):
     """The last few results of a computation, by key."""
@@ -81,6 +84,17 @@ class Picture:
     kept: bool = False
 
 
+def up_of(request: Request) -> np.ndarray:
+    """(3,) the direction that is up while the mouse turns the camera: what the request's camera was made for, else the mean of
+    the scene's cameras, else the model's."""
+    chosen = request.record.get("standpoint")
+    if isinstance(chosen, dict) and "up" in chosen:
+        return np.array(chosen["up"], np.float64)
+    mean = -sum((camera.rotation[1] for camera in request.cameras), np.zeros(3))
+    length = np.linalg.norm(mean)
+    return mean / length if length > 0.5 * len(request.cameras) > 0 else request.model.up
+
+
 class Session:
     """A scene, its quantised model and a machine.
 
@@ -111,23 +125,23 @@ class Session:
         self._plans: Kept[tuple[EffectPlan, AcceleratorConfig, GaussianWords]] = Kept(6)
         self._maps: Kept[FoveationMap] = Kept(4)
         self._frames: Kept[Frame | StereoFrame] = Kept(2)
-        self._orbit: Kept[Camera] = Kept(ORBIT_VIEWS)
+        self._orbit: Kept[Camera] = Kept(ORBIT_CAMERAS)
         self._floats: Kept[float32.FloatModel] = Kept(1)
         self._energies = numbers.energies()
 
         request = resolve(args)
-        model = request.model
+        self._first = model = request.model
         self.most_levels = min(config.levels, model.levels if model.levels > 1 else config.levels)
         levels = min(args.levels or model.levels, self.most_levels)
         if levels == model.levels:
             self._models.get(levels, lambda: (model, quantise_model(self.config, model)))
-        self.name, self.up, self.background = model.name, model.up, request.background
+        self.name, self.up, self.background = model.name, up_of(request), request.background
         size = self._size(request.camera)
         self.state = State(
             request.camera, request.foveation.gaze_xy, levels, args.effects, units_per_metre=args.units_per_metre,
             eyes=SIDE_BY_SIDE if args.stereo else ONE, overlay="depth" if args.depth else "none").resized(*size)
         self._stored = request.cameras
-        named = [camera.name for camera in request.cameras] or [f"orbit {number}" for number in range(ORBIT_VIEWS)]
+        named = [camera.name for camera in request.cameras] or [f"orbit {number}" for number in range(ORBIT_CAMERAS)]
         self.cameras = tuple(f"{number}: {name}" for number, name in enumerate(named))
 
     def _size(self, camera: Camera) -> tuple[int, int]:
@@ -145,19 +159,17 @@ class Session:
         if self._stored:
             camera = self._stored[number]
             return camera.resized(*self._size(camera))
-        return self._orbit.get(number, lambda: resolve(self._asked(camera=str(number), levels=None)).camera)
+        return self._orbit.get(number, lambda: resolve(self._asked(number, None)).camera)
 
-    def _asked(self, **changes: object) -> argparse.Namespace:
-        """The command line's arguments with changes and without a gaze."""
-        return argparse.Namespace(**{**vars(self._args), "gaze": "none", **changes})
-
-    def ready(self, state: State) -> bool:
-        """Whether the model with the state's levels is in memory; else the next picture takes the time to make it."""
-        return state.levels in self._models
+    def _asked(self, camera: int, levels: int | None) -> argparse.Namespace:
+        """The command line's arguments with one of the numbered cameras, another number of levels, and no gaze."""
+        no_standpoint = dict.fromkeys(("orbit", "up", "look_at"))
+        return argparse.Namespace(
+            **{**vars(self._args), **no_standpoint, "camera": str(camera), "levels": levels, "gaze": "none"})
 
     def _model(self, levels: int) -> tuple[GaussianModel, GaussianWords]:
         def make() -> tuple[GaussianModel, GaussianWords]:
-            model = resolve(self._asked(levels=levels)).model
+            model = resolve(self._asked(0, levels)).model
             return model, quantise_model(self.config, model)
 
         return self._models.get(levels, make)
@@ -286,7 +298,7 @@ class Session:
         It is the median depth of the splats in the middle quarter of the frame, each counting by its opacity and by the area
         that it covers.
         """
-        model, _ = self._model(self.state.levels)
+        model = self._first
         points = model.means @ camera.rotation.T + camera.translation
         z = points[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -25,6 +25,11 @@ SETTLED_S = 0.15
 QUALITY, MOVING_QUALITY = 92, 80
 """JPEG quality at rest and while the camera moves."""
 
+PATIENCE_S = 1.0
+"""Seconds of drawing after which the window says that it is still at it."""
+
+SLOW = "drawing … The first picture of its kind takes longer: levels are made, or kernels are compiled."
+
 ARRIVAL_S = 3.0
 """Seconds within which the browser's camera arrives where it is sent. What the browser reports on its way is ignored."""
 
@@ -68,8 +73,6 @@ class Window:
         client.scene.on_click()(self._clicked)
         client.scene.on_click(modifier="shift")(self._clicked_with_shift)
         self._drawing.put((self.state, False))
-
-    # What changes the state
 
     def change(self, *, moving: bool = False, **fields: object) -> None:
         """Changes fields of the state and draws it.
@@ -170,15 +173,15 @@ class Window:
         across = (2 if self.state.eyes == SIDE_BY_SIDE else 1) * width
         return 2 * math.atan(math.tan(self.state.vertical_fov / 2) * max(1.0, across / height / self._aspect))
 
-    # Threads
-
     def _draw(self, job: tuple[State, bool]) -> None:
         state, moving = job
-        if not self.session.ready(state):
-            self._controls.write("status", f"making the model with {state.levels} levels …")
-        begin = time.perf_counter()
-        picture = self.session.picture(
-            state.moving() if moving else state, moving=moving, found=None if moving else self._found)
+        begin, waiting = time.perf_counter(), threading.Timer(PATIENCE_S, self._controls.write, ("status", SLOW))
+        waiting.start()
+        try:
+            picture = self.session.picture(
+                state.moving() if moving else state, moving=moving, found=None if moving else self._found)
+        finally:
+            waiting.cancel()
         image = pictures.letterboxed(picture.image, self._aspect)
         self.client.scene.set_background_image(image, format="jpeg", jpeg_quality=MOVING_QUALITY if moving else QUALITY)
         self.client.flush()
@@ -231,8 +234,6 @@ class Window:
         self._closed = True
         self._drawing.close()
         self._reckoning.close()
-
-    # What the user does with the controls
 
     def _connect(self) -> None:
         on = self._controls.on
