@@ -150,6 +150,8 @@ STUDIES = (
     Study("threshold", "msv2.studies.threshold.study", "the threshold of selective warping: quality, work and cost of two eyes",
           (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 "
                   "--out reports", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),)),
+    Study("tile_size", "msv2.studies.tile_size.study", "why a tile has 16 pixels: work, cycles and area at 8, 16 and 32",
+          (Report("--keep", ("tile_size.json", "docs/tile_size.md"), 2, SCENES),)),
     Study("tradeoff", "msv2.studies.tradeoff.study", "what accuracy costs in time: machine, simulation and training",
           (Report("--variant H=build/train/embedded --rtl --out reports", _tradeoff("tradeoff"), 60, "runs in build/train"),
            Report("$MSV2_DATA/trained/truck.splat --size 320x180 --views 1 --runs none --out reports --name tradeoff_truck",

@@ -1,4 +1,4 @@
-"""Every field of the configuration changes what it should: cycles, pixels, area, energy. A field without an entry here fails."""
+"""Every field of the configuration changes what it should: cycles, pixels, area, energy. A field without an entry fails."""
 
 from __future__ import annotations
 
