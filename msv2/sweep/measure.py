@@ -68,7 +68,7 @@ def _state() -> str:
 
 def point_key(point: Point) -> str:
     """The name under which a point's result is kept: a hash of the resolved request, of its files and of what computes it."""
-    args, asked = point.arguments(), point.checked()
+    args, asked = point.checked()
     values = {name: str(value) for name, value in vars(args).items() if name not in ("sets", "config", "out", "no_cache")}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in map(Path, (args.scene, args.camera)) if path.exists()]
@@ -78,7 +78,8 @@ def point_key(point: Point) -> str:
 
 def pixels_key(point: Point) -> str:
     """The same for all points that share a golden frame, as far as can be told without the scene."""
-    return trace_key(point.arguments(), point.checked().config)
+    args, asked = point.checked()
+    return trace_key(args, asked.config)
 
 
 @cache
@@ -107,7 +108,7 @@ def measure(point: Point) -> dict[str, object]:
     Raises:
         InputError: the request is not valid.
     """
-    args, asked = point.arguments(), point.checked()
+    args, asked = point.checked()
     request, plan = _prepared(args, asked)
     trace, machine = _traced(args, asked, request, plan)
     cycles = simulated(trace, machine, asked)

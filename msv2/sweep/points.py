@@ -101,18 +101,15 @@ class Point:
         """The settings as text."""
         return ", ".join(f"{name}={value}" for name, value in self.varied) or "base"
 
-    def arguments(self) -> argparse.Namespace:
-        """The parsed arguments of `msv2 perf`."""
-        return _parser().parse_args(list(self.argv))
-
-    def checked(self) -> Asked:
-        """What the point asks for.
+    def checked(self) -> tuple[argparse.Namespace, Asked]:
+        """The parsed arguments of `msv2 perf`, and what they ask for.
 
         Raises:
             InputError: a value is not accepted; the message names the point.
         """
         try:
-            return asked_of(self.arguments())
+            args = _parser().parse_args(list(self.argv))
+            return args, asked_of(args)
         except InputError as error:
             raise InputError(f"point {self.label}: {error}") from error
 

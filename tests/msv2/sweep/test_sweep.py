@@ -183,10 +183,11 @@ def test_too_many_points_are_refused_before_they_are_made():
 
 def test_names_of_both_mean_the_frames(sweep):
     assert {"levels", "depth", "stereo"} <= set(options())
-    both = points_of({"base": {"levels": 2, "set": {"levels": 3}}})[0]
-    assert both.checked().config.levels == 3 and both.arguments().levels == 2
-    assert points_of({"base": {"stereo": True}})[0].arguments().stereo
-    assert points.names()[0] == "scene" or "scene" in points.names()
+    args, asked = points_of({"base": {"levels": 2, "set": {"levels": 3}}})[0].checked()
+    assert asked.config.levels == 3 and args.levels == 2
+    args, _ = points_of({"base": {"stereo": True}})[0].checked()
+    assert args.stereo and args.ipd > 0
+    assert {"scene", "clock_mhz", "set.depth"} <= set(points.names()) and "set.stereo" not in points.names()
 
 
 def test_the_example_is_a_sweep():
@@ -195,6 +196,15 @@ def test_the_example_is_a_sweep():
     text = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
     for name in output.COLUMNS:
         assert f"`{name}`" in text, f"docs/sweep.md does not explain {name}"
+
+
+def test_kernels_can_be_compiled_beforehand(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(measure, "CACHE", tmp_path / "traces")
+    assert command.main(["--compile"]) == 0
+    assert "all kernels are in the cache" in capsys.readouterr().out
+    assert len(list((tmp_path / "traces").iterdir())) == 2  # a frame of one eye, and one of two
+    with pytest.raises(InputError, match="no sweep is named"):
+        command.main([])
 
 
 def test_the_frontier_is_what_nothing_beats():
