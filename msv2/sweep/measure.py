@@ -112,8 +112,8 @@ def measure(point: Point) -> dict[str, object]:
     request, plan = _prepared(args, asked)
     trace, machine = _traced(args, asked, request, plan)
     cycles = simulated(trace, machine, asked)
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, machine, _table(), clock_hz=1e6 * point.clock_mhz)
     built = asked.config.with_(stereo=args.stereo) if asked.options.full else machine
+    energy = frame_energy(model_counts(trace, cycles), cycles.total, built, _table(), clock_hz=1e6 * point.clock_mhz)
     area = estimate_area(built)
     return {
         "cycles": cycles.total, "milliseconds": cycles.total / point.clock_mhz / 1e3,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -25,6 +26,9 @@ PAIRS = (("mm2", "frames_per_s"), ("energy_mj", "frames_per_s"))
 
 NAMED_MOST = 8
 """Points of all frontiers of a panel that are labelled."""
+
+LINE = 105
+"""Letters of a line below a panel."""
 
 
 def frontier(rows: Sequence[Mapping[str, object]], cost: str, rate: str) -> list[int]:
@@ -85,7 +89,7 @@ def as_csv(rows: Sequence[Mapping[str, object]]) -> str:
 
 def _draw(pyplot: object, rows: Sequence[Mapping[str, object]], marks: Mapping[tuple[str, str], set[int]], path: Path) -> None:
     """A panel for each pair of axes, with a colour for each frame."""
-    figure, panels = pyplot.subplots(1, len(PAIRS), figsize=(7 * len(PAIRS), 6), constrained_layout=True)
+    figure, panels = pyplot.subplots(1, len(PAIRS), figsize=(7 * len(PAIRS), 6.5), constrained_layout=True)
     frames = list(dict.fromkeys(map(frame_of, rows)))
     for panel, (cost, rate) in zip(panels, PAIRS, strict=True):
         named: list[int] = []
@@ -123,14 +127,15 @@ def _chosen(front: Sequence[int], most: int) -> list[int]:
 
 def _name(panel: object, rows: Sequence[Mapping[str, object]], named: Sequence[int], cost: str, rate: str) -> None:
     """Numbers at the named points, and below the panel the settings that they stand for, where the sweep's points differ."""
-    differ = [name for name in rows[0]["settings"] if len({row["settings"].get(name) for row in rows}) > 1]
-    differ += [name for row in rows for name in row["settings"] if name not in rows[0]["settings"]]
+    differ = [name for name in rows[0]["settings"] if len({row["settings"][name] for row in rows}) > 1]
     lines = []
     for number, index in enumerate(named, 1):
         beside = (-3, 6) if number % 2 else (6, -4)
         panel.annotate(str(number), (value(rows[index], cost), value(rows[index], rate)), xytext=beside,
                        textcoords="offset points", fontsize=9, fontweight="bold")
         settings = rows[index]["settings"]
-        lines.append(f"{number}  " + ", ".join(f"{name.removeprefix('set.')} {settings[name]}"
-                                               for name in dict.fromkeys(differ) if name in settings))
-    panel.set_title("\n".join(lines), y=-0.14, va="top", loc="left", fontsize=7.5)
+        named_there = frame_of(rows[index])  # the legend says it
+        text = ", ".join(f"{name.removeprefix('set.')} {settings[name]}" for name in differ
+                         if f"{name} {settings[name]}" not in named_there)
+        lines += textwrap.wrap(f"{number}  {text}", LINE, subsequent_indent="    ", break_long_words=False)
+    panel.set_title("\n".join(lines), y=-0.14, va="top", loc="left", fontsize=7)

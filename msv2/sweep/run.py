@@ -8,6 +8,7 @@ that a cluster's workers need no common folder.
 from __future__ import annotations
 
 import fcntl
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -74,7 +75,7 @@ def kept_points(points: Sequence[Point], out: Path) -> int:
 
 def command_of(point: Point) -> str:
     """The command that models the point alone."""
-    return "msv2 perf " + " ".join(f"'{word}'" if " " in word else word for word in point.argv)
+    return "msv2 perf " + shlex.join(point.argv)
 
 
 def _kept(path: Path) -> dict[str, object] | None:
