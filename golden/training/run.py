@@ -47,12 +47,9 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
-<<<<<<< HEAD
     if scene.random_start and dense is None:
         print(f"note: {scene.name} has no points of structure from motion; {len(scene.points):,} random ones in the volume "
               "that the cameras have in common take their place", file=sys.stderr)
-    out = make_folder(args.out or BUILD / "train" / run_name(scene.name, recipe))
-=======
     default = BUILD / "train" / run_name(scene.name, recipe)
     with output_folder(args.out or (default if args.resume else None), default) as out:  # to resume means one certain folder
         return _run(args, recipe, scene, references, dense, device, out)
@@ -63,7 +60,6 @@ def _run(
     out: Path,
 ) -> int:
     """Trains in the folder `out` and writes the report there; the exit status."""
->>>>>>> wt-comfort
     options = run_options(args, recipe, scene, device)
     chain = Chain(plan(recipe, scene, device, dense), out, options, resume=args.resume, classes=RESULTS)
     try:

@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("results", "architecture"),
     "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "verilog", "units"),
     "Models and pictures": ("training", "oracle", "cuda", "threshold", "stability"),
-    "Numbers": ("synthesis", "area", "energy", "performance_model", "tradeoff", "reports"),
+    "Numbers": ("synthesis", "area", "energy", "performance_model", "sweep", "tile_size", "tradeoff", "reports"),
 }
 """Pages by section, in reading order; a page that is not named here comes last, under "More"."""
 

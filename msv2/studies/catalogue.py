@@ -165,6 +165,8 @@ STUDIES = (
           (Report("$MSV2_DATA/trained/garden_large $MSV2_DATA/trained/truck.splat build/train/embedded --train-v1 "
                   "--keep", _files("table_ecc", "json", "md", "png"), 90, f"{SCENES}, {TORCH}, a run in build/train"),),
           kept_by=BY_OUT),
+    Study("tile_size", "msv2.studies.tile_size.study", "why a tile has 16 pixels: work, cycles and area at 8, 16 and 32",
+          (Report("--keep", ("tile_size.json", "docs/tile_size.md"), 2, SCENES),)),
     Study("tradeoff", "msv2.studies.tradeoff.study", "what accuracy costs in time: machine, simulation and training",
           (Report("--variant H=build/train/embedded --rtl --keep", _tradeoff("tradeoff"), 60, "runs in build/train"),
            Report("$MSV2_DATA/trained/truck.splat --size 320x180 --views 1 --runs none --keep --name tradeoff_truck",

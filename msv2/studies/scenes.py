@@ -64,6 +64,9 @@ SPLAT_CACHE = (
     View("garden_large", "320x180"), View("rock_sh3", "320x180"))
 """Frames on which splat caches are simulated, each without a gaze and with a gaze in its centre."""
 
+TILE_SIZE = _views("640x360", "320,180", *MODELS)
+"""Frames whose work is counted for tiles of other sizes."""
+
 WRITE_COMBINING = (*_views("640x360", None, EMBEDDED, "truck"), *_views("1920x1080", None, EMBEDDED, "truck"))
 """Frames for which the writes of intersections that combining would save are counted."""
 

@@ -68,7 +68,7 @@ def _state() -> str:
 
 def point_key(point: Point) -> str:
     """The name under which a point's result is kept: a hash of the resolved request, of its files and of what computes it."""
-    args, asked = point.arguments(), point.checked()
+    args, asked = point.checked()
     values = {name: str(value) for name, value in vars(args).items() if name not in ("sets", "config", "out", "no_cache")}
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in map(Path, (args.scene, args.camera)) if path.exists()]
@@ -78,7 +78,8 @@ def point_key(point: Point) -> str:
 
 def pixels_key(point: Point) -> str:
     """The same for all points that share a golden frame, as far as can be told without the scene."""
-    return trace_key(point.arguments(), point.checked().config)
+    args, asked = point.checked()
+    return trace_key(args, asked.config)
 
 
 @cache
@@ -107,12 +108,12 @@ def measure(point: Point) -> dict[str, object]:
     Raises:
         InputError: the request is not valid.
     """
-    args, asked = point.arguments(), point.checked()
+    args, asked = point.checked()
     request, plan = _prepared(args, asked)
     trace, machine = _traced(args, asked, request, plan)
     cycles = simulated(trace, machine, asked)
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, machine, _table(), clock_hz=1e6 * point.clock_mhz)
     built = asked.config.with_(stereo=args.stereo) if asked.options.full else machine
+    energy = frame_energy(model_counts(trace, cycles), cycles.total, built, _table(), clock_hz=1e6 * point.clock_mhz)
     area = estimate_area(built)
     return {
         "cycles": cycles.total, "milliseconds": cycles.total / point.clock_mhz / 1e3,

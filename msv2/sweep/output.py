@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from golden.scenes.files import atomic_output
 from golden.scenes.request import write_json
 from msv2.studies.area.estimate import SYNTHESISED
 from msv2.studies.picture import find_pyplot, save_figure
+from msv2.sweep.points import OF_THE_MACHINE, options
 
 COLUMNS = (
     "frames_per_s", "milliseconds", "cycles", "geometry_cycles", "render_cycles", "mm2", "logic_mm2", "memory_mm2",
@@ -22,8 +24,11 @@ UNITS = {"mm2": "area, mm² at 16 nm", "energy_mj": "energy of chip and DRAM, mJ
 PAIRS = (("mm2", "frames_per_s"), ("energy_mj", "frames_per_s"))
 """The diagram's axes: a cost, of which less is better, and a rate, of which more is."""
 
-NAMED_MOST = 6
-"""Points of a frontier that are labelled."""
+NAMED_MOST = 8
+"""Points of all frontiers of a panel that are labelled."""
+
+LINE = 105
+"""Letters of a line below a panel."""
 
 
 def frontier(rows: Sequence[Mapping[str, object]], cost: str, rate: str) -> list[int]:
@@ -43,9 +48,10 @@ def value(row: Mapping[str, object], name: str) -> float:
 
 
 def frame_of(row: Mapping[str, object]) -> str:
-    """What is drawn, where the sweep has more than one frame: only points of one frame compete with each other."""
-    names = ("scene", "size", "gaze", "levels", "camera", "background", "seed", "stereo")
-    return ", ".join(f"{name} {text}" for name, text in row["settings"].items() if name in names)
+    """What is drawn and from what memory, as far as the sweep varies it. Only points that have it in common compete: a machine
+    is no better because its memory is faster."""
+    return ", ".join(f"{name} {text}" for name, text in row["settings"].items()
+                     if name in options() and name not in OF_THE_MACHINE)
 
 
 def write_all(rows: Sequence[Mapping[str, object]], out: Path, subject: Mapping[str, object]) -> list[Path]:
@@ -83,7 +89,7 @@ def as_csv(rows: Sequence[Mapping[str, object]]) -> str:
 
 def _draw(pyplot: object, rows: Sequence[Mapping[str, object]], marks: Mapping[tuple[str, str], set[int]], path: Path) -> None:
     """A panel for each pair of axes, with a colour for each frame."""
-    figure, panels = pyplot.subplots(1, len(PAIRS), figsize=(7 * len(PAIRS), 6), constrained_layout=True)
+    figure, panels = pyplot.subplots(1, len(PAIRS), figsize=(7 * len(PAIRS), 6.5), constrained_layout=True)
     frames = list(dict.fromkeys(map(frame_of, rows)))
     for panel, (cost, rate) in zip(panels, PAIRS, strict=True):
         named: list[int] = []
@@ -97,7 +103,7 @@ def _draw(pyplot: object, rows: Sequence[Mapping[str, object]], marks: Mapping[t
             front = sorted((i for i in places if i in marks[cost, rate]), key=lambda i: value(rows[i], cost))
             panel.step([value(rows[i], cost) for i in front], [value(rows[i], rate) for i in front], where="post", color=colour,
                        linewidth=1.2, label=frame or "frontier")
-            named += _chosen(front)
+            named += _chosen(front, max(2, NAMED_MOST // len(frames)))
         panel.set_xlabel(UNITS[cost])
         panel.set_ylabel(UNITS[rate])
         panel.set_ylim(0, 1.08 * max(value(row, rate) for row in rows))
@@ -113,22 +119,23 @@ def _synthesised(row: Mapping[str, object], cost: str) -> bool:
     return row["area_basis" if cost == "mm2" else "energy_basis"] == SYNTHESISED
 
 
-def _chosen(front: Sequence[int]) -> list[int]:
-    """A few points of a frontier, evenly spread."""
-    most = min(NAMED_MOST, len(front))
+def _chosen(front: Sequence[int], most: int) -> list[int]:
+    """At most so many points of a frontier, evenly spread."""
+    most = min(most, len(front))
     return [front[round(i * (len(front) - 1) / max(1, most - 1))] for i in range(most)]
 
 
 def _name(panel: object, rows: Sequence[Mapping[str, object]], named: Sequence[int], cost: str, rate: str) -> None:
     """Numbers at the named points, and below the panel the settings that they stand for, where the sweep's points differ."""
-    differ = [name for name in rows[0]["settings"] if len({row["settings"].get(name) for row in rows}) > 1]
-    differ += [name for row in rows for name in row["settings"] if name not in rows[0]["settings"]]
+    differ = [name for name in rows[0]["settings"] if len({row["settings"][name] for row in rows}) > 1]
     lines = []
     for number, index in enumerate(named, 1):
         beside = (-3, 6) if number % 2 else (6, -4)
         panel.annotate(str(number), (value(rows[index], cost), value(rows[index], rate)), xytext=beside,
                        textcoords="offset points", fontsize=9, fontweight="bold")
         settings = rows[index]["settings"]
-        lines.append(f"{number}  " + ", ".join(f"{name.removeprefix('set.')} {settings[name]}"
-                                               for name in dict.fromkeys(differ) if name in settings))
-    panel.set_title("\n".join(lines), y=-0.14, va="top", loc="left", fontsize=7.5)
+        named_there = frame_of(rows[index])  # the legend says it
+        text = ", ".join(f"{name.removeprefix('set.')} {settings[name]}" for name in differ
+                         if f"{name} {settings[name]}" not in named_there)
+        lines += textwrap.wrap(f"{number}  {text}", LINE, subsequent_indent="    ", break_long_words=False)
+    panel.set_title("\n".join(lines), y=-0.14, va="top", loc="left", fontsize=7)

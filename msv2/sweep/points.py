@@ -25,7 +25,7 @@ import argparse
 import itertools
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import NoReturn
@@ -36,7 +36,7 @@ from golden.scenes.request import parse_size
 from perf.__main__ import Asked, asked_of, command_line
 from spec.command_line import nearest
 from spec.errors import InputError
-from spec.overrides import NAMES, convert
+from spec.overrides import NAMES, config_record, convert
 
 MOST_POINTS = 100_000
 """Most points of a sweep; a file that asks for more has most likely one list too many."""
@@ -46,6 +46,9 @@ CENTRE = "centre"
 DRAM = "lpddr3"
 CLOCK = "clock_mhz"
 CLOCKS_MHZ = (1.0, 100_000.0)
+
+OF_THE_MACHINE = ("config", "machine", "pixels", "merge", "beta")
+"""Options that belong to the machine, as fields of the configuration do; the others say what is drawn, and from what memory."""
 
 _LEFT_OUT = {
     "help": "", "out": "--out of the command is", "no_cache": "", "sets": "the field's own name is",
@@ -101,18 +104,15 @@ class Point:
         """The settings as text."""
         return ", ".join(f"{name}={value}" for name, value in self.varied) or "base"
 
-    def arguments(self) -> argparse.Namespace:
-        """The parsed arguments of `msv2 perf`."""
-        return _parser().parse_args(list(self.argv))
-
-    def checked(self) -> Asked:
-        """What the point asks for.
+    def checked(self) -> tuple[argparse.Namespace, Asked]:
+        """The parsed arguments of `msv2 perf`, and what they ask for.
 
         Raises:
             InputError: a value is not accepted; the message names the point.
         """
         try:
-            return asked_of(self.arguments())
+            args = _parser().parse_args(list(self.argv))
+            return args, asked_of(args)
         except InputError as error:
             raise InputError(f"point {self.label}: {error}") from error
 
@@ -149,15 +149,34 @@ def points_of(content: Mapping[str, object]) -> list[Point]:
             raise InputError(f"vary: {name} = {values!r} is not accepted: a list of values is, such as [1, 2]")
     made = [dict(zip(vary, values, strict=True)) for values in _product(vary)] if vary or not listed else []
     made += [_flat(item) for item in listed]
-    varied = {name for item in made for name in item}
+    varied = list(dict.fromkeys(name for item in made for name in item))
     found = {}
     for item in made:
-        point = _point(base | item, [name for name in (base | item) if name in varied])
+        point = _point(base | item, varied)
         found.setdefault((point.argv, point.clock_mhz), point)
-    points = list(found.values())
-    for point in points:
-        point.checked()
-    return points
+    return [_completed(point, varied) for point in found.values()]
+
+
+def _completed(point: Point, varied: Sequence[str]) -> Point:
+    """The point with a value for every setting that varies in the sweep, also those that it does not name itself.
+
+    Raises:
+        InputError: a value of the point is not accepted.
+    """
+    _, asked = point.checked()
+    record, given = config_record(asked.config), dict(point.varied)
+    for name in varied:
+        if name in given:
+            continue
+        if name == CLOCK:
+            given[name] = _text(point.clock_mhz)
+        elif name in options():
+            given[name] = _text(options()[name].default)
+        else:
+            field, _, number = _fields()[name].partition(".")
+            value = record[field][number] if number else record[field]
+            given[name] = "none" if value is None else _text(value)
+    return replace(point, varied=tuple((name, given[name]) for name in varied))
 
 
 def _product(vary: Mapping[str, Sequence[object]]) -> itertools.product:
@@ -223,7 +242,7 @@ def _point(settings: Mapping[str, object], varied: Sequence[str]) -> Point:
         argv += ["--machine", "full"]
     if "pixels" not in given:
         argv += ["--pixels", "display"]
-    return Point(tuple((name, texts[name]) for name in varied), tuple(argv), clock)
+    return Point(tuple((name, texts[name]) for name in varied if name in texts), tuple(argv), clock)
 
 
 def _clock(value: object) -> float:

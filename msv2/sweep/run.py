@@ -8,6 +8,7 @@ that a cluster's workers need no common folder.
 from __future__ import annotations
 
 import fcntl
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,8 +57,9 @@ def run_points(
     folder = make_folder(out / POINTS)
     keys = [point_key(point) for point in points]
     rows = {key: found for key in keys if (found := _kept(folder / f"{key}.json")) is not None}
-    for part in _parts([(key, point) for key, point in zip(keys, points, strict=True) if key not in rows]):
-        for index, found in run_all(tried, [(point,) for _, point in part], jobs=jobs, scheduler=scheduler):
+    for number, part in enumerate(_parts([(key, point) for key, point in zip(keys, points, strict=True) if key not in rows])):
+        alone = number == 0 and scheduler is None
+        for index, found in run_all(tried, [(point,) for _, point in part], jobs=1 if alone else jobs, scheduler=scheduler):
             key, point = part[index]
             rows[key] = {"key": key, "settings": dict(point.varied), "command": command_of(point), **found}
             if "error" not in found:
@@ -73,7 +75,7 @@ def kept_points(points: Sequence[Point], out: Path) -> int:
 
 def command_of(point: Point) -> str:
     """The command that models the point alone."""
-    return "msv2 perf " + " ".join(f"'{word}'" if " " in word else word for word in point.argv)
+    return "msv2 perf " + shlex.join(point.argv)
 
 
 def _kept(path: Path) -> dict[str, object] | None:
@@ -86,11 +88,16 @@ def _kept(path: Path) -> dict[str, object] | None:
 
 
 def _parts(points: Sequence[tuple[str, Point]]) -> Iterator[list[tuple[str, Point]]]:
-    """The points in two parts: the first of every golden frame, which renders it and keeps its trace, and then all others."""
+    """The points in three parts, each of which leaves something to the next.
+
+    First comes one point, for which kernels are compiled where they are not yet; then the first point of every other golden
+    frame, which renders it and keeps its trace; then all others.
+    """
     first: dict[str, tuple[str, Point]] = {}
     for item in points:
         first.setdefault(pixels_key(item[1]), item)
     begin = {key for key, _ in first.values()}
-    for part in (list(first.values()), [item for item in points if item[0] not in begin]):
+    frames = list(first.values())
+    for part in (frames[:1], frames[1:], [item for item in points if item[0] not in begin]):
         if part:
             yield part

@@ -54,9 +54,6 @@ from synth.machine import BLENDING, COLOUR, CULLING, LISTS, SORTING, WARP
 _WAY_BEATS = 32
 """Beats that the FIFO of a merge way holds."""
 
-_DELAY = 18
-"""Cycles by which the warp unit's pixels wait for their disparities."""
-
 
 @dataclass(frozen=True)
 class Store:
@@ -175,9 +172,18 @@ def _stored_row(config: AcceleratorConfig) -> int:
 
 def _warp(config: AcceleratorConfig) -> Iterator[Store]:
     lanes, rows = config.warp_lanes, TILE // config.warp_lanes
-    yield Store("warp_unit", "delay", WARP, _DELAY, 45 * lanes)
+    shift = disparity(config).width
+    yield Store("warp_unit", "delay", WARP, shift + 1, (28 + shift) * lanes)
     yield Store("warp_unit", "mask", WARP, frame_tiles(config), 1)
     yield Store("warp_unit", "beats", WARP, 2 * rows, 200, lanes)
     pairs = 1 << (rows * config.warp_columns // 2 - 1).bit_length()
-    yield Store("warp_unit", "places", WARP, pairs, 25 + disparity(config).width, 2 * lanes)
-    yield Store("warp_unit", "rows", WARP, max(2, rows * TILE // config.cores_x), pixel_row(config).width - 5, lanes)
+    yield Store("warp_unit", "places", WARP, pairs, 25 + shift, 2 * lanes)
+    places = (config.cores_x - 1).bit_length() + (config.row_width - 1).bit_length()
+    row = config.cores_x * _pixel_width(config) + 8 + places
+    yield Store("warp_unit", "rows", WARP, max(2, rows * TILE // config.cores_x), row, lanes)
+
+
+def _pixel_width(config: AcceleratorConfig) -> int:
+    """Bits of a pixel that leaves the array."""
+    n = config.formats
+    return 3 * n.accumulator.width + n.depth_accumulator.width + n.transmittance.width

@@ -1,0 +1,64 @@
+"""Areas of machines that were not synthesised: near those that were, and larger for more of anything."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from msv2.studies.area import estimate
+from msv2.studies.area.estimate import BUILDS, ESTIMATE, SYNTHESISED, estimate_area
+from spec.config import PAPER, PRESETS, TINY
+from spec.errors import InputError
+
+
+@pytest.mark.parametrize("name", BUILDS)
+def test_a_synthesised_build_has_its_reports_area(name):
+    found = estimate_area(BUILDS[name])
+    report = json.loads(estimate.REPORT.read_text())["builds"][name]
+    assert (found.basis, found.build) == (SYNTHESISED, name) and found.synthesised
+    assert found.mm2 == pytest.approx(report["mm2_16nm"], abs=1e-4)
+    assert found.mm2 == pytest.approx(found.logic_mm2 + found.memory_mm2)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_estimates_of_the_presets_are_near_their_builds(name, monkeypatch):
+    report = json.loads(estimate.REPORT.read_text())["builds"][name]
+    monkeypatch.setattr(estimate, "BUILDS", {build: BUILDS[build] for build in ("mono", "1ghz")})
+    found = estimate_area(PRESETS[name])
+    assert (found.basis, found.build) == (ESTIMATE, "mono")
+    assert found.mm2 == pytest.approx(report["mm2_16nm"], rel=0.01)
+    for group, area in found.groups.items():
+        assert area.logic_um2 == pytest.approx(report["groups"][group]["logic_um2_16nm"], rel=0.06), group
+        assert area.memory_um2 == pytest.approx(report["groups"][group]["memory_um2_16nm"], rel=0.04, abs=1), group
+
+
+def test_an_estimate_goes_on_from_the_build():
+    """A machine that differs by nothing that has an area is the build; the least change moves it a little."""
+    assert estimate_area(PAPER.with_(support_sigma=2.0, name="other")).mm2 == estimate_area(PAPER).mm2
+    little = estimate_area(PAPER.with_(line_buffer_bytes=1032))
+    assert little.basis == ESTIMATE and little.mm2 == pytest.approx(estimate_area(PAPER).mm2, rel=0.002)
+
+
+@pytest.mark.parametrize(("field", "values"), [
+    ("splat_cache_lines", (64, 256, 1024, 2048, 4096, 65536)), ("sort_buffer_bytes", (4096, 16384, 65536, 1 << 18)),
+    ("merge_ways", (2, 8, 32)), ("row_width", (640, 1280, 1920, 3840)), ("culling_units", (1, 2, 4, 8)),
+    ("cores_y", (2, 4, 8, 16)), ("sh_degree", (0, 1, 2, 3))])
+def test_more_is_larger(field, values):
+    areas = [estimate_area(PAPER.with_(**{field: value})).mm2 for value in values]
+    assert areas == sorted(areas) and len(set(areas)) == len(areas)
+
+
+def test_a_smaller_array_does_not_lose_the_sums_of_its_tile():
+    """A quarter of the cores hold four times the sums, so that their logic is more than a quarter."""
+    array = {cores: estimate_area(PAPER.with_(cores_x=cores, cores_y=cores)).groups["array"].logic_um2 for cores in (8, 16)}
+    assert array[16] / 4 < array[8] < array[16] / 2
+    assert estimate_area(TINY).mm2 < 0.4 * estimate_area(PAPER).mm2
+
+
+def test_a_missing_report_is_named(monkeypatch, tmp_path):
+    estimate._report.cache_clear()
+    monkeypatch.setattr(estimate, "REPORT", tmp_path / "absent.json")
+    with pytest.raises(InputError, match=r"absent\.json is not a report of areas"):
+        estimate_area(PAPER)
+    estimate._report.cache_clear()

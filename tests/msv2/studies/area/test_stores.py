@@ -1,0 +1,97 @@
+"""The shapes of memories for any configuration are those of the RTL, which is elaborated unit by unit."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+import pytest
+
+from msv2.studies.area.stores import Store, stores
+from rtl.units import UNITS
+from rtl.vrc_array.collect import Collect
+from spec.config import DEFAULT, FAST, PAPER, TINY, AcceleratorConfig
+from spec.constants import FLIP_FLOP_BITS
+from spec.queues import OUTPUT_DRAINS
+from synth.design import elaborate
+
+MACHINES = {
+    "tiny": TINY, "default": DEFAULT, "fast": FAST,
+    "other": PAPER.with_(splat_cache_lines=512, sort_buffer_bytes=1 << 13, merge_ways=4, line_buffer_bytes=2048, row_width=720,
+                         cores_x=8, depth=False),
+    "whole": PAPER.with_(incremental=False, sort_buffer_bytes=1 << 12, merge_ways=16, splat_cache_lines=64),
+}
+LIKE = {
+    "entry_writer": "entry_writer", "tile_merge_unit": "tile_merge_unit", "list_reader": "list_reader",
+    "header_maker": "header_maker", "hierarchical_sorter": "hierarchical_sorter", "splat_fetch": "splat_fetch"}
+"""Units whose memories are all exact, by their names in the registry and in the energy table."""
+
+
+def of_rtl(component: object) -> Counter[tuple[int, int]]:
+    """(words, width) of the memories of a component that are larger than flip-flops, with their number."""
+    design = elaborate(component, "unit")
+    counts, found = design.counts(), Counter()
+    for name, text in design.texts.items():
+        for width, words in re.findall(r"(?m)^\s+memory width (\d+) size (\d+) ", text):
+            if int(width) * int(words) > FLIP_FLOP_BITS:
+                found[int(words), int(width)] += counts[name]
+    return found
+
+
+def of_table(config: AcceleratorConfig, unit: str) -> Counter[tuple[int, int]]:
+    return _shapes(store for store in stores(config) if store.unit == unit)
+
+
+def _shapes(found: object) -> Counter[tuple[int, int]]:
+    shapes: Counter[tuple[int, int]] = Counter()
+    for store in found:
+        if store.words * store.width > FLIP_FLOP_BITS:
+            shapes[store.words, store.width] += store.count
+    return shapes
+
+
+@pytest.mark.parametrize("machine", [
+    pytest.param(name, marks=() if name == "other" else pytest.mark.long) for name in MACHINES])
+@pytest.mark.parametrize("unit", LIKE)
+def test_memories_are_the_rtls(unit, machine):
+    config = MACHINES[machine]
+    assert of_table(config, LIKE[unit]) == of_rtl(UNITS[unit].make(config))
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_the_handover_is_the_rtls(machine):
+    config = MACHINES[machine]
+    unit = "line_buffer" if config.incremental else "double_buffer"
+    assert of_table(config, "line_buffer") == of_rtl(UNITS[unit].make(config))
+
+
+@pytest.mark.parametrize("machine", ["tiny", "whole", pytest.param("other", marks=pytest.mark.long)])
+def test_the_arrays_output_buffer_is_the_rtls(machine):
+    config = MACHINES[machine]
+    lines = OUTPUT_DRAINS * config.cores_y if config.incremental else None
+    assert of_table(config, "array control and output") == of_rtl(Collect(config, lines=lines))
+
+
+@pytest.mark.parametrize("change", [
+    pytest.param({}, marks=pytest.mark.long), {"warp_lanes": 2, "warp_columns": 256, "cores_x": 8, "row_width": 960}], ids=str)
+def test_the_warp_units_memories_are_the_rtls(change):
+    config = PAPER.with_(stereo=True, **change)
+    assert of_table(config, "warp_unit") == of_rtl(UNITS["warp_unit"].make(config))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("change", [{}, {"culling_units": 4}, {"row_width": 720}, {"stereo": True}], ids=str)
+def test_the_tile_tests_memories_are_nearly_the_rtls(change):
+    """Exact but for how a schedule groups the outputs of the ellipse test."""
+    config = PAPER.with_(**change)
+    table, rtl = of_table(config, "tile_test"), of_rtl(UNITS["tile_test"].make(config))
+    assert sum((table & rtl).values()) >= sum(rtl.values()) - 2
+    assert _bits(table) == pytest.approx(_bits(rtl), rel=0.03)
+
+
+def _bits(shapes: Counter[tuple[int, int]]) -> int:
+    return sum(words * width * count for (words, width), count in shapes.items())
+
+
+def test_a_store_counts_its_bits():
+    assert Store("unit", "name", "group", 8, 4, 3).bits == 96
