@@ -28,7 +28,7 @@ class FieldBits:
     """A field of a payload.
 
     Attributes:
-        name: its name; empty where the payload is one number without fields.
+        name: its name.
         low, width: its lowest bit in the payload, and how many bits it has.
         format: that of its numbers as in docs/formats.md, such as UQ1.8; `uN` and `sN` are integers of N bits. A field of
             several numbers has their count before it, and the first number lies lowest.
@@ -56,7 +56,7 @@ class StreamPort:
         way: "input" or "output", as the payload goes.
         record: name of its record in docs/formats.md, or empty.
         bits: width of the payload.
-        fields: all fields, lowest first.
+        fields: all fields, lowest first; none where the payload is a plain number.
         doc: what it carries, as the unit's docstring says.
     """
 
