@@ -25,7 +25,9 @@ from spec.sources import ROOMS
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("results", "architecture"),
-    "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "verilog", "units"),
+    "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "units",
+                    "streams"),
+    "In your own design": ("take_one_unit", "verilog", "driver", "fpga"),
     "Models and pictures": ("training", "oracle", "cuda", "threshold", "stability"),
     "Numbers": ("synthesis", "area", "energy", "performance_model", "sweep", "tile_size", "tradeoff", "reports"),
 }

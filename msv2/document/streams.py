@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from msv2.document.stream_maps import FieldBits, StreamPort, documented, stream_ports
 from msv2.document.text import one_line, table
-from msv2.verilog.ports import documented
-from msv2.verilog.streams import FieldBits, StreamPort, stream_ports
 from rtl.units import UNITS
 from spec.config import PAPER, TINY, AcceleratorConfig
 from spec.paths import DOCS

@@ -6,7 +6,7 @@
     names       names that need no escape
     memories    memories as modules of their own, and their behavioural models
     ports       what the ports carry, as comments
-    streams     the streams, and which bits of a payload hold which field
+    streams     the streams and the maps of their payloads, as a page and for the JSON
     lint        what Verilator's -Wall is told not to warn of, and why
     rtlil       RTLIL as text
 """

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from msv2.document.stream_maps import StreamPort, documented, stream_ports
 from msv2.verilog import memories
 from msv2.verilog.memories import Placed, Shape
 from msv2.verilog.names import rename
-from msv2.verilog.ports import documented, port_notes
+from msv2.verilog.ports import port_notes
 from msv2.verilog.rtlil import parse
-from msv2.verilog.streams import StreamPort, stream_ports
 from rtl import units
 from rtl.emit import to_rtlil, verilog_of
 from spec.config import AcceleratorConfig

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In
 
-from msv2.document.text import doc_of
-from msv2.verilog.streams import Records, fields_of, known_records, record_of
+from msv2.document.stream_maps import Records, documented, fields_of, known_records, record_of
 from spec.config import AcceleratorConfig
 
 HANDSHAKE = (
@@ -44,15 +42,6 @@ def port_notes(
     for start, text in together.items():
         lines += [f"{start}*: {text}", *(f"    {line}" for _, group in notes for line in group if line.startswith(start)), ""]
     return [*lines, *(line for _, group in notes for line in group if not line.startswith(tuple(together)))]
-
-
-def documented(component: wiring.Component) -> dict[str, str]:
-    """What the docstring of the component's class says of its ports, by name."""
-    _, _, listed = doc_of(type(component)).partition("Ports:\n")
-    found, listed = {}, listed.partition("\n\n")[0]
-    for names, text in re.findall(r"^    ([\w*]+(?:, [\w*]+)*): (.*(?:\n {8}.*)*)", listed, re.MULTILINE):
-        found |= {name: " ".join(text.split()) for name in names.split(", ")}
-    return found
 
 
 def _doc(name: str, docs: dict[str, str]) -> str:

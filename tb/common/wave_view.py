@@ -5,8 +5,8 @@
 Clock and reset stand first. Then each stream of the unit has a group with `valid`, `ready`, the payload, and the fields of the
 payload, which the trace has as signals of their own. Each channel of an AXI bus has such a group, too. The unit's other ports
 follow, and then the streams inside the unit and inside the units below it, in closed groups. The file names only signals that
-the trace has, so it also fits a trace of some scopes. Bits stand as 0 and 1, payloads in hexadecimal, and fields as unsigned
-decimal numbers.
+the trace has, so it also fits a trace of some scopes. Bits stand as 0 and 1, payloads, addresses and data in hexadecimal, and
+fields as unsigned decimal numbers.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ _CLOCKS = ("clk", "rst")
 
 _WIDEST_NUMBER = 32
 """Bits up to which a field is shown as a decimal number; beyond, GTKWave's decimal numbers cannot be read."""
+
+_PATTERNS = ("__payload", "addr", "data", "strb")
+"""Ends of the names of signals that are patterns of bits and no numbers."""
 
 _AXI_CHANNEL = re.compile(r"\w*axil?_(aw|ar|w|r|b)")
 
@@ -116,7 +119,7 @@ def _streams(names: dict[str, Signal]) -> Iterator[Group]:
         else:
             continue
         shown = [(_BINARY, names[name]), (_BINARY, names[f"{start}ready"])]
-        shown += [(_radix(names[other], whole=other.endswith("__payload")), names[other]) for other in rest]
+        shown += [(_radix(names[other], whole=other.endswith(_PATTERNS)), names[other]) for other in rest]
         yield Group(start.rstrip("_"), shown)
 
 

@@ -2,6 +2,7 @@
 
     msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other (half an hour)
     msv2 study run fpga --unit axi_master   only the rows of this unit; the other rows stay
+    msv2 study run fpga --minutes 10        stop after 10 minutes; the report names the units that were not reached
     msv2 study run fpga --check             only says whether the page differs from the report
 
 A unit is synthesised alone, as one flat netlist, in a process of its own with limits of time and memory. Where a limit is
@@ -15,8 +16,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import os
+import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -42,40 +48,61 @@ MEASURE = "msv2.studies.fpga.measure"
 SKIPPED = {
     ("tiny", TOP): "it is all other units in one flat netlist; add up the units",
     ("paper", TOP): "it is all other units in one flat netlist; add up the units",
-    ("paper", "vrc_array"): "it has 256 pixel cores, which no chip of these families holds; `vrc_row` is a row of 16",
+    ("tiny", "vrc_array"): "it is four `vrc_row` with `setup`, `expand`, `block_sequencer`, `collect` and `blend`; add them up",
+    ("paper", "vrc_array"): "it is sixteen `vrc_row` with `setup`, `expand`, `collect` and `blend`; add them up",
 }
 """Units that are not tried, by configuration, and why."""
 
 LIMITED = f"it needs more than {CPU_SECONDS} s of processor time or {MEMORY_GB} GB of memory"
 """What the report says of a unit whose process met a limit."""
 
-WALL_SECONDS = 12 * CPU_SECONDS
-"""Longest wait for a process, in case the computer is shared by others."""
+NOT_REACHED = "it was not reached in the time that the study was given; the study goes on here when it is run again"
+
+_LOST = re.compile(r"bad_alloc|MemoryError|CPU time limit|status code 137|return code 9")
+"""What a process says that has met a limit, or whose ABC, a process below it, has."""
 
 Row = dict[str, object]
 
 
-def synthesised(unit: str, config: str, family: str, folder: Path) -> dict[str, object]:
+def synthesised(unit: str, config: str, family: str, folder: Path, until: float = math.inf) -> dict[str, object]:
     """What a unit takes on a family: the columns of `measure` and the cells by type, or `left_out` with the reason.
+
+    Args:
+        unit, config, family: what is synthesised.
+        folder: where Yosys' log goes.
+        until: when to give up, as of `time.monotonic`.
 
     Raises:
         ValueError: the netlist has a type of cell that no column counts.
     """
-    command = [sys.executable, "-m", MEASURE, unit, config, family, str(folder)]
+    left = until - time.monotonic()
+    if left <= 0:
+        return {"left_out": NOT_REACHED}
+    process = subprocess.Popen(
+        [sys.executable, "-m", MEASURE, unit, config, family, str(folder)], cwd=ROOT, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=WALL_SECONDS)
+        out, errors = process.communicate(timeout=None if math.isinf(left) else left)
     except subprocess.TimeoutExpired:
-        return {"left_out": LIMITED}
-    if done.returncode == 0:
-        cells = json.loads(done.stdout)
+        return {"left_out": NOT_REACHED}
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)  # ABC, too, which is a process below
+            process.wait()
+    if process.returncode == 0:
+        cells = json.loads(out)
         return {**FAMILIES[family].count(cells), "cells": cells}
-    if _met_a_limit(done):
-        return {"left_out": LIMITED}
-    said = (done.stderr or done.stdout).strip().splitlines() or ["nothing is said"]
-    return {"left_out": f"the synthesis fails: {said[-1]}"}
+    return {"left_out": failure(process.returncode, out + errors)}
 
 
-def kept(unit: str, config: str, family: str, digest: str, folder: Path) -> dict[str, object]:
+def failure(status: int, said: str) -> str:
+    """Why a process gave no numbers: a limit, which also a signal tells, or the last line that it said."""
+    if status < 0 or _LOST.search(said):
+        return LIMITED
+    return f"the synthesis fails: {(said.strip().splitlines() or ['it says nothing'])[-1]}"
+
+
+def kept(unit: str, config: str, family: str, digest: str, folder: Path, until: float = math.inf) -> dict[str, object]:
     """`synthesised`, or what the folder keeps of the same netlist, commands, limits and version of Yosys."""
     settled = {"netlist": digest, "commands": list(COMMANDS), "family": FAMILIES[family].command, "yosys": flow.version(),
                "limits": [CPU_SECONDS, MEMORY_GB]}
@@ -83,15 +110,10 @@ def kept(unit: str, config: str, family: str, digest: str, folder: Path) -> dict
     if path.is_file() and (old := read_json(path))["settings"] == settled:
         found = old["found"]
         return found if "left_out" in found else {**FAMILIES[family].count(found["cells"]), "cells": found["cells"]}
-    found = synthesised(unit, config, family, folder)
-    write_json(path, {"settings": settled, "found": found})
+    found = synthesised(unit, config, family, folder, until)
+    if found.get("left_out") != NOT_REACHED:
+        write_json(path, {"settings": settled, "found": found})
     return found
-
-
-def _met_a_limit(done: subprocess.CompletedProcess[str]) -> bool:
-    """Whether a process was ended by its limit of time or ran out of memory; ABC, a process below, reports its end to Yosys."""
-    words = ("bad_alloc", "MemoryError", "CPU time limit", "status code 137", "return code 9")
-    return done.returncode < 0 or any(word in done.stdout + done.stderr for word in words)
 
 
 def wanted(units: Sequence[str]) -> list[tuple[str, str, str]]:
@@ -101,10 +123,10 @@ def wanted(units: Sequence[str]) -> list[tuple[str, str, str]]:
         for unit in units:
             text = "" if (config.name, unit) in SKIPPED else to_rtlil(UNITS[unit].make(config), unit)
             found.append((len(text), config.name, unit, hashlib.sha256(text.encode()).hexdigest()[:16]))
-    return [(config, unit, digest) for _, config, unit, digest in sorted(found, key=lambda one: (one[1] != TINY.name, one[0]))]
+    return [(config, unit, digest) for _, config, unit, digest in sorted(found, key=lambda one: (one[0], one[1] != TINY.name))]
 
 
-def measure(units: Sequence[str], folder: Path) -> list[Row]:
+def measure(units: Sequence[str], folder: Path, until: float = math.inf) -> list[Row]:
     """The rows of these units in both machines. A unit that is the same in both is synthesised once. `folder` keeps what is
     found."""
     rows: list[Row] = []
@@ -116,7 +138,7 @@ def measure(units: Sequence[str], folder: Path) -> list[Row]:
             if skipped:
                 row[family] = {"left_out": skipped}
             else:
-                row[family] = same[family] if same else kept(unit, config, family, digest, folder)
+                row[family] = same[family] if same else kept(unit, config, family, digest, folder, until)
         if same and not skipped:
             row["same_as"] = same["config"]
         known[unit, digest] = row
@@ -176,15 +198,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measures, writes the report and fills the page."""
     parser = command_parser("msv2 study run fpga", __doc__)
     parser.add_argument("--unit", action="append", metavar="UNIT", help="only this unit; may be given several times")
+    parser.add_argument("--minutes", type=float, default=math.inf, metavar="N", help="stop after N minutes (default: no limit)")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
     args = parser.parse_args(argv)
     if args.check:
         return fill(check=True)
+    if not args.minutes > 0:
+        raise InputError(f"minutes {args.minutes:g} is not accepted: more than 0 is")
     if flow.libyosys is None:
         raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
     units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
     old = read_json(REPORT) if REPORT.exists() and args.unit else None
-    measured = measure(units, make_folder(BUILD / "fpga"))
+    until = time.monotonic() + 60 * args.minutes
+    measured = measure(units, make_folder(BUILD / "fpga"), until)
     others = [row for row in (old or {"rows": []})["rows"] if row["unit"] not in units]
     write_report(REPORT, {"yosys": flow.version(), "limits": {"cpu_seconds": CPU_SECONDS, "memory_gb": MEMORY_GB},
                           "rows": in_order([*others, *measured])}, [__name__, MEASURE],

@@ -14,8 +14,8 @@ from amaranth.hdl import signed, unsigned
 from amaranth.lib import data
 
 from msv2.document import streams as streams_document
+from msv2.document.stream_maps import StreamPort, fields_of, integer_format, stream_ports
 from msv2.verilog.export import Export, export
-from msv2.verilog.streams import StreamPort, fields_of, integer_format, stream_ports
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS
 from spec.config import PAPER, TINY, AcceleratorConfig

@@ -84,11 +84,13 @@ def test_a_stream_of_the_unit_is_a_group() -> None:
 
 
 def test_a_channel_of_a_bus_is_a_group() -> None:
-    names = ("m_axi_arvalid", "m_axi_arready", "m_axi_araddr[31:0]", "m_axi_rvalid", "m_axi_rready", "m_axi_rdata[255:0]",
-             "s_axil_wvalid", "s_axil_wready", "s_axil_wdata[31:0]", "s_axil_wstrb[3:0]", "invalid", "valid")
+    names = ("m_axi_arvalid", "m_axi_arready", "m_axi_araddr[31:0]", "m_axi_arid[2:0]", "m_axi_rvalid", "m_axi_rready",
+             "m_axi_rdata[255:0]", "s_axil_wvalid", "s_axil_wready", "s_axil_wdata[31:0]", "s_axil_wstrb[3:0]", "invalid",
+             "valid")
     made = {group.name: [(radix, signal.name) for radix, signal in group.shown]
             for group in groups([*trace("clk"), *trace(*names, way="output")])}
-    assert made["m_axi_ar"] == [("@28", "m_axi_arvalid"), ("@28", "m_axi_arready"), ("@24", "m_axi_araddr")]
+    assert made["m_axi_ar"] == [("@28", "m_axi_arvalid"), ("@28", "m_axi_arready"), ("@22", "m_axi_araddr"),
+                                 ("@24", "m_axi_arid")]
     assert made["m_axi_r"][-1] == ("@22", "m_axi_rdata")
     assert [name for _, name in made["s_axil_w"]] == ["s_axil_wvalid", "s_axil_wready", "s_axil_wdata", "s_axil_wstrb"]
     assert [name for _, name in made["other ports"]] == ["invalid", "valid"]

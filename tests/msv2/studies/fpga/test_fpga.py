@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -51,12 +52,25 @@ def test_a_limit_of_time_is_met(tmp_path: Path) -> None:
                "sys.exit(measure.main(sys.argv[1:]))")
     done = subprocess.run([sys.executable, "-c", program, "projection_unit", "tiny", "ecp5", str(tmp_path)], cwd=ROOT,
                           capture_output=True, text=True, check=False)
-    assert done.returncode != 0 and study._met_a_limit(done)
+    assert done.returncode != 0 and study.failure(done.returncode, done.stdout + done.stderr) == study.LIMITED
 
 
 def test_another_failure_is_no_limit() -> None:
-    said = subprocess.CompletedProcess([], 1, "", "ERROR: Assert `x' failed in rtlil.cc\n")
-    assert not study._met_a_limit(said)
+    assert study.failure(1, "some\nERROR: Assert `x' failed in rtlil.cc\n") == (
+        "the synthesis fails: ERROR: Assert `x' failed in rtlil.cc")
+    assert study.failure(1, "") == "the synthesis fails: it says nothing"
+
+
+@needs_yosys
+def test_a_study_without_time_synthesises_nothing(tmp_path: Path) -> None:
+    """A synthesis under way is ended, and what was not reached is not kept."""
+    ask = ("float_add", "tiny", "xc7", "aaaa", tmp_path)
+    assert study.kept(*ask, 0.0) == {"left_out": study.NOT_REACHED}
+    begin = time.monotonic()
+    assert study.kept(*ask, begin + 0.3) == {"left_out": study.NOT_REACHED} and time.monotonic() - begin < 60
+    assert not list(tmp_path.glob("*.json"))
+    with pytest.raises(InputError, match="minutes 0 is not accepted"):
+        study.main(["--minutes", "0"])
 
 
 def row(unit: str, config: str, lut: int | None, **more: object) -> study.Row:
