@@ -17,7 +17,7 @@ endif
 option = $(if $($(1)),--$(2) "$($(1))")
 switch = $(if $(filter-out 0,$($(1))),--$(2))
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,GAZE,gaze) \
-	$(call option,LEVELS,levels) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+	$(call option,LEVELS,levels) $(call option,LEVELS_FROM,levels-from) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
 eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
 	$(call option,UNITS_PER_METRE,units-per-metre) $(call option,SOURCE,source) $(call option,GAZE_RIGHT,gaze-right)
@@ -44,7 +44,7 @@ doctor: ## what is missing on this machine, and how to get it
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
 	@$(MSV2) demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA= GAZE=X,Y LEVELS=N LEVELS_FROM=enhanced|spread|random BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
 	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
 frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B

@@ -194,8 +194,8 @@ def trace_request(
     return trace
 
 
-_REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target", "effects", "depth", "machine", "pixels")
+_REQUEST = ("scene", "camera", "size", "gaze", "levels", "levels_from", "background", "seed", "stereo", "ecc_thresh", "ipd",
+            "units_per_metre", "source", "gaze_target", "effects", "depth", "machine", "pixels")
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:

@@ -13,7 +13,7 @@ from golden.scenes.camera import Camera
 from golden.scenes.camera_file import load_camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
-from golden.scenes.levels import smfr_levels
+from golden.scenes.level_source import add_levels_from, leveled
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
 from golden.scenes.orbit import orbit_camera
@@ -82,9 +82,10 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
     parser.add_argument("--gaze", default="none", metavar="X,Y|none",
                         help="the gazed pixel; it turns foveation on (default: none)")
     parser.add_argument("--levels", type=int, default=None, metavar="N",
-                        help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
+                        help="foveation levels, 1..4 (default: the model's)")
+    add_levels_from(parser)
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of what is random in making levels (default: 0)")
 
 
 def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
@@ -170,16 +171,14 @@ def resolve(args: argparse.Namespace) -> Request:
         raise InputError(f"seed {args.seed} is not accepted: 0 or more is")
 
     scene = load_scene(args.scene)
-    model = scene.model
-    if args.levels is not None and args.levels > 1 and model.levels == 1:
-        model = smfr_levels(model, args.levels, args.seed)
+    model, source = leveled(scene.model, args)
     levels = min(args.levels or model.levels, model.levels)
     camera = _camera(args.camera, model, scene.cameras, size)
     display = Display(camera.width, camera.height)
     foveation = no_foveation(display) if gaze is None else foveation_map(display, tuple(gaze), levels)
     record = {
         "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
-        "background": background, "seed": args.seed,
+        "background": background, "seed": args.seed, **source,
     }
     return Request(model, camera, foveation, tuple(background), record)
 
