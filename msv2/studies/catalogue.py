@@ -158,7 +158,7 @@ STUDIES = (
           (Report("embedded --out reports --name training", _files("training", "json", "md", "png"), 150, TORCH),
            Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --out "
                   "reports --name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}"))),
-    Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them: quality, work",
+    Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them",
           (Report("", ("untrained_levels.json",), 5, SCENES),)),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("", _files("write_combining", "json", "md"), 2, SCENES),)),

@@ -4,9 +4,9 @@
     msv2 study run untrained_levels truck        one scene; with scenes named, only the JSON file is written
     msv2 study run untrained_levels --pictures   also draws the frames of each scene side by side, in build/untrained_levels
 
-A frame has four levels and the gaze in its centre, and is rendered by the integer golden renderer. It is compared with the frame
-of the full model, both rounded to 8 bits, over the whole frame. The cameras are on the project's orbit of 8 cameras, and one is
-38 degrees above the horizon instead of 20. Levels are fitted to other cameras.
+A frame has four levels and the gaze in its centre, and is rendered by the integer golden renderer. It is compared with the
+frame of the full model, both rounded to 8 bits, over the whole frame. The cameras are on the project's orbit of 8 cameras, and
+one is 38 degrees above the horizon instead of 20. Levels are fitted to other cameras.
 """
 
 from __future__ import annotations
