@@ -26,7 +26,7 @@ WIDTH, HEIGHT = 640, 360
 """Size in pixels of the pictures to which levels are fitted."""
 
 VIEWS, FEWEST_VIEWS = 30, 8
-"""Number of cameras for models of up to POINTS points; larger models have fewer, so that the time stays below a minute."""
+"""Number of cameras for models of up to POINTS points; larger models have fewer, because each costs time and memory."""
 
 POINTS = 1_500_000
 
