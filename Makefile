@@ -17,7 +17,7 @@ endif
 option = $(if $($(1)),--$(2) "$($(1))")
 switch = $(if $(filter-out 0,$($(1))),--$(2))
 request = $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,CAMERA,camera) $(call option,ORBIT,orbit) $(standpoint) $(call option,GAZE,gaze) \
-	$(call option,LEVELS,levels) $(call option,LOD,lod) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
+	$(call option,LEVELS,levels) $(call option,LEVELS_FROM,levels-from) $(call option,LOD,lod) $(call option,BACKGROUND,background) $(call option,SEED,seed) $(call option,OUT,out)
 standpoint = $(call option,UP,up) $(call option,LOOK_AT,look-at) $(call option,FOV,fov)
 effects = $(call option,EFFECTS,effects) $(call switch,DEPTH,depth)
 eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,IPD,ipd) \
@@ -45,7 +45,7 @@ doctor: ## what is missing on this machine, and how to get it
 demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
 	@$(MSV2) demo $(call option,OUT,out)
 
-render: base ## golden renderer; SCENE= SIZE=WxH CAMERA=auto|orbit|INDEX|NAME|FILE ORBIT=A,E,D UP= LOOK_AT= FOV= GAZE=X,Y LEVELS=N LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
+render: base ## golden renderer; SCENE= SIZE=WxH CAMERA=auto|orbit|INDEX|NAME|FILE ORBIT=A,E,D UP= LOOK_AT= FOV= GAZE=X,Y LEVELS=N LEVELS_FROM=enhanced|spread|random LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame
 	@$(MSV2) render $(request) $(effects) $(eyes) $(config) $(call option,COMPARE,compare) $(call option,DUMP,dump)
 
 look: base ## contact sheet of a scene: eight cameras with the numbers to copy; SCENE= SIZE=WxH UP=auto|+x|-x|+y|-y|+z|-z LOOK_AT=X,Y,Z FOV=DEG OUT=

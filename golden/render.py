@@ -36,7 +36,7 @@ EXAMPLES = """\
 examples:
   %(prog)s                                        the embedded scene
   %(prog)s truck.splat --size 640x360 --compare oracle
-  %(prog)s rock_sh3/ --gaze 320,180 --levels 4    foveated, nested random subsets
+  %(prog)s rock_sh3/ --gaze 320,180 --levels 4    foveated; levels are fitted to the model
   %(prog)s --stereo --ecc-thresh 27               two eyes: left.png, right.png, right_source.png
   %(prog)s truck.splat --effects all              every effect, on neutral data where the scene has none
   %(prog)s scene.ply --camera view.json --dump entries --out build/render/view

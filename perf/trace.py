@@ -194,8 +194,9 @@ def trace_request(
     return trace
 
 
-_REQUEST = ("scene", "camera", "size", "gaze", "levels", "background", "seed", "stereo", "ecc_thresh", "ipd", "units_per_metre",
-            "source", "gaze_target", "effects", "depth", "machine", "pixels", "lod", "orbit", "fov", "up", "look_at")
+_REQUEST = ("scene", "camera", "size", "gaze", "levels", "levels_from", "background", "seed", "stereo", "ecc_thresh", "ipd",
+            "units_per_metre", "source", "gaze_target", "effects", "depth", "machine", "pixels", "lod",
+            "orbit", "fov", "up", "look_at")
 
 
 def trace_key(args: argparse.Namespace, config: AcceleratorConfig) -> str:

@@ -50,10 +50,10 @@ def smfr_levels(
 
 
 ENHANCEMENT = (1.0, 4.0, 16.0, 32.0)
-"""Factor on the opacity at each level of `enhanced_levels`; it is large enough for the remaining points to close the holes."""
+"""Factor on the opacity at each level of `spread_levels`; it is large enough for the remaining points to close the holes."""
 
 
-def enhanced_levels(model: GaussianModel, levels: int = MAX_LEVELS) -> GaussianModel:
+def spread_levels(model: GaussianModel, levels: int = MAX_LEVELS) -> GaussianModel:
     """Nested subsets that are spread evenly over the scene, with enhanced opacity (paper section 4.4): foveation without
     training.
 

@@ -14,7 +14,7 @@ from golden.scenes.camera_file import file_gaze
 from golden.scenes.camera_options import ORBIT, add_camera_arguments, choose_camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
-from golden.scenes.levels import smfr_levels
+from golden.scenes.level_source import RANDOM, add_levels_from, leveled
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
 from golden.scenes.stereo import EYES
@@ -80,9 +80,10 @@ def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = No
     parser.add_argument("--gaze", metavar="X,Y|none",
                         help="the gazed pixel; it turns foveation on (default: that of the camera's JSON file, else none)")
     parser.add_argument("--levels", type=int, default=None, metavar="N",
-                        help="foveation levels, 1..4; a model without levels gets nested random subsets (default: the model's)")
+                        help="foveation levels, 1..4 (default: the model's)")
+    add_levels_from(parser)
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="background colour, in [0, 1] (default: 0,0,0)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random subsets (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of what is random in making levels (default: 0)")
     add_camera_arguments(parser)
 
 
@@ -115,8 +116,8 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_request(*argv: str) -> argparse.Namespace:
-    """The arguments of a request and of its eyes, for programs that ask for frames themselves. Without --camera, these are
-    frames of the orbit, on which all kept reports were measured.
+    """The arguments of a request and of its eyes, for programs that ask for frames themselves. Without --camera
+    and --levels-from, these are frames of the orbit with random levels, on which all kept reports were measured.
 
     Args:
         argv: as on a command line.
@@ -127,7 +128,7 @@ def parse_request(*argv: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_request_arguments(parser)
     add_stereo_arguments(parser)
-    parser.set_defaults(camera=ORBIT)
+    parser.set_defaults(camera=ORBIT, levels_from=RANDOM)
     args = parser.parse_args(argv)
     take_stereo_arguments(args)
     return args
@@ -171,9 +172,7 @@ def resolve(args: argparse.Namespace) -> Request:
         raise InputError(f"seed {args.seed} is not accepted: 0 or more is")
 
     scene = load_scene(args.scene, getattr(args, "lod", None))
-    model = scene.model
-    if args.levels is not None and args.levels > 1 and model.levels == 1:
-        model = smfr_levels(model, args.levels, args.seed)
+    model, source = leveled(scene.model, args)
     levels = min(args.levels or model.levels, model.levels)
     camera, chosen = choose_camera(args, scene, size)
     if args.gaze is None:
@@ -182,7 +181,7 @@ def resolve(args: argparse.Namespace) -> Request:
     foveation = no_foveation(display) if gaze is None else foveation_map(display, tuple(gaze), levels)
     record = {
         "scene": str(args.scene), "camera": camera.name, "size": [camera.width, camera.height], "gaze": gaze, "levels": levels,
-        "background": background, "seed": args.seed, **chosen,
+        "background": background, "seed": args.seed, **source, **chosen,
     }
     if scene.detail is not None:
         record |= {"lod": vars(scene.detail)}

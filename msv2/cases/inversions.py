@@ -12,6 +12,7 @@ from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import array, pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.camera_options import ORBIT
+from golden.scenes.level_source import RANDOM
 from golden.scenes.model import GaussianModel
 from golden.scenes.request import Request, add_request_arguments, resolve, write_json
 from spec.command_line import command_parser
@@ -96,7 +97,7 @@ def analyse(frame: pipeline.Frame, z: np.ndarray) -> dict[str, object]:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m msv2.cases.inversions", __doc__, EPILOG)
     add_request_arguments(parser)
-    parser.set_defaults(camera=ORBIT)
+    parser.set_defaults(camera=ORBIT, levels_from=RANDOM)
     add_config_arguments(parser, "paper", ", the widest rows")
     parser.add_argument("--out", metavar="DIR", help="output folder (default: build/order/NAME)")
     return parser.parse_args(argv)

@@ -18,7 +18,7 @@ from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras, render_reference
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
-from golden.scenes.levels import enhanced_levels
+from golden.scenes.levels import spread_levels
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture, save_png, to_bytes
 from golden.scenes.request import write_json
@@ -145,7 +145,7 @@ def _shown(out: Path) -> int:
     foveation = foveation_map(display, GAZE)
     try:
         full = take("full quality", model, camera, no_foveation(display), out / "sim")
-        foveated = take("foveated", enhanced_levels(model), camera, foveation, out / "sim")
+        foveated = take("foveated", spread_levels(model), camera, foveation, out / "sim")
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1

@@ -176,6 +176,8 @@ STUDIES = (
            Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --keep "
                   "--name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}")),
           kept_by=BY_OUT),
+    Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them",
+          (Report("--keep", ("untrained_levels.json",), 5, SCENES),)),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("--keep", _files("write_combining", "json", "md"), 2, SCENES),)),
 )

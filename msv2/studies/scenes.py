@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from golden.scenes.captured import scene_argument
+from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 
 MODELS = (EMBEDDED, "truck", "rock_sh3", "garden_large")
@@ -32,7 +33,7 @@ class View:
     @property
     def arguments(self) -> tuple[str, ...]:
         """The size and the gaze as options of a command line."""
-        return ("--size", self.size, *(("--gaze", self.gaze, "--levels", "4") if self.gaze else ()))
+        return ("--size", self.size, *(("--gaze", self.gaze, "--levels", "4", "--levels-from", RANDOM) if self.gaze else ()))
 
 
 def _views(size: str, gaze: str | None, *scenes: str) -> tuple[View, ...]:

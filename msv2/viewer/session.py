@@ -25,7 +25,6 @@ from golden.msv2_ref.plan import Work, planned_machine, prepare_foveation, prepa
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import camera_text
-from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.model import GaussianModel
 from golden.scenes.probe import probe

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.captured import scene_argument
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import parse_request, resolve
 from spec.config import AcceleratorConfig
 
@@ -21,7 +22,7 @@ def traced_frame(
 
     `scene` is what golden.scenes.captured.scene_argument returns.
     """
-    more = () if levels is None else ("--levels", str(levels))
+    more = () if levels is None else ("--levels", str(levels), "--levels-from", RANDOM)
     request = resolve(parse_request(scene, "--size", size, "--gaze", gaze, "--background", "0.2,0.5,0.9", *more))
     return f"{Path(scene).stem} {size}{', foveated' * (gaze != 'none')}", render(
         request.model, request.camera, config=config, foveation=request.foveation, background=request.background)

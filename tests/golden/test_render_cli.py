@@ -46,7 +46,8 @@ def test_files_and_statistics(scene, tmp_path):
 def test_foveation_of_a_plain_model_is_seeded(scene, tmp_path):
     pictures = []
     for seed in (0, 0, 1):
-        render(scene, "--size", "96x96", "--gaze", "10,10", "--levels", 4, "--seed", seed, "--out", tmp_path)
+        render(scene, "--size", "96x96", "--gaze", "10,10", "--levels", 4, "--levels-from", "random", "--seed", seed, "--out",
+               tmp_path)
         stats = json.loads((tmp_path / "stats.json").read_text())
         pictures.append((tmp_path / "frame.png").read_bytes())
     assert pictures[0] == pictures[1] != pictures[2]
@@ -63,7 +64,8 @@ def test_background_shows_where_nothing_is(scene, tmp_path):
     (["--size", "0x16"], "'0x16'"), (["--size", "16"], "'16'"), (["--size", "axb"], "'axb'"),
     (["--size", "9000x16"], "'9000x16'"), (["--size", "2000x16"], "2000x16"),
     (["--gaze", "700,5", "--size", "64x64"], "700.0,5.0"), (["--gaze", "1"], "'1'"), (["--gaze", "nan,1"], "'nan,1'"),
-    (["--levels", "5"], "5"), (["--levels", "0"], "0"), (["--background", "2,0,0"], "'2,0,0'"),
+    (["--levels", "5"], "5"), (["--levels-from", "photographs"], "'photographs'"), (["--levels", "0"], "0"),
+    (["--background", "2,0,0"], "'2,0,0'"),
     (["--camera", "99"], "99"), (["--camera", "missing.json"], "missing.json"), (["--dump", "nothing"], "'nothing'"),
     (["--seed", "-1"], "-1"), (["--config", "huge"], "'huge'"), (["--compare", "gsplat"], "'gsplat'"),
 ])

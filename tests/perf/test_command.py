@@ -55,15 +55,18 @@ def test_effects_are_forced_as_in_frame(perf):
 
 
 def test_a_kept_trace_gives_the_same_frame(perf, tmp_path):
-    first = perf("--gaze", "20,10", "--levels", "2")
+    first = perf("--gaze", "20,10", "--levels", "2", "--levels-from", "random")
     kept = list((tmp_path / "traces").iterdir())
-    again = perf("--gaze", "20,10", "--levels", "2")
+    again = perf("--gaze", "20,10", "--levels", "2", "--levels-from", "random")
     assert list((tmp_path / "traces").iterdir()) == kept and len(kept) == 1
     assert first["total"] == again["total"] and first["effects"] == again["effects"]
-    perf("--gaze", "20,10", "--levels", "2", "--set", "sh_degree=1")  # the scene has no harmonics: the same machine
+    # the scene has no harmonics: the same machine
+    perf("--gaze", "20,10", "--levels", "2", "--levels-from", "random", "--set", "sh_degree=1")
     assert list((tmp_path / "traces").iterdir()) == kept
-    perf("--gaze", "20,10", "--levels", "2", "--set", "support_sigma=2.5")
+    perf("--gaze", "20,10", "--levels", "2", "--levels-from", "random", "--set", "support_sigma=2.5")
     assert len(list((tmp_path / "traces").iterdir())) == 2
+    perf("--gaze", "20,10", "--levels", "2", "--levels-from", "spread")  # other levels: another trace
+    assert len(list((tmp_path / "traces").iterdir())) == 3
 
 
 def test_changed_machines_are_modelled_and_recorded(perf):

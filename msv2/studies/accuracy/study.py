@@ -14,6 +14,7 @@ from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
 from golden.scenes.captured import scene_argument
 from golden.scenes.gaze import Display, foveation_map, no_foveation
+from golden.scenes.level_source import RANDOM
 from golden.scenes.levels import smfr_levels
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import Request, add_request_arguments, make_folder, resolve
@@ -85,6 +86,7 @@ def over_scenes(
     """
     parser = command_parser(f"msv2 study run {name}", description, "example: MSV2_DATA=data %(prog)s --size 640x360")
     add_request_arguments(parser, size="640x360")
+    parser.set_defaults(levels_from=RANDOM)
     parser.add_argument("--views", default="0,3", help="camera indices (default: 0,3)")
     parser.add_argument("--out", default=str(REPORTS), metavar="DIR",
                         help="output folder (default: build/reports; --keep: reports)")

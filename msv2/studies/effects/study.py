@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from golden import threads as parallel
 from golden.msv2_ref.plan import Work, work_for
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import make_folder, parse_numbers, parse_size, resolve
 from msv2.studies import page
 from msv2.studies.effects.area import ONE_EYE, EffectArea, Measure, effect_areas, machine_of, measure_in
@@ -154,7 +155,7 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
     Raises:
         InputError: the simulation fails.
     """
-    view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4"] if frame.gaze else []
+    view = ["--gaze", frame.gaze_at(args.size, args.rtl), "--levels", "4", "--levels-from", RANDOM] if frame.gaze else []
     row = simulate(frame.scene, ["--size", args.rtl, *view, *config_options(args), "--machine", "scene", "--effects", effects,
                                  "--seed", str(args.seed)], make_folder(out))
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")

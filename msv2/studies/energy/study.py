@@ -19,6 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from golden.scenes.camera_options import ORBIT
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
@@ -44,7 +45,7 @@ MACHINE = REPORTS / "machine.json"
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run energy", __doc__)
     add_request_arguments(parser, size="640x360")
-    parser.set_defaults(scene=None, camera=ORBIT)
+    parser.set_defaults(scene=None, camera=ORBIT, levels_from=RANDOM)
     add_stereo_arguments(parser)
     add_config_arguments(parser, "paper", ", which is measured")
     parser.add_argument("--clock-mhz", type=float, default=1000.0, help="clock frequency in MHz (default: 1000)")

@@ -16,6 +16,7 @@ from PIL import Image
 
 from golden.msv2_ref import pipeline
 from golden.scenes.camera_options import ORBIT
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import add_request_arguments, resolve
 from msv2.studies.record import write_report
 from spec.command_line import command_parser
@@ -89,7 +90,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The parsed command line."""
     parser = command_parser("msv2 study run metric_scale", __doc__, EXAMPLES)
     add_request_arguments(parser)
-    parser.set_defaults(camera=ORBIT)
+    parser.set_defaults(camera=ORBIT, levels_from=RANDOM)
     parser.add_argument("--depth-map", required=True, metavar="FILE",
                         help="depth map of the camera's view: .npy (m) or 16-bit .png (mm)")
     parser.add_argument("--out", metavar="FILE", help="also write the JSON to this file")

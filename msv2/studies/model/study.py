@@ -16,6 +16,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from golden.scenes.captured import scene_argument
+from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request
 from msv2.studies.destination import newest
@@ -65,7 +66,7 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
     """The parsed arguments of a report's frame."""
     argv = [scene, "--size", "x".join(map(str, row["size"]))]
     argv += ["--gaze", ",".join(map(str, row["gaze"]))] if row.get("gaze") else []
-    argv += ["--levels", str(row["levels"])] if row["levels"] > 1 else []
+    argv += ["--levels", str(row["levels"]), "--levels-from", RANDOM] if row["levels"] > 1 else []
     argv += ["--stereo"] if "target_cycles" in row else []
     return parse_request(*argv)
 

@@ -13,6 +13,7 @@ import numpy as np
 from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.captured import captured_path
 from golden.scenes.files import atomic_output
+from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request, parse_size, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
@@ -84,7 +85,8 @@ def request(scene: str, size: str, camera: str = "orbit") -> argparse.Namespace:
         raise InputError(f"SCENE {scene!r} is not accepted: 'embedded', a model file, a scene of MSV2_DATA or build/train are")
     width, height = parse_size(size)
     gaze = f"{width / 2:g},{height / 2:g}"
-    return parse_request(str(path), "--size", size, "--gaze", gaze, "--levels", str(LEVELS), "--camera", camera)
+    return parse_request(str(path), "--size", size, "--gaze", gaze, "--levels", str(LEVELS), "--levels-from", RANDOM,
+                         "--camera", camera)
 
 
 def compared(scene: str, size: str, camera: str = "orbit", *, config: AcceleratorConfig = TWO_EYES) -> Compared:

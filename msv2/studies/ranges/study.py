@@ -7,6 +7,7 @@ from pathlib import Path
 
 from golden.msv2_ref.pipeline import render
 from golden.scenes.captured import scene_argument
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import make_folder, parse_request, resolve
 from msv2.studies.page import write_page
 from msv2.studies.ranges.ranges import Profiles, markdown, picture, profile
@@ -40,7 +41,7 @@ def measure(scenes: Sequence[str], size: str, config: AcceleratorConfig) -> tupl
     for scene in scenes:
         for gaze, levels in (("none", None), ("middle", 4)):
             where = "none" if gaze == "none" else ",".join(str(int(part) // 2) for part in size.split("x"))
-            more = ("--levels", str(levels)) if levels else ()
+            more = ("--levels", str(levels), "--levels-from", RANDOM) if levels else ()
             request = resolve(parse_request(scene, "--size", size, "--gaze", where, *more))
             frame = render(request.model, request.camera, config=config, foveation=request.foveation,
                            background=request.background)

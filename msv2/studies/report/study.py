@@ -18,6 +18,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from golden.scenes.level_source import RANDOM
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.page import write_html, write_page
 from msv2.studies.record import write_report
@@ -62,7 +63,8 @@ def gather(args: argparse.Namespace, out: Path) -> None:
     width, height = parse_size(args.size)
     out = Path(os.path.relpath(out, ROOT))
     run("-m", "msv2.studies", "performance", *args.scene, "--size", args.size, "--out", str(out))
-    gaze = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4") if args.scene else ()
+    frame = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4", "--levels-from", RANDOM)
+    gaze = frame if args.scene else ()
     run("-m", "msv2.studies", "energy", *args.scene[:1], *gaze, "--out", str(out))
     if args.area == "measured":
         run("-m", "msv2.studies", "area", "--out", str(out))

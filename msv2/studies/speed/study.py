@@ -24,6 +24,7 @@ from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
+from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import Request, make_folder, resolve
 from msv2.studies import page
@@ -61,7 +62,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", default=str(REPORTS), metavar="DIR",
                         help="folder of bench.json and bench.md (default: build/reports; --keep: reports)")
     # The other renderers draw one level on black, so all renderers are compared with that.
-    parser.set_defaults(gaze="none", levels=1, background="0,0,0", seed=0)
+    parser.set_defaults(gaze="none", levels=1, levels_from=RANDOM, background="0,0,0", seed=0)
     return parser.parse_args(argv)
 
 

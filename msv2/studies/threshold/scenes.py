@@ -15,7 +15,7 @@ from golden.scenes.camera import Camera
 from golden.scenes.datasets import load_dataset
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.files import read_json
-from golden.scenes.levels import enhanced_levels
+from golden.scenes.levels import spread_levels
 from golden.scenes.load import EMBEDDED, load_model, load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import orbit_camera
@@ -93,7 +93,7 @@ def table_scene(path: str, size: tuple[int, int], poses: int, units: float | Non
     scene = load_scene(path)
     name = Path(path).name.split(".")[0]
     leveled = scene.model.levels > 1
-    model = scene.model if leveled else enhanced_levels(scene.model)
+    model = scene.model if leveled else spread_levels(scene.model)
     views = [camera.resized(*size) for camera in scene.cameras] if path != EMBEDDED else embedded_cameras(*size)
     cameras = [views[i] for i in spread(range(len(views)), poses)] if views else [
         orbit_camera(scene.model, i, poses, *size) for i in range(poses)]

@@ -20,7 +20,7 @@ from perf.model import simulate
 from perf.trace import trace_request
 from spec.command_line import command_parser
 from spec.config import PAPER
-from spec.paths import BUILD, DOCS, REPORTS, cache_folder
+from spec.paths import DOCS, REPORTS, cache_folder
 
 CACHE = cache_folder("traces")
 
@@ -50,13 +50,10 @@ def areas() -> list[dict[str, object]]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     parser = command_parser("msv2 study run tile_size", __doc__)
-    parser.add_argument("--keep", action="store_true", help="write reports/tile_size.json and docs/tile_size.md")
-    parser.add_argument("--out", type=Path, default=BUILD / "tile_size", metavar="DIR",
-                        help="output folder without --keep (default: build/tile_size)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: reports and docs)")
     args = parser.parse_args(argv)
     content = {"config": PAPER.name, "frames": list(frames()), "areas": areas()}
-    report, text = (REPORTS, DOCS) if args.keep else (make_folder(args.out),) * 2
+    report, text = (make_folder(args.out),) * 2 if args.out else (REPORTS, DOCS)
     write_report(report / "tile_size.json", content, [__name__], {"config": PAPER}, places(TILE_SIZE))
     write_page(text / "tile_size.md", page(content))
-    print(f"wrote {report / 'tile_size.json'} and {text / 'tile_size.md'}")
     return 0

@@ -12,7 +12,7 @@ from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.files import atomic_output, read_json
-from golden.scenes.levels import enhanced_levels
+from golden.scenes.levels import spread_levels
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import orbit_camera
@@ -149,7 +149,7 @@ def load(request: SceneRequest) -> TradeoffScene:
         chosen = _spread(ORBIT_VIEWS, request.views)
         cameras = tuple(orbit_camera(scene.model, i, ORBIT_VIEWS, *size) for i in chosen)
     trained = scene.model.levels == MAX_LEVELS
-    leveled = {"": scene.model if trained else enhanced_levels(first_level(scene.model))}
+    leveled = {"": scene.model if trained else spread_levels(first_level(scene.model))}
     for name, path in request.variants:
         leveled[name] = load_scene(Path(path) / "model.ply" if Path(path).is_dir() else path).model
         if leveled[name].levels != MAX_LEVELS:

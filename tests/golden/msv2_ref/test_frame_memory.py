@@ -19,7 +19,8 @@ from spec.memory import frame_pixel
 @pytest.fixture(scope="module")
 def frame():
     request = resolve(argparse.Namespace(
-        scene="embedded", size="53x37", camera="orbit", gaze="20,20", levels=3, background="0.2,0.5,0.9", seed=0))
+        scene="embedded", size="53x37", camera="orbit", gaze="20,20", levels=3, background="0.2,0.5,0.9", seed=0,
+        levels_from="random"))
     return render(request.model, request.camera, config=TINY, foveation=request.foveation, background=request.background)
 
 

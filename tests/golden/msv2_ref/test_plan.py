@@ -12,7 +12,7 @@ from golden.msv2_ref import array_kernel
 from golden.msv2_ref.plan import with_sh_degree, work_for
 from golden.render import main
 from golden.scenes.gaze import Display, foveation_map, no_foveation
-from golden.scenes.levels import enhanced_levels
+from golden.scenes.levels import spread_levels
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.probe import probe, used_sh_degree
 from golden.scenes.request import Request
@@ -53,14 +53,14 @@ def test_what_calls_for_an_effect(flat):
     plan = probe(second, no_foveation(DISPLAY), depth=True)
     assert plan.called == {"sh", "depth", "cleaning"} and plan.sh_degree == used_sh_degree(second) == 2
     assert plan.reasons["sh"] == "harmonics of degree 2 of 3" and plan.reasons["cleaning"] == "3 points dropped"
-    foveated = probe(enhanced_levels(flat), foveation_map(DISPLAY, (0, 0)), stereo=True)
+    foveated = probe(spread_levels(flat), foveation_map(DISPLAY, (0, 0)), stereo=True)
     assert {"levels", "blend", "enhancement", "depth", "stereo", "fill", "rerender"} == foveated.called
     assert probe(flat, no_foveation(DISPLAY), contention=True).called == {"contention"}
 
 
 def test_a_gaze_in_whose_fovea_the_frame_lies_calls_for_no_levels(flat):
     narrow = Display(96, 64, 10)
-    assert not probe(enhanced_levels(flat), foveation_map(narrow, (48, 32))).called & {"levels", "blend"}
+    assert not probe(spread_levels(flat), foveation_map(narrow, (48, 32))).called & {"levels", "blend"}
 
 
 @pytest.mark.parametrize("effects", ["all", BUT_STEREO, "sh", "levels", "levels,blend", "depth"])
@@ -92,7 +92,7 @@ def test_harmonics_beyond_the_machines_degree_are_left_out(effects, capsys):
 @pytest.mark.parametrize("enhanced", [False, True])
 def test_foveated_frames_of_harmonics(gaze, enhanced):
     model = random_model(np.random.default_rng(6), 300, sh=3)
-    model = enhanced_levels(model) if enhanced else model
+    model = spread_levels(model) if enhanced else model
     foveation = foveation_map(DISPLAY, gaze, model.levels)
     same_image(work(model, foveation).render(), work(model, foveation, "all").render())
 
@@ -100,7 +100,7 @@ def test_foveated_frames_of_harmonics(gaze, enhanced):
 def test_blending_is_forced_where_levels_are_called_for_alone(flat):
     foveation = foveation_map(DISPLAY, (0, 0))
     sharp = replace(foveation, blend=np.zeros_like(foveation.blend), plane=np.zeros_like(foveation.plane))
-    auto, forced = work(enhanced_levels(flat), sharp), work(enhanced_levels(flat), sharp, "all")
+    auto, forced = work(spread_levels(flat), sharp), work(spread_levels(flat), sharp, "all")
     assert auto.config.level_banks == 1 and auto.config.levels == 4 and forced.foveation.blend.any()
     same_image(auto.render(), forced.render())
 

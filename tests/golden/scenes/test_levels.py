@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from golden.scenes.levels import enhanced_levels, smfr_levels
+from golden.scenes.levels import smfr_levels, spread_levels
 from tests.helpers.scenes_samples import float32_model
 
 
@@ -58,9 +58,9 @@ def test_number_of_levels(levels):
         smfr_levels(float32_model(levels=1), levels)
 
 
-def test_enhanced_levels_are_nested_spread_and_amplified():
+def test_spread_levels_are_nested_spread_and_amplified():
     model = replace(float32_model(n=3000, levels=1), means=np.random.default_rng(3).uniform(-1, 1, (3000, 3)))
-    enhanced = enhanced_levels(model)
+    enhanced = spread_levels(model)
     counts = [(enhanced.quality_bound > level).mean() for level in range(4)]
     assert counts == pytest.approx([1.0, 0.40, 0.22, 0.17], abs=1e-3)
     assert np.allclose(enhanced.opacity[:, 3], np.minimum(model.opacity[:, 0] * 32, 128))
@@ -68,4 +68,4 @@ def test_enhanced_levels_are_nested_spread_and_amplified():
     kept = np.bincount(octant[enhanced.quality_bound == 4], minlength=8) / np.bincount(octant, minlength=8)
     assert kept.min() > 0.5 * kept.max()
     with pytest.raises(ValueError, match="not 5"):
-        enhanced_levels(model, 5)
+        spread_levels(model, 5)

@@ -11,8 +11,9 @@ from msv2.cli.main import main
 from spec.command_line import CommandParser, command_parser
 from spec.errors import InputError
 
-REQUEST = ("--scene", "--size", "--camera", "--gaze", "--levels", "--background", "--seed", "--effects", "--depth", "--stereo",
-           "--ecc-thresh", "--ipd", "--units-per-metre", "--source", "--gaze-right", "--config", "--set", "--out")
+REQUEST = ("--scene", "--size", "--camera", "--gaze", "--levels", "--levels-from", "--background", "--seed", "--effects",
+           "--depth", "--stereo", "--ecc-thresh", "--ipd", "--units-per-metre", "--source", "--gaze-right", "--config", "--set",
+           "--out")
 RUN = ("--machine", "--pixels", "--merge", "--pipeline", "--beta", "--bandwidth", "--latency")
 DRAWING = ("render", "frame", "perf")
 

@@ -37,7 +37,8 @@ def test_scenes_that_are_not_there_are_named_and_left_out(data, capsys):
 
 def test_a_view_is_the_options_of_a_command():
     assert View("truck", "64x48").arguments == ("--size", "64x48")
-    assert View("truck", "64x48", "3,4").arguments == ("--size", "64x48", "--gaze", "3,4", "--levels", "4")
+    assert View("truck", "64x48", "3,4").arguments == (
+        "--size", "64x48", "--gaze", "3,4", "--levels", "4", "--levels-from", "random")
 
 
 def test_every_scene_of_every_list_is_known():

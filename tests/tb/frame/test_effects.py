@@ -16,7 +16,8 @@ def frame(out, *options):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("view", [(), ("--gaze", "32,24", "--levels", "2")], ids=["plain", "foveated"])
+@pytest.mark.parametrize(
+    "view", [(), ("--gaze", "32,24", "--levels", "2", "--levels-from", "random")], ids=["plain", "foveated"])
 def test_absent_inactive_and_forced_effects_give_one_image(tmp_path, view):
     absent, picture = frame(tmp_path / "absent", *view)
     inactive, same = frame(tmp_path / "inactive", *view, "--machine", "full")

@@ -17,7 +17,7 @@ from tb.frame.bound import array_ops, bound_cycles
 from tb.top.check_stereo import rendered_pixels, stereo_events
 from tb.top.player import FrameResult
 
-SCENE = "embedded --size 70x50 --gaze 30,20 --levels 4 --background 0.2,0.4,0.6 --ecc-thresh 15 --ipd 0.01"
+SCENE = "embedded --size 70x50 --gaze 30,20 --levels 4 --levels-from random --background 0.2,0.4,0.6 --ecc-thresh 15 --ipd 0.01"
 
 
 def result_of(frame):
@@ -120,7 +120,8 @@ def test_a_wrong_counter_or_an_error_fails(played, tmp_path, capfd):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("size", "options"), [
-    ("128x96", "--gaze 64,48 --levels 4"), ("100x70", "--ecc-thresh 0 --pipeline 0")], ids=["foveated", "plain"])
+    ("128x96", "--gaze 64,48 --levels 4 --levels-from random"), ("100x70", "--ecc-thresh 0 --pipeline 0")],
+    ids=["foveated", "plain"])
 def test_the_embedded_scene_in_both_eyes(tmp_path, size, options):
     argv = ["embedded", "--size", size, *options.split(), "--stereo", "--config", "default", "--out", str(tmp_path)]
     assert command.main(argv) == 0
@@ -133,7 +134,8 @@ def test_the_embedded_scene_in_both_eyes(tmp_path, size, options):
 @pytest.mark.long
 @pytest.mark.data
 def test_a_captured_scene_in_both_eyes(data_dir, tmp_path):
-    argv = [str(data_dir / "trained" / "truck.splat"), "--size", "256x144", "--gaze", "128,72", "--levels", "4", "--stereo"]
+    argv = [str(data_dir / "trained" / "truck.splat"), "--size", "256x144", "--gaze", "128,72", "--levels", "4",
+            "--levels-from", "random", "--stereo"]
     assert command.main([*argv, "--out", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == []

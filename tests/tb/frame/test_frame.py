@@ -17,7 +17,7 @@ def frame(text, out):
 
 
 def test_a_frame_is_bit_exact_and_reported(tmp_path, capfd):
-    assert frame("embedded --size 40x24 --gaze 5,5 --levels 4 --background 0.2,0.4,0.6", tmp_path) == 0
+    assert frame("embedded --size 40x24 --gaze 5,5 --levels 4 --levels-from random --background 0.2,0.4,0.6", tmp_path) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["bit_exact"] is True and report["mismatches"] == 0 and report["stream_errors"] == []
     assert report["pixels_checked"] == 40 * 24 and report["tiles"] == 6 and report["config"] == "tiny"
@@ -47,7 +47,7 @@ def test_a_single_pixel_that_differs_fails(tmp_path, monkeypatch, capfd):
 
 @pytest.mark.long
 @pytest.mark.data
-@pytest.mark.parametrize("gaze", [(), ("--gaze", "100,60", "--levels", "4")])
+@pytest.mark.parametrize("gaze", [(), ("--gaze", "100,60", "--levels", "4", "--levels-from", "random")])
 def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
     scene = str(data_dir / "trained" / "truck.splat")
     options = ["--size", "256x144", *gaze, "--part", "array", "--config", "default", "--out", str(tmp_path)]
@@ -59,7 +59,8 @@ def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
 @pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_presets_are_bit_exact(tmp_path, preset):
-    options = ["--size", "64x64", "--gaze", "20,30", "--levels", "4", "--machine", "full", "--config", preset]
+    options = ["--size", "64x64", "--gaze", "20,30", "--levels", "4", "--levels-from", "random", "--machine", "full",
+               "--config", preset]
     assert command.main(["embedded", *options, "--out", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == [] and report["entries"] > 5000

@@ -24,7 +24,7 @@ from tests.helpers.stand_in_machine import WRONG_PIXEL, preset, stand_in
 
 SIZE = (40, 24)
 EVENTS = check.expected_events
-SCENE = "embedded --size 40x24 --gaze 5,5 --levels 4 --background 0.2,0.4,0.6"
+SCENE = "embedded --size 40x24 --gaze 5,5 --levels 4 --levels-from random --background 0.2,0.4,0.6"
 
 
 @pytest.fixture(scope="module")

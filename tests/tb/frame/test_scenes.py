@@ -12,7 +12,7 @@ FOVEATED = {"embedded": "64,64", "truck.splat": "128,72", "rock_sh3": "96,54", "
 
 
 def check(scene, path, size, foveated, out, *options):
-    gaze = ["--gaze", FOVEATED[scene], "--levels", "4"] if foveated else []
+    gaze = ["--gaze", FOVEATED[scene], "--levels", "4", "--levels-from", "random"] if foveated else []
     assert command.main([path, "--size", size, *gaze, "--config", "default", "--out", str(out), *options]) == 0
     report = json.loads((out / "frame.json").read_text())
     assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == []

@@ -20,7 +20,7 @@ from golden.host.quantise import quantise_model  # noqa: E402
 from golden.metrics.binocular import BinocularReference  # noqa: E402
 from golden.msv2_ref.eyes import render_request, render_stereo  # noqa: E402
 from golden.scenes.embedded.views import embedded_cameras  # noqa: E402
-from golden.scenes.levels import enhanced_levels  # noqa: E402
+from golden.scenes.levels import spread_levels  # noqa: E402
 from golden.scenes.orbit import orbit_camera  # noqa: E402
 from golden.scenes.request import resolve  # noqa: E402
 from golden.scenes.save import save_model  # noqa: E402
@@ -62,7 +62,7 @@ def camera(model):
 @pytest.fixture(scope="module")
 def words(model):
     torch.set_num_threads(1)
-    leveled = enhanced_levels(model)
+    leveled = spread_levels(model)
     return measure.TableWords(*(quantise_model(measure.CONFIG, m) for m in (leveled, model, replace(leveled))))
 
 
@@ -188,7 +188,7 @@ def finished_run(folder, model, totals=(("dense", 30), ("prune", 18))):
 
 
 def test_scenes(tmp_path, model):
-    leveled = enhanced_levels(model)
+    leveled = spread_levels(model)
     run, dense = finished_run(tmp_path, leveled)
     found = scenes.table_scene(str(run), (64, 48), 3, None)
     assert found.name == "room" and found.levels == scenes.TRAINED and found.v1 is None and found.run == run
@@ -212,7 +212,7 @@ def test_scenes(tmp_path, model):
 @pytest.mark.long
 def test_v1s_levels_are_trained_from_the_runs_l1(tmp_path, model):
     stages = plan(Recipe("H", None, True, 60, 1500, 0), load_training_scene("embedded", (32, 32)), "cpu")
-    run, dense = finished_run(tmp_path, enhanced_levels(model), tuple((stage.name, stage.total) for stage in stages))
+    run, dense = finished_run(tmp_path, spread_levels(model), tuple((stage.name, stage.total) for stage in stages))
     out = v1_model.train_v1(run / "model.ply", tmp_path / "work")
     assert out == tmp_path / "room-v1" / "model.ply"
     v1 = scenes.table_scene(str(run), (64, 48), 1, None).v1
