@@ -83,7 +83,7 @@ def _files(name: str, *kinds: str) -> tuple[str, ...]:
 
 def _tradeoff(name: str) -> tuple[str, ...]:
     parts = ("machine", "simulation", "training")
-    drawn = parts if name == "tradeoff" else parts[:2]
+    drawn = ("machine", "simulation", "settings", "crops", *(("training", "runs") if name == "tradeoff" else ()))
     return (*_files(name, "json", "md", "html"), *(f"{name}_{part}.csv" for part in parts), *(f"{name}_{p}.png" for p in drawn))
 
 
