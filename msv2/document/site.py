@@ -21,7 +21,7 @@ from spec.paths import DOCS, ROOT
 from spec.sources import ROOMS
 
 SECTIONS: dict[str, tuple[str, ...]] = {
-    "Start": ("results", "architecture"),
+    "Start": ("gallery", "results", "architecture"),
     "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "verilog", "units"),
     "Models and pictures": ("training", "oracle", "cuda", "threshold", "stability"),
     "Numbers": ("synthesis", "area", "energy", "performance_model", "tradeoff", "reports"),

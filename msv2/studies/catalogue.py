@@ -114,8 +114,10 @@ STUDIES = (
     Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
           (Report("", ("frames.json",), 25, SCENES),), ("--only", "frames")),
-    Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
-          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
+    Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
+          (Report("", ("docs/images/foveated.png", "docs/images/renderers.png", "docs/gallery.md", *(
+              f"docs/images/gallery_{name}.jpg"
+              for name in ("plain", "foveated", "levels", "depth", "stereo", "error"))), 0.5),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
           (Report("", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",
