@@ -23,7 +23,6 @@ from msv2.studies.tradeoff.scene import first_level
 from spec.config import PAPER
 from spec.constants import ECC_THRESHOLD_DEG, MAX_LEVELS
 
-
 ERROR_GAIN = 255
 """The picture of the error shows the difference times this."""
 
@@ -121,5 +120,5 @@ def _two_eyes(subject: Subject, options: str) -> Shown:
     scale = " One unit of the scene is taken as a metre, because its scale is not known." if assumed else ""
     return Shown("stereo", np.concatenate(eyes.images, axis=1) / 255.0, "The left eye is rendered. The right eye is warped "
                  f"from it beyond {ECC_THRESHOLD_DEG:g} degrees of eccentricity, where this leaves no hole, and rendered "
-                 f"elsewhere: {shares['warped']:.0%} of its pixels are warped, and {shares['filled']:.0%} are filled from their "
-                 f"neighbours.{scale}", options)
+                 f"elsewhere: {100 * shares['warped']:.0f} % of its pixels are warped, and {100 * shares['filled']:.0f} % are "
+                 f"filled from their neighbours.{scale}", options)

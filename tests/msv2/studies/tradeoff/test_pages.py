@@ -17,6 +17,12 @@ from spec.paths import REPORTS
 NAMES = ("tradeoff", "tradeoff_truck")
 
 
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    pytest.importorskip("matplotlib.pyplot").close("all")
+
+
 def kept(name: str) -> dict:
     return json.loads((REPORTS / f"{name}.json").read_text())
 
