@@ -78,8 +78,9 @@ report-energy: base ## energy of frames by unit, of reports/energy_per_operation
 report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT=
 	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out)
 
-report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
-	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
+report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE=|all SIZE= AREA=kept|measured SCREENSHOTS=1 OUT=
+	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) \
+		$(call switch,SCREENSHOTS,screenshots) $(call option,OUT,out)
 
 train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance SIZE= ITERATIONS= SEED= DEVICE= RESUME=1 OUT=
 	@$(MSV2) train $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
