@@ -11,6 +11,7 @@ from PIL import Image
 
 from golden.msv2_ref import pipeline
 from golden.scenes.gaze import Display, foveation_map
+from golden.scenes.load import EMBEDDED
 from golden.scenes.pictures import to_bytes
 from msv2.studies.tradeoff.frontiers import CLOCK_GHZ, named_rows
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single
@@ -23,7 +24,8 @@ SIZE, WINDOW = "640x360", (184, 138)
 MOST = 6
 QUALITY = 92
 COLUMNS = 3
-PHOTOGRAPH = "the photograph"
+ORIGINALS = {True: "the ray-traced original", False: "the photograph"}
+"""What the first crop of a row is called, by whether the scene is the embedded one."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def crops(content: Content, path: str, variants: Sequence[tuple[str, str]] = (),
     """Two rows of crops of the scene's first view, at most MOST in all.
 
     The first row is where the last setting without foveation differs most from the default, the second where the cheapest
-    setting does. A photograph is the first of the first row, if there is one. Settings with another model are shown only
+    setting does. The photograph is the first of each row, if there is one. Settings with another model are shown only
     if `variants` has the model.
 
     Args:
@@ -96,7 +98,7 @@ def crops(content: Content, path: str, variants: Sequence[tuple[str, str]] = (),
         place = largest_difference(images[first], images[differs[0]])
         photograph = None if scene.photographs is None else scene.photographs[0]
         if photograph is not None:
-            out.append(_crop(photograph, place, PHOTOGRAPH))
+            out.append(_crop(photograph, place, ORIGINALS[scene.world == EMBEDDED]))
         shown = shown[: COLUMNS - (photograph is not None)]
         out += [_crop(images[name], place, f"{name}: {_cost(rows[name])}") for name in shown]
     return out[:MOST]

@@ -22,6 +22,7 @@ button.fold { font: inherit; font-size: .93em; border: 1px solid #b9c4d2; border
   align-items: start; }
 .crops { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(10.5em, 46%), 1fr)); gap: .8em; }
 figure { margin: 0; } figcaption { font-size: .9em; color: #333e4a; margin-top: .25em; }
+.figures > figure { max-width: 27em; }
 .figures.wide { grid-template-columns: repeat(auto-fit, minmax(min(21em, 100%), 1fr)); }
 .figures h3 { margin: 0 0 .3em; }
 img { max-width: 100%; height: auto; } figure img { width: 100%; display: block; border-radius: 3px; }

@@ -126,7 +126,7 @@ def test_pages_of_a_kept_report_are_written_without_measuring(tmp_path, monkeypa
 def test_crops_of_the_embedded_scene_show_what_settings_change(tmp_path):
     made = crops.crops(kept("tradeoff"), "embedded", size="192x108")
     assert [crop.caption.partition(":")[0] for crop in made] == [
-        crops.PHOTOGRAPH, "the paper's machine", "harmonics of degree 2", crops.PHOTOGRAPH, "the paper's machine",
+        crops.ORIGINALS[True], "the paper's machine", "harmonics of degree 2", crops.ORIGINALS[True], "the paper's machine",
         "4 levels, untrained"]
     distance = [np.abs(one.pixels.astype(float) - other.pixels).mean() for one, other in (made[1:3], made[4:6])]
     assert 0 < distance[0] < distance[1]
