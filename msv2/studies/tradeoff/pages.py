@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from msv2.studies.page import table
 from msv2.studies.tradeoff.choose import ASSUMED_PSNR_DB
-from msv2.studies.tradeoff.crops import COLUMNS, Crop
+from msv2.studies.tradeoff.crops import COLUMNS, SIZE, Crop
 from msv2.studies.tradeoff.frontiers import Frontier
 from msv2.studies.tradeoff.knobs import CONSTANTS
 from msv2.studies.tradeoff.tables import (
@@ -24,6 +24,7 @@ from msv2.studies.web.maker import Chapter, data_uri, page, picture
 from msv2.studies.web.markdown import inline
 
 TITLE = "What accuracy costs in time"
+CROPPED = f"The crops are parts of a frame of {SIZE} pixels, where the settings differ most."
 
 
 def judged(content: Content) -> str:
@@ -94,7 +95,7 @@ def crops_markdown(crops: Sequence[Crop], path: str) -> str:
     rows = [crops[i : i + COLUMNS] for i in range(0, len(crops), COLUMNS)]
     said = "; ".join(f"row {i + 1}: {', '.join(crop.caption for crop in row)}" for i, row in enumerate(rows))
     words = said.replace("; row", ". Row").replace("row 1", "Row 1")
-    return f"![crops of the pictures that one pays for]({path})\n\nFrom the left: {words}."
+    return f"![crops of the pictures that one pays for]({path})\n\nFrom the left: {words}. {CROPPED}"
 
 
 def as_markdown(
@@ -121,5 +122,6 @@ def as_html(
     cropped = "".join(picture(data_uri(crop.jpeg(), ".jpg"), crop.caption) for crop in crops)
     summary = (f'<div class="figures">{"".join(figures)}</div>'
                + (f'<h3>What one pays for</h3><div class="crops">{cropped}</div>' if crops else ""))
+    about = " ".join([how(content, document), *([CROPPED] if crops else [])])
     text = "\n\n".join(f"## {name}\n\n{text}" for name, text in sections(content, pictures))
-    return page(f"{TITLE}: {content['scene']}", summary, [Chapter("All numbers", f"{how(content, document)}\n\n{text}")])
+    return page(f"{TITLE}: {content['scene']}", summary, [Chapter("All numbers", f"{about}\n\n{text}")])
