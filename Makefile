@@ -93,8 +93,9 @@ report-energy: base ## energy of frames by unit, of reports/energy_per_operation
 report-performance: setup ## machines on the same frames beside the paper, GSCore, a GPU: build/reports/performance.{json,md}, performance_*.png; SCENE= SIZE= OUT= KEEP=1
 	@$(MSV2) study performance $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,OUT,out) $(call switch,KEEP,keep)
 
-report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE= SIZE= AREA=kept|measured OUT=
-	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) $(call option,OUT,out)
+report: setup ## area, energy and performance as one page: build/report/report.{html,md,json}; SCENE=|all SIZE= AREA=kept|measured SCREENSHOTS=1 OUT=
+	@$(MSV2) study report $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(call option,AREA,area) \
+		$(call switch,SCREENSHOTS,screenshots) $(call option,OUT,out)
 
 sweep: setup ## cycles, area and energy over many settings; SWEEP=FILE.toml JOBS=N SCHEDULER=ADDRESS OUT=
 	@$(MSV2) sweep "$(SWEEP)" $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)

@@ -24,7 +24,7 @@ from spec.progress import phase
 from spec.sources import ROOMS
 
 SECTIONS: dict[str, tuple[str, ...]] = {
-    "Start": ("results", "architecture"),
+    "Start": ("gallery", "results", "architecture"),
     "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "units",
                     "streams"),
     "In your own design": ("take_one_unit", "verilog", "driver", "fpga"),

@@ -89,7 +89,7 @@ def _files(name: str, *kinds: str) -> tuple[str, ...]:
 
 def _tradeoff(name: str) -> tuple[str, ...]:
     parts = ("machine", "simulation", "training")
-    drawn = parts if name == "tradeoff" else parts[:2]
+    drawn = ("machine", "simulation", "settings", "crops", *(("training", "runs") if name == "tradeoff" else ()))
     return (*_files(name, "json", "md", "html"), *(f"{name}_{part}.csv" for part in parts), *(f"{name}_{p}.png" for p in drawn))
 
 
@@ -127,8 +127,10 @@ STUDIES = (
           (Report("", ("fpga.json",), 30),)),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
           (Report("--keep", ("frames.json",), 25, SCENES),), ("--only", "frames")),
-    Study("gallery", "msv2.studies.gallery.study", "the pictures of the README",
-          (Report("--keep", ("docs/images/foveated.png", "docs/images/renderers.png"), 0.3),)),
+    Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
+          (Report("--keep", ("docs/images/foveated.png", "docs/images/renderers.png", "docs/gallery.md", *(
+              f"docs/images/gallery_{name}.jpg"
+              for name in ("plain", "foveated", "levels", "depth", "stereo", "error"))), 0.5),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
           (Report("--keep", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",

@@ -5,14 +5,12 @@ A generated table stands between the lines `<!-- table:NAME -->` and `<!-- end -
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from golden.scenes.files import atomic_output
 from msv2.studies.destination import place
-from msv2.studies.report import html_page
 from spec.errors import InputError
 
 ABSENT = "(not measured yet)"
@@ -63,19 +61,6 @@ def write_page(path: Path, text: str) -> None:
     """
     with atomic_output(place(path)) as file:
         file.write(f"{text.rstrip()}\n".encode())
-
-
-def write_html(path: Path, title: str, text: str, pictures: Iterable[Path] = ()) -> None:
-    """Converts Markdown to an HTML page and writes it. The page contains those of `pictures` that it shows by file name.
-
-    Raises:
-        InputError: the folder does not exist or is not writable.
-    """
-    made = html_page.page(title, text)
-    for picture in pictures:
-        inside = base64.b64encode(picture.read_bytes()).decode()
-        made = made.replace(f'src="{picture.name}"', f'src="data:image/png;base64,{inside}"')
-    write_page(path, made)
 
 
 def fill(path: Path, tables: Mapping[str, Table], *, check: bool = False, complete: bool = False) -> int:

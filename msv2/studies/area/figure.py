@@ -10,7 +10,7 @@ from msv2.studies.picture import find_pyplot, save_figure
 def draw(report: dict, path: Path) -> None:
     """Draws three bar charts into a PNG file: the parts beside the paper's, the groups of units, and all builds."""
     pyplot = find_pyplot()
-    figure, (parts, groups, builds) = pyplot.subplots(1, 3, figsize=(15, 4.2), gridspec_kw={"width_ratios": [1, 1.7, 1.7]})
+    figure, (parts, groups, builds) = pyplot.subplots(1, 3, figsize=(12, 4.2), gridspec_kw={"width_ratios": [1, 1.7, 1.7]})
     bottom = [0.0, 0.0]
     for part in report["split"]:
         heights = [report["paper"]["split"][part], report["split"][part]]
@@ -18,12 +18,14 @@ def draw(report: dict, path: Path) -> None:
         bottom = [base + height for base, height in zip(bottom, heights, strict=True)]
     parts.set_title("parts")
     parts.set_ylabel("mm² at 16 nm")
-    parts.legend()
+    parts.set_ylim(top=1.3 * max(bottom))
+    parts.legend(loc="upper right", fontsize=8)
     found = report["builds"]["1ghz"]["groups"]
     names = list(found)[::-1]
     logic, memory = ([found[name][key] / 1e6 for name in names] for key in ("logic_um2_16nm", "memory_um2_16nm"))
     groups.barh(names, logic, label="logic")
     groups.barh(names, memory, left=logic, label="memories")
+    groups.margins(x=0.05)
     groups.set_title("groups")
     groups.set_xlabel("mm² at 16 nm")
     groups.legend()

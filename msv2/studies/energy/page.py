@@ -78,7 +78,7 @@ def plot(frames: list[dict[str, object]], path: Path) -> bool:
     largest = sorted(chip[0], key=lambda unit: -sum(one.get(unit, 0.0) / sum(one.values()) for one in chip))[:_SHOWN]
     shares = [{unit: one.get(unit, 0.0) / sum(one.values()) for unit in largest} for one in chip]
     shares = [{**one, "others": 1 - sum(one.values())} for one in shares]
-    figure, axes = pyplot.subplots(1, 2, figsize=(15, 1.8 + 0.5 * len(frames)))
+    figure, axes = pyplot.subplots(1, 2, figsize=(12, max(3.2, 1.8 + 0.5 * len(frames))))
     labels = [f"{_name(frame)}\n{frame['work']}" for frame in frames]
     for axis, rows, title in ((axes[0], [frame["by_part_mj"] for frame in frames], "mJ a frame, 16 nm; DRAM as it is"),
                               (axes[1], shares, "share of the chip's energy, without what is assumed")):

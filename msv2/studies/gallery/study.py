@@ -1,16 +1,19 @@
-"""Draws the README's pictures of the embedded scene: docs/images/foveated.png and docs/images/renderers.png.
+"""Draws the gallery: one frame of a scene plain, foveated, with its levels, its depth, for two eyes, and its error.
 
-    msv2 study run gallery                     seconds; needs no simulator
-    msv2 study run gallery --size 480x270      larger pictures
+    msv2 study run gallery                     docs/gallery.md with docs/images/gallery_*.jpg, and the README's pictures
+    msv2 study run gallery SCENE               another scene, a path or a captured scene's name: build/gallery/NAME/gallery.html
+    msv2 study run gallery --size 960x540      larger pictures
 
-`foveated.png` is a frame of four levels by the integer golden renderer, whose every bit is that of the RTL, beside the levels
-of its tiles. The levels are random subsets of the points, as large as the levels that training keeps on this scene by
-reports/training.json. `renderers.png` is the panel of the demo: the ray-traced reference, the float64 oracle, the golden
+The README's pictures are `foveated.png`, a frame of four levels by the integer golden renderer, whose every bit is that of the
+RTL, beside the levels of its tiles (random subsets of the points, as large as the levels that training keeps on this scene by
+reports/training.json), and `renderers.png`, the panel of the demo: the ray-traced reference, the float64 oracle, the golden
 renderer, their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
 """
 
 from __future__ import annotations
 
+import argparse
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,24 +22,44 @@ from PIL import Image
 
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
+from golden.scenes.captured import CAPTURED, scene_argument
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras, render_reference
 from golden.scenes.files import atomic_output, read_json
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
+from golden.scenes.load import EMBEDDED
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture
-from golden.scenes.request import make_folder, parse_size
+from golden.scenes.request import add_scene_argument, make_folder, parse_size
 from msv2.cli.demo import ERROR_GAIN, heat_picture, panel_picture
 from msv2.studies.destination import place
+from msv2.studies.gallery import pages
+from msv2.studies.gallery.pictures import Shown, load_subject, pictures
+from msv2.studies.page import write_page
+from msv2.studies.record import input_name
 from msv2.studies.training.labels import OURS
+from msv2.studies.web.browser import take_screenshots
+from msv2.studies.web.maker import write_html
 from spec.command_line import command_parser
 from spec.config import PAPER
-from spec.paths import DOCS, REPORTS
+from spec.errors import InputError
+from spec.paths import BUILD, DOCS, REPORTS
 
 FRAME, PANEL = (480, 270), (192, 144)
 """Sizes in pixels of the frame in `foveated.png` and of each picture in `renderers.png`."""
 
 FOLDER, TRAINING = DOCS / "images", REPORTS / "training.json"
+SIZE = "640x360"
+"""Size in pixels of the gallery's pictures."""
+
+SHOWN = EMBEDDED
+"""The scene of docs/gallery.md, as commands take it."""
+
+INTRO = """\
+This page shows a frame of the project's own scene in every way in which the machine can draw it.
+`msv2 study run gallery` draws the pictures, and `msv2 study run gallery SCENE` draws those of another scene into
+`build/gallery`. SCENE is a trained model's file or folder, or the name of a captured scene in `MSV2_DATA`, such as `truck`."""
+
 PALETTE = 256
 """Colours of a picture, so that it is small."""
 
@@ -77,18 +100,70 @@ def panels(size: tuple[int, int]) -> np.ndarray:
         ("intersections of a tile (log)", heat_picture(frame))], 4)
 
 
+def draw_gallery(scene: str, size: str, camera: str, folder: Path, prefix: str) -> tuple[list[Shown], list[Path]]:
+    """Draws the gallery's pictures of a scene as FOLDER/PREFIXname.jpg. Returns them with their paths."""
+    shown, places = [], []
+    subject = load_subject(scene, size, camera)
+    for one in pictures(subject):
+        path = place(folder / f"{prefix}{one.name}.jpg")
+        pages.write_picture(one, path)
+        print(f"{path}: {path.stat().st_size / 1024:.0f} KB", flush=True)
+        shown.append(one)
+        places.append(path)
+    return shown, places
+
+
+def write_document(size: str, document: Path, folder: Path) -> None:
+    """Draws SHOWN, and writes docs/gallery.md.
+
+    Raises:
+        InputError: the pictures are larger than the documentation takes.
+    """
+    shown, places = draw_gallery(SHOWN, size, "orbit", folder, "gallery_")
+    total = sum(path.stat().st_size for path in places)
+    if total > pages.MOST_BYTES:
+        raise InputError(f"size {size!r} is not accepted: the pictures take {total:,} bytes, at most {pages.MOST_BYTES:,} may "
+                         "lie in docs/images; a smaller size, or --out, is")
+    paths = [Path(os.path.relpath(folder / path.name, document.parent)).as_posix() for path in places]
+    write_page(document, pages.as_markdown(shown, paths, "Gallery", SHOWN, INTRO))
+    print(f"wrote {document}")
+
+
+def write_scene(args: argparse.Namespace, out: Path) -> int:
+    """Draws another scene, and writes its pages; 1 if screenshots are asked for and show a fault of the page."""
+    shown, places = draw_gallery(args.scene, args.size, args.camera, out, "")
+    title, paths = f"Gallery of {out.name}", [path.name for path in places]
+    named = input_name(args.scene) if Path(args.scene).exists() else args.scene
+    made = f"`msv2 study run gallery {named}` draws these pictures."
+    write_page(out / "gallery.md", pages.as_markdown(shown, paths, title, named, made))
+    write_html(out / "gallery.html", pages.as_html(shown, paths, title, named))
+    print(f"wrote {out / 'gallery.html'}, which shows the pictures beside it, and gallery.md")
+    return 0 if not args.screenshots or take_screenshots(out / "gallery.html", make_folder(out / "screenshots")) else 1
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line: draws both pictures and writes them."""
+    """Runs the command line: draws the pictures and writes the pages."""
     parser = command_parser("msv2 study run gallery", __doc__)
-    parser.add_argument("--size", default="x".join(map(str, FRAME)), metavar="WxH",
-                        help="size of the foveated frame (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR",
-                        help="output folder (default: build/reports; --keep: docs/images)")
+    add_scene_argument(parser, "a model file or folder, the name of a captured scene")
+    parser.add_argument("--size", metavar="WxH",
+                        help=f"size of a frame (default: {SIZE}; of foveated.png {FRAME[0]}x{FRAME[1]})")
+    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as for `msv2 render` (default: orbit)")
+    parser.add_argument("--screenshots", action="store_true", help="of another scene: also look at the page in Chromium")
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="output folder (default: build/reports, --keep: docs/images; of another scene: build/gallery/NAME)")
     args = parser.parse_args(argv)
-    size, out = parse_size(args.size), make_folder(args.out)
+    size = parse_size(args.size) if args.size else FRAME
+    args.size = args.size or SIZE
+    if args.scene in CAPTURED and not Path(args.scene).exists():
+        args.scene = scene_argument(args.scene) or args.scene
+    if args.scene != SHOWN:
+        name = Path(args.scene).name.partition(".")[0] or "scene"
+        return write_scene(args, make_folder(args.out or BUILD / "gallery" / name))
+    out = make_folder(args.out or FOLDER)
     for name, made in (("foveated", frame_and_levels(size)), ("renderers", panels(PANEL))):
         path = place(out / f"{name}.png")
         with atomic_output(path) as file:
             Image.fromarray(made).quantize(PALETTE).save(file, format="PNG", optimize=True)
         print(f"{path}: {path.stat().st_size / 1024:.0f} KB")
+    write_document(args.size, out.parent / "gallery.md" if args.out is None else out / "gallery.md", out)
     return 0

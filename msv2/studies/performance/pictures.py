@@ -27,10 +27,18 @@ def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -
                           ("bandwidth", _bandwidth), ("sweeps", _sweeps)):
         figure = picture(pyplot, timelines if name == "timeline" else content)
         if figure is not None:
-            figure.tight_layout()
+            if figure.get_layout_engine() is None:
+                figure.tight_layout()
             save_figure(figure, folder / f"performance_{name}.png", dpi=100)
             made.append(name)
     return made
+
+
+def _name_ticks(axis, places: Sequence[int], names: Sequence[str]) -> None:
+    """Names of frames as ticks: they are turned where there are too many to stand beside each other."""
+    turned = len(names) > 3
+    axis.set_xticks(places, names, rotation=40 if turned else 0, ha="right" if turned else "center",
+                    rotation_mode="anchor" if turned else None, fontsize=9)
 
 
 def _tiles(pyplot, content: Mapping):
@@ -38,7 +46,7 @@ def _tiles(pyplot, content: Mapping):
     frames = content["frames"]
     columns = min(3, len(frames))
     lines = -(-len(frames) // columns)
-    figure = pyplot.figure(figsize=(5 * columns, 3 * lines + 3.5))
+    figure = pyplot.figure(figsize=(3.8 * columns, 2.4 * lines + 3.2))
     grid = figure.add_gridspec(lines + 1, columns)
     for i, frame in enumerate(frames):
         axis = figure.add_subplot(grid[i // columns, i % columns])
@@ -49,7 +57,7 @@ def _tiles(pyplot, content: Mapping):
         axis.set_axis_off()
     axis = figure.add_subplot(grid[lines, :])
     axis.boxplot([np.maximum(frame["tiles"]["counts"], 1) for frame in frames], whis=(0, 100))
-    axis.set_xticks(range(1, len(frames) + 1), [frame["name"] for frame in frames], rotation=15)
+    _name_ticks(axis, range(1, len(frames) + 1), [frame["name"] for frame in frames])
     axis.set_yscale("log")
     axis.set_ylabel("splats in a tile (none as 1)")
     return figure
@@ -57,7 +65,7 @@ def _tiles(pyplot, content: Mapping):
 
 def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
     """The same part of the rendering phase on each machine, with a row per stage and a colour per group."""
-    figure, axes = pyplot.subplots(len(timelines), 1, figsize=(13, 2.3 * len(timelines)), sharex=True, squeeze=False)
+    figure, axes = pyplot.subplots(len(timelines), 1, figsize=(11, 2.3 * len(timelines)), sharex=True, squeeze=False)
     begins = {name: next(first for stage, _, _, first, _ in f.timeline if stage == "render") for name, f in timelines.items()}
     width = max(f.phases["render"] for f in timelines.values())
     colours = pyplot.get_cmap("tab20").colors
@@ -79,11 +87,12 @@ def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
 def _bars(pyplot, content: Mapping):
     """Speedup and energy relative to the base machine, for every frame and for the geometric mean."""
     names = [frame["name"] for frame in content["frames"]] + ["geomean"]
-    figure, axes = pyplot.subplots(2, len(BANDWIDTHS), figsize=(8 * len(BANDWIDTHS), 9), squeeze=False)
+    figure, axes = pyplot.subplots(
+        2, len(BANDWIDTHS), figsize=(5.5 * len(BANDWIDTHS), 7.5), squeeze=False, layout="constrained")
     for column, bandwidth in enumerate(BANDWIDTHS):
         for axis, key, shown, label in ((axes[0, column], "speedup", SHOWN, "speed over base"),
                                         (axes[1, column], "energy_ratio", SHOWN[: len(MACHINES) + 1],
-                                         "base's energy over the machine's")):
+                                         "energy, base's over it")):
             for i, machine in enumerate(shown):
                 values = [run[key] for frame in content["frames"] for run in frame["runs"]
                           if run["machine"] == machine and (machine == GPU or run["bytes_per_cycle"] == bandwidth)]
@@ -93,10 +102,10 @@ def _bars(pyplot, content: Mapping):
                 axis.bar(np.arange(len(names)) + (i - len(shown) / 2) * width, values, width, label=machine,
                          hatch="//" if machine == GPU else None)
             axis.axhline(1, color="black", linewidth=0.5)
-            axis.set_xticks(range(len(names)), names, rotation=30, ha="right")
+            _name_ticks(axis, range(len(names)), names)
             axis.set_ylabel(label)
             axis.set_title("unlimited memory" if bandwidth is None else f"{bandwidth:g} B a cycle")
-    axes[0, 0].legend(fontsize=8, ncols=4, loc="lower left", bbox_to_anchor=(0, 1.08))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, ncols=4, loc="outside upper center")
     return figure
 
 
@@ -111,7 +120,8 @@ def _area(pyplot, content: Mapping):
     frames = list(dict.fromkeys(row["frame"] for row in rows))
     if not frames:
         return None
-    figure, axes = pyplot.subplots(1, len(frames), figsize=(6 * len(frames), 4.5), squeeze=False)
+    figure, axes = pyplot.subplots(
+        1, len(frames), figsize=(max(6, 3.8 * len(frames)), 4.5), squeeze=False, layout="constrained")
     for axis, frame in zip(axes[0], frames, strict=True):
         for bandwidth in BANDWIDTHS:
             for machine, colour in ((BOTH.name, "tab:blue"), (GSCORE, "tab:red")):
@@ -121,8 +131,8 @@ def _area(pyplot, content: Mapping):
                        linestyle="--" if bandwidth is None else "-")
         axis.set_title(frame)
         axis.set_xlabel("mm² at 16 nm")
-        axis.set_ylabel("frames a second at 1 GHz")
-        axis.legend(fontsize=7)
+    axes[0, 0].set_ylabel("frames a second at 1 GHz")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, ncols=2, loc="outside upper center")
     return figure
 
 
@@ -130,7 +140,8 @@ def _bandwidth(pyplot, content: Mapping):
     """The cycles of a frame over the memory's bandwidth, and the bytes that it moves."""
     rows = content["bandwidth"]
     frames = list(dict.fromkeys(row["frame"] for row in rows))
-    figure, axes = pyplot.subplots(1, len(frames) + 1, figsize=(5 * len(frames) + 5, 4), squeeze=False)
+    figure, axes = pyplot.subplots(
+        1, len(frames) + 1, figsize=(max(8, 3 * len(frames) + 3), 4), squeeze=False, layout="constrained")
     machines = list(dict.fromkeys(row["sweep"] for row in rows))
     for axis, frame in zip(axes[0], frames, strict=False):
         for machine in machines:
@@ -140,11 +151,11 @@ def _bandwidth(pyplot, content: Mapping):
         axis.set_xlabel("bytes of memory a cycle")
         axis.set_ylabel("cycles of a frame")
         axis.set_ylim(bottom=0)
-    axes[0, 0].legend(fontsize=7)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, ncols=3, loc="outside upper center")
     for i, machine in enumerate(machines):
         moved = [next(r["dram_bytes"] for r in rows if r["frame"] == frame and r["sweep"] == machine) / 1e6 for frame in frames]
         axes[0, -1].bar(np.arange(len(frames)) + 0.27 * (i - 1), moved, 0.27, label=machine)
-    axes[0, -1].set_xticks(range(len(frames)), frames)
+    _name_ticks(axes[0, -1], range(len(frames)), frames)
     axes[0, -1].set_ylabel("MB a frame")
     return figure
 
@@ -157,7 +168,9 @@ def _sweeps(pyplot, content: Mapping):
     """
     rows = content["sweeps"]
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows) if name != "beta, double buffers"]
-    figure, axes = pyplot.subplots(1, len(names), figsize=(4.2 * len(names), 4.5))
+    lines = -(-(len(names) + 1) // 3)
+    figure, grid = pyplot.subplots(lines, 3, figsize=(11, 3.6 * lines), layout="constrained", squeeze=False)
+    axes, rest = grid.flat[: len(names)], grid.flat[len(names):]
     whole = {(r["frame"], r["bytes_per_cycle"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
     for axis, name in zip(axes, names, strict=True):
         key = "cycles" if "units" in name else "render"
@@ -174,6 +187,9 @@ def _sweeps(pyplot, content: Mapping):
         axis.set_xlabel(name.partition(",")[0] + " in entries (none as 1)" if name.startswith("beta") else name)
         axis.set_title(f"cycles of the {'frame' if key == 'cycles' else 'rendering phase'}", fontsize=10)
         axis.set_ylim(0.9, max(1.15, axis.get_ylim()[1]))
-    axes[0].set_ylabel("over the paper's resources, beta automatic")
-    axes[0].legend(fontsize=6, loc="upper left")
+    for axis in grid[:, 0]:
+        axis.set_ylabel("over the paper's, beta automatic")
+    for axis in rest:
+        axis.set_axis_off()
+    rest[0].legend(*axes[0].get_legend_handles_labels(), fontsize=9, loc="upper left")
     return figure

@@ -29,6 +29,7 @@ from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
+from msv2.studies.progress import Progress
 from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, simulate
 from perf.perfetto import trace_events
@@ -39,6 +40,20 @@ from spec.paths import REPORTS, ROOT
 
 SWEPT = ("embedded", "truck", "garden_large")
 """Scenes whose first frame is used in the sweeps and in the comparison over area."""
+
+
+FULL_HD = "Full HD"
+
+
+def is_swept(scene: str, camera: str, scenes: Sequence[str]) -> bool:
+    """Whether a frame is used in the sweeps; `scenes` are those that the command line names."""
+    return camera == "orbit" and (Path(scene).stem in SWEPT or bool(scenes))
+
+
+def steps_of(todo: Sequence[tuple[str, str]], scenes: Sequence[str], hd: bool) -> list[str]:
+    """The names of the steps of `measure`, in order."""
+    frames = [f"{scene}, {camera}: {what}" for scene, camera in todo for what in ("traces", "machines")]
+    return [*frames, *(f"{scene}: sweeps" for scene, camera in todo if is_swept(scene, camera, scenes)), *([FULL_HD] * hd)]
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -85,14 +100,28 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
     """The report's numbers, and the timelines for the picture of the handover."""
     here, missing = scenes_here()
     found, areas, swept, equal = [], area.load_area(), [], []
-    for scene, camera in default_frames(list(scenes) or here):
-        frame = compared(scene, size, camera)
-        runs, _ = run_all(frame)
+    todo = list(default_frames(list(scenes) or here))
+    progress = Progress(f"performance_{size}", steps_of(todo, scenes, hd))
+    for scene, camera in todo:
+        with progress.step(f"{scene}, {camera}: traces"):
+            frame = compared(scene, size, camera)
+        with progress.step(f"{scene}, {camera}: machines"):
+            runs, _ = run_all(frame)
         found.append(frame_rows(frame, runs))
         equal += at_equal_area(frame, [r for r in runs if r.machine == BOTH.name], areas)
-        if camera == "orbit" and (Path(scene).stem in SWEPT or scenes):
+        if is_swept(scene, camera, scenes):
             swept.append(frame)
         print(f"{frame.name}: {', '.join(f'{r.machine} {r.cycles:,.0f}' for r in runs[:len(MACHINES)])} cycles", flush=True)
+    over: dict[str, list[dict[str, object]]] = {"iso_area": [], "bandwidth": [], "sweeps": []}
+    for frame in swept:
+        with progress.step(f"{frame.scene}: sweeps"):
+            over["iso_area"] += iso_area(frame, areas)
+            over["bandwidth"] += bandwidth_rows(frame)
+            over["sweeps"] += sweeps(frame)
+    large = []
+    if hd:
+        with progress.step(FULL_HD):
+            large = list(full_hd())
     shown = timelines(swept[0])
     for name, cycles in shown.items():
         (folder / f"perfetto_{name}.json").write_text(json.dumps(trace_events(cycles)))
@@ -103,14 +132,11 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
         "trained": sorted({f["scene"] for f in found if f["trained"]}), "model_error": model_error(),
         "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, equal),
         "goals": summary.goals(found, means, equal), "equal_area": equal,
-        "iso_area": [row for frame in swept for row in iso_area(frame, areas)],
-        "area_source": build and f"build `{build[0]}` of reports/area.json, commit {build[1].get('commit')}",
-        "bandwidth": [row for frame in swept for row in bandwidth_rows(frame)],
-        "sweeps": [row for frame in swept for row in sweeps(frame)],
+        **over, "area_source": build and f"build `{build[0]}` of reports/area.json, commit {build[1].get('commit')}",
         "timeline": {"frame": swept[0].name, "bytes_per_cycle": BANDWIDTHS[0], "folder": str(folder.relative_to(ROOT)),
                      "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
                                   for name, f in shown.items()]},
-        "full_hd": list(full_hd()) if hd else [], "chip_129": summary.CHIP_129,
+        "full_hd": large, "chip_129": summary.CHIP_129,
         "scaled_clock": 1 / areas["delay_to_16nm"] if areas else None,
         "reached_ghz": areas["builds"]["1ghz"].get("clock_ghz_zero_slack") if areas else None, "gpu_published": gpu.PUBLISHED,
         "gpu_model": f"{gpu.CORES} cores at {gpu.CLOCK_HZ / 1e9:g} GHz, {gpu.BYTES_PER_S / 1e9:g} GB/s, {gpu.PAIR_FLOPS} "

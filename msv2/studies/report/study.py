@@ -1,8 +1,10 @@
-"""Combines the reports on area, energy and performance into one: build/report/report.{html,md,json}, with plots and JSON.
+"""Combines the reports on area, energy and performance into one page: build/report/report.{html,md,json}, with plots and JSON.
 
-    msv2 study run report                     the embedded scene, and those of MSV2_DATA and build/train
-    msv2 study run report embedded            one scene
+    msv2 study run report                     the embedded scene
+    msv2 study run report PATH                another scene
+    msv2 study run report all                 the embedded scene, those of MSV2_DATA and build/train, and Full HD frames
     msv2 study run report --area measured     synthesises the machine again (MSV2_PDK; an hour where nothing is cached)
+    msv2 study run report --screenshots       also looks at the page in headless Chromium, at two widths
 
 The area is taken from reports/area.json unless --area says otherwise, so that no liberty files are needed; the page says so.
 """
@@ -19,17 +21,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from golden.scenes.level_source import RANDOM
+from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
-from msv2.studies.page import write_html, write_page
+from msv2.studies.page import write_page
+from msv2.studies.progress import Progress
 from msv2.studies.record import write_report
+from msv2.studies.report.overview import draw_frames, html, markdown
+from msv2.studies.web.browser import take_screenshots
+from msv2.studies.web.maker import write_html
 from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.memory import DRAM_BYTES_PER_CYCLE
+from spec.overrides import config_record
 from spec.paths import REPORTS, ROOT
 
 PARTS = ("performance", "area", "energy")
 """The chapters, each of which is a report of its own."""
+
+ALL = "all"
+"""In place of a scene: every scene that is there."""
 
 SOURCES = ("spec", "golden", "rtl", "perf", "synth")
 MODEL = REPORTS / "model.json"
@@ -37,13 +48,17 @@ MODEL = REPORTS / "model.json"
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run report", __doc__)
-    parser.add_argument("scene", nargs="*", metavar="SCENE", help="scenes, as for `msv2 study run performance`")
+    parser.add_argument("scene", nargs="*", metavar="SCENE",
+                        help=f"scenes, as for `msv2 study run performance`, or '{ALL}' (default: {EMBEDDED})")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the frames (default: 640x360)")
     parser.add_argument("--area", default="kept", choices=("kept", "measured"),
                         help="kept: the areas in reports/area.json (default); measured: synthesise again")
+    parser.add_argument("--screenshots", action="store_true", help="also write OUT/screenshots/report_*.png")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "report", metavar="DIR",
                         help="output folder (default: build/report)")
-    return parser.parse_args(argv)
+    args = parser.parse_args(argv)
+    args.scene = [] if args.scene == [ALL] else args.scene or [EMBEDDED]
+    return args
 
 
 def run(*command: str) -> None:
@@ -58,19 +73,22 @@ def git(*command: str) -> str:
     return subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=False).stdout.strip()
 
 
-def gather(args: argparse.Namespace, out: Path) -> None:
+def gather(args: argparse.Namespace, out: Path, progress: Progress) -> None:
     """Makes the three reports in the folder."""
     width, height = parse_size(args.size)
     out = Path(os.path.relpath(out, ROOT))
-    run("-m", "msv2.studies", "performance", *args.scene, "--size", args.size, "--out", str(out))
-    frame = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4", "--levels-from", RANDOM)
-    gaze = frame if args.scene else ()
-    run("-m", "msv2.studies", "energy", *args.scene[:1], *gaze, "--out", str(out))
-    if args.area == "measured":
-        run("-m", "msv2.studies", "area", "--out", str(out))
-        return
-    for path in REPORTS.glob("area.*"):
-        shutil.copyfile(path, ROOT / out / path.name)
+    with progress.step("performance"):
+        run("-m", "msv2.studies", "performance", *args.scene, "--size", args.size, "--out", str(out))
+    gaze = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4", "--levels-from", RANDOM) if args.scene else ()
+    with progress.step("energy"):
+        run("-m", "msv2.studies", "energy", *args.scene[:1], *gaze, "--out", str(out))
+    with progress.step("area"):
+        if args.area == "measured":
+            run("-m", "msv2.studies", "area", "--out", str(out))
+        else:
+            for path in (REPORTS / "area.json", REPORTS / "area.md", REPORTS / "area.png"):
+                if path.is_file():  # an installed wheel has the numbers only
+                    shutil.copyfile(path, ROOT / out / path.name)
 
 
 def read(path: Path) -> dict | None:
@@ -92,14 +110,15 @@ def summary(performance: Mapping, energy: Mapping, area: Mapping | None, model: 
                              if run["chip_mj"] is not None and run["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE}
     return {
         "commit": git("rev-parse", "HEAD"), "changed": bool(git("status", "--porcelain", "--", *SOURCES)),
-        "config": repr(CONFIGS[performance["config"]]), "clock_hz": performance["clock_hz"], "size": performance["size"],
-        "area_mm2_16nm": build.get("mm2_16nm"),
+        "config": config_record(CONFIGS[performance["config"]]), "clock_hz": performance["clock_hz"],
+        "size": performance["size"], "area_mm2_16nm": build.get("mm2_16nm"),
         "area_mm2_16nm_without_warp_memories": build.get("mm2_16nm_without_warp_memories"),
         "area_source": area and f"reports/area.json, commit {area['commit']}",
         "energy_mj_per_frame": mj, "energy_frames": frames,
         "model_error_total": model and model["summary"]["model_error_total"],
         "model_error_source": model and f"reports/model.json, commit {git('log', '-1', '--format=%h', '--', str(MODEL))}",
-        "speedup": speedup, "goals": performance["goals"], "full_hd": performance["full_hd"]}
+        "speedup": speedup, "goals": performance["goals"], "beside_paper": performance["beside_paper"],
+        "full_hd": performance["full_hd"]}
 
 
 def chapter(text: str, out: Path) -> str:
@@ -107,33 +126,24 @@ def chapter(text: str, out: Path) -> str:
     return text.strip().replace("](../", f"]({Path(os.path.relpath(ROOT, out)).as_posix()}/")
 
 
-def markdown(content: Mapping, chapters: Sequence[str]) -> str:
-    """The whole page: a header, then the reports."""
-    area, error = content["area_mm2_16nm"], content["model_error_total"]
-    kept = (f"The area is {area:.3f} mm² at 16 nm, {content['area_mm2_16nm_without_warp_memories']:.3f} without the warp "
-            f"unit's memories ({content['area_source']})." if area else
-            "No area: there is no reports/area.json (`make report-area`).")
-    checked = (f" The cycle model's worst error of a frame's total is {100 * error:.2f} % ({content['model_error_source']})."
-               if error is not None else "")
-    return "\n\n".join([
-        "# Report", f"Commit {content['commit'][:12]}{', changed' if content['changed'] else ''}; frames of {content['size']}. "
-        f"{kept}{checked} Numbers: [report.json](report.json); of the chapters: "
-        + ", ".join(f"[{name}.json]({name}.json)" for name in PARTS) + ".",
-        f"```\n{content['config']}\n```", *chapters]) + "\n"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line."""
+    """Runs the command line; 1 if the screenshots show a fault of the page."""
     args = _arguments(argv)
+    parse_size(args.size)
     out = make_folder(args.out)
-    gather(args, out)
-    content = summary(read(out / "performance.json"), read(out / "energy.json"), read(out / "area.json"), read(MODEL))
-    inputs = [out / f"{name}.json" for name in PARTS]
-    write_report(out / "report.json", content, [__name__, *(f"msv2.studies.{name}.study" for name in PARTS)],
-                 {"arguments": args}, [*inputs, MODEL])
-    pages = [out / f"{name}.md" for name in PARTS]
-    text = markdown(content, [chapter(path.read_text(), out) for path in pages if path.is_file()])
-    write_page(out / "report.md", text)
-    write_html(out / "report.html", "Report", text)
-    print(f"wrote {out / 'report.html'}, report.md, report.json")
-    return 0
+    shown = "+".join(Path(scene).stem for scene in args.scene) or ALL
+    progress = Progress(f"report_{shown}_{args.size}", ["performance", "energy", "area", "picture", "page"])
+    gather(args, out, progress)
+    performance = read(out / "performance.json")
+    with progress.step("picture"):
+        frame = draw_frames((args.scene or [EMBEDDED])[0], args.size, out)
+    with progress.step("page"):
+        content = summary(performance, read(out / "energy.json"), read(out / "area.json"), read(MODEL)) | {"frame": frame}
+        write_report(out / "report.json", content, [__name__, *(f"msv2.studies.{name}.study" for name in PARTS)],
+                     {"arguments": args}, [*(out / f"{name}.json" for name in PARTS), MODEL])
+        pages = {name: out / f"{name}.md" for name in PARTS}
+        chapters = {name: chapter(path.read_text(), out) for name, path in pages.items() if path.is_file()}
+        write_page(out / "report.md", markdown(content, performance, chapters))
+        write_html(out / "report.html", html(content, performance, chapters))
+    print(f"wrote {out / 'report.html'}, report.md, report.json; the page shows the pictures beside it")
+    return 0 if not args.screenshots or take_screenshots(out / "report.html", make_folder(out / "screenshots")) else 1

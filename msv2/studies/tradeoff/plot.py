@@ -1,14 +1,22 @@
-"""Work-precision diagrams: the cost increases to the right and the loss upwards, so that the lower left is best."""
+"""The study's diagrams: small frontiers with named settings, and all measured points.
+
+In a frontier, time increases to the right and accuracy upwards, so that the upper left is best. In the diagrams of all points
+the loss increases upwards, so that the lower left is best.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from msv2.studies.labels import place_labels
 from msv2.studies.picture import find_pyplot, save_figure
+from msv2.studies.tradeoff.frontiers import Frontier
 from msv2.studies.tradeoff.knobs import DEFAULT, WORDS
 
 LEAST_LOSS = 1e-5
@@ -16,48 +24,121 @@ LEAST_LOSS = 1e-5
 chance."""
 
 _MARKS = "os^vD<>pPX*hd"
+_SHADE = "#0b5cad"
 
 
-def save(picture: str, content: Mapping[str, Any], path: Path) -> None:
-    """Draws one of `report.PICTURES` as a PNG."""
-    count = 3 if picture == "machine" else 2
-    figure, axes = find_pyplot().subplots(1, count, figsize=(6.5 * count, 5.2), constrained_layout=True)
-    {"machine": _machine, "simulation": _simulation, "training": _training}[picture](axes, content)
-    save_figure(figure, path, dpi=100)
+def save(frontier: Frontier, path: Path) -> None:
+    """Draws a frontier as a PNG."""
+    save_figure(draw(frontier), path, dpi=160)
 
 
-def _machine(axes: list[Axes], content: Mapping[str, Any]) -> None:
+def draw(frontier: Frontier) -> Figure:
+    """The figure of a frontier, small enough to stay readable at a width of 400 pixels."""
+    figure, axis = find_pyplot().subplots(figsize=(4.4, 3.5), layout="constrained")
+    if frontier.log_time:
+        axis.set_xscale("log")
+    if frontier.linear_db is not None:
+        axis.set_yscale("symlog", linthresh=frontier.linear_db)
+    axis.plot(*_columns(frontier.others), "o", color="0.75", markersize=3.5, zorder=1)
+    front = sorted((mark.time, mark.decibels) for mark in frontier.marks if mark.front)
+    corners = [corner for (x, y), (next_x, _) in pairwise(front) for corner in ((x, y), (next_x, y))] + front[-1:]
+    axis.plot(*_columns(corners), color=_SHADE, linewidth=1.2, zorder=2)
+    for mark in frontier.marks:
+        axis.plot(mark.time, mark.decibels, "*" if mark.other else "o", color=_SHADE, markersize=10 if mark.other else 6,
+                  zorder=3, fillstyle="full" if mark.front or mark.other else "none")
+    axis.set_xlabel(frontier.time, fontsize=9)
+    axis.set_ylabel(frontier.accuracy, fontsize=9)
+    axis.tick_params(labelsize=8)
+    _ticks(axis, frontier)
+    axis.margins(0.14, 0.16)
+    axis.grid(alpha=0.3)
+    axis.set_ylim(*axis.get_ylim())
+    axis.set_xlim(*axis.get_xlim())
+    place_labels(axis, [(mark.time, mark.decibels) for mark in frontier.marks], [mark.name for mark in frontier.marks],
+                 size=8.5, lines=corners)
+    return figure
+
+
+def _ticks(axis: Axes, frontier: Frontier) -> None:
+    """Ticks with plain numbers, few enough to stand beside each other."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+    if frontier.log_time:
+        times = [mark.time for mark in frontier.marks]
+        narrow = max(times) < 100 * min(times)
+        axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1,), numticks=12))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
+        axis.xaxis.set_minor_formatter(NullFormatter())
+    if frontier.linear_db is not None:
+        steps = [frontier.linear_db * 10**i for i in range(4)]
+        axis.yaxis.set_major_locator(FixedLocator([*(-step for step in reversed(steps)), 0, *steps]))
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}" if value else "0"))
+        axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _columns(points: object) -> tuple[list[float], list[float]]:
+    pairs = list(points)
+    return [x for x, _ in pairs], [y for _, y in pairs]
+
+
+def save_details(picture: str, content: Mapping[str, Any], path: Path) -> None:
+    """Draws all measured points as a PNG: `settings` of the machine, or `runs` of the training."""
+    save_figure(details(picture, content), path, dpi=110)
+
+
+def details(picture: str, content: Mapping[str, Any]) -> Figure:
+    """The figure of all measured points."""
+    count = {"settings": 3, "runs": 2}[picture]
+    figure, axes = find_pyplot().subplots(count, 1, figsize=(8, 4.6 * count), layout="constrained")
+    {"settings": _settings, "runs": _runs}[picture](axes, content)
+    return figure
+
+
+def _settings(axes: list[Axes], content: Mapping[str, Any]) -> None:
     rows = [row for row in content["machine"] if not row.get("error")]
     one = [row for row in rows if row["threshold_deg"] is None and row["loss_db"] is not None]
     knobs = list(dict.fromkeys(row["knob"] for row in rows))
-    _scatter(axes[0], one, knobs, "cycles", lambda row: max(row["loss_db"], LEAST_LOSS))
-    front = sorted((row for row in one if row["pareto"]), key=lambda row: row["cycles"])
-    axes[0].step([row["cycles"] for row in front], [max(row["loss_db"], LEAST_LOSS) for row in front], where="post",
-                 color="k", linewidth=1, label="frontier")
-    words = [row for row in one if row["knob"] in (DEFAULT, "combination", *WORDS)]
-    _scatter(axes[2], words, knobs, "word_bits", lambda row: max(row["loss_db"], LEAST_LOSS))
     judged_by = "against photographs" if content["photographs"] else "photographs assumed"
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        axis.margins(0.08)
     for axis in (axes[0], axes[2]):
         axis.set_yscale("log")
         axis.set_ylabel(f"loss of PSNR, dB, {judged_by}")
-    judged = [row for row in rows if row["hvsq_change"] is not None]
-    _scatter(axes[1], judged, knobs, "cycles", lambda row: 100 * row["hvsq_change"])
-    axes[1].set_yscale("symlog", linthresh=1)
-    axes[1].set_ylabel("change of HVSQ, %")
-    for axis in axes:
-        axis.set_xlabel("cycles a frame (model); hollow, crossed: breaks a hard case")
-        axis.grid(alpha=0.3)
     for axis in axes[:2]:
         axis.set_xscale("log")
+        axis.set_xlabel("cycles a frame (model); hollow, crossed: breaks a hard case")
+        _plain_cycles(axis, [row["cycles"] for row in (one if axis is axes[0] else rows)])
+    axes[1].set_yscale("symlog", linthresh=1)
+    axes[1].set_ylabel("change of HVSQ, %")
     axes[2].set_xlabel("bits of all formats and segments, word lengths alone")
-    axes[0].legend(fontsize=7, ncol=2)
-    axes[0].set_title(f"{content['scene']}, {content['size']}", fontsize=10)
+    front = sorted((row for row in one if row["pareto"]), key=lambda row: row["cycles"])
+    axes[0].step([row["cycles"] for row in front], [max(row["loss_db"], LEAST_LOSS) for row in front], where="post",
+                 color="k", linewidth=1, label="frontier")
+    _scatter(axes[0], one, knobs, "cycles", lambda row: max(row["loss_db"], LEAST_LOSS))
+    _scatter(axes[1], [row for row in rows if row["hvsq_change"] is not None], knobs, "cycles",
+             lambda row: 100 * row["hvsq_change"])
+    words = [row for row in one if row["knob"] in (DEFAULT, "combination", *WORDS)]
+    _scatter(axes[2], words, knobs, "word_bits", lambda row: max(row["loss_db"], LEAST_LOSS))
+    axes[0].figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, ncols=5, loc="outside upper center",
+                          title=f"{content['scene']}, {content['size']}")
+
+
+def _plain_cycles(axis: Axes, cycles: list[float]) -> None:
+    """Ticks in thousands of cycles, at most six."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+
+    axis.set_xlim(0.95 * min(cycles), 1.08 * max(cycles))
+    axis.xaxis.set_major_locator(MaxNLocator(6))
+    axis.xaxis.set_minor_locator(NullLocator())
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1e3:,.0f}k"))
 
 
 def _scatter(
     axis: Axes, rows: list[Mapping[str, Any]], knobs: list[str], cost: str, loss: Callable[[Mapping[str, Any]], float],
 ) -> None:
-    """Draws a marker per knob. Settings that break a hard case have hollow markers with a red cross."""
+    """Draws a marker per knob. Settings that break a hard case have hollow markers with a red cross. Values for which there is
+    no free place are left out."""
     for number, knob in enumerate(knobs):
         own = [row for row in rows if row["knob"] == knob]
         mark, colour = _MARKS[number % len(_MARKS)], f"C{number % 10}"
@@ -67,42 +148,27 @@ def _scatter(
                       label=knob if i == 0 else None)
             if row["broken"]:
                 axis.plot(row[cost], loss(row), "x", color="r", markersize=4)
-            if cost == "word_bits" or row["knob"] not in (*WORDS, "combination", DEFAULT, "tile test"):
-                axis.annotate(row["value"].partition(",")[0], (row[cost], loss(row)), fontsize=6, xytext=(4, 3),
-                              textcoords="offset points")
+    named = [row for row in rows
+             if cost == "word_bits" or row["knob"] not in (*WORDS, "combination", DEFAULT, "tile test")]
+    axis.figure.canvas.draw()
+    place_labels(axis, [(row[cost], loss(row)) for row in named], [row["value"].partition(",")[0] for row in named], size=7,
+                 drop=True, avoid=[(row[cost], loss(row)) for row in rows])
 
 
-def _simulation(axes: list[Axes], content: Mapping[str, Any]) -> None:
-    rows = content["simulation"]["rows"]
-    for number, row in enumerate(rows):
-        axes[0].plot(1e3 * row["wall_s"], 255 * row["max_abs_error"], "o", color=f"C{number}", label=row["name"])
-        axes[0].annotate(row["name"], (1e3 * row["wall_s"], 255 * row["max_abs_error"]), fontsize=8, xytext=(4, 4),
-                         textcoords="offset points")
-        if row["cycle_error"] is not None:
-            axes[1].plot(1e3 * row["wall_s"], 100 * abs(row["cycle_error"]), "o", color=f"C{number}")
-            axes[1].annotate(row["name"], (1e3 * row["wall_s"], 100 * abs(row["cycle_error"])), fontsize=8, xytext=(4, 4),
-                             textcoords="offset points")
-    for axis, label in zip(axes, ("worst error against the oracle, of 255", "error of cycles against the RTL, %"), strict=True):
-        axis.set_xscale("log")
-        axis.set_xlabel("wall time of a frame, ms")
-        axis.set_ylabel(label)
+def _runs(axes: list[Axes], content: Mapping[str, Any]) -> None:
+    for axis in axes:
+        axis.set_ylabel("PSNR against photographs, dB")
         axis.grid(alpha=0.3)
-    axes[0].set_title(f"{content['simulation']['size']}, {content['simulation']['config']}", fontsize=10)
-
-
-def _training(axes: list[Axes], content: Mapping[str, Any]) -> None:
+    points, names = [], []
     for number, run in enumerate(content["training"]):
         label, colour = f"{run['scene']}-{run['variant']}", f"C{number}"
         axes[0].plot(run["curve"]["iteration"], run["curve"]["psnr"], color=colour, linewidth=0.8, alpha=0.5)
         stages = [stage for stage in run["stages"] if stage["level"] == 1]
         axes[0].plot([s["iterations"] for s in stages], [s["psnr"] for s in stages], "o", color=colour, label=label)
         axes[1].plot([s["points"] for s in run["stages"]], [s["psnr"] for s in run["stages"]], "o-", color=colour, label=label)
-        for stage in run["stages"]:
-            axes[1].annotate(stage["stage"], (stage["points"], stage["psnr"]), fontsize=6, xytext=(3, 3),
-                             textcoords="offset points")
+        points += [(stage["points"], stage["psnr"]) for stage in run["stages"]]
+        names += [stage["stage"] for stage in run["stages"]]
     axes[0].set_xlabel("iterations; lines: training views while the dense model is trained, dots: test views")
     axes[1].set_xlabel("points of the stage's model")
-    for axis in axes:
-        axis.set_ylabel("PSNR against photographs, dB")
-        axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
+    axes[0].figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, ncols=4, loc="outside upper center")
+    place_labels(axes[1], points, names, size=7, drop=True)

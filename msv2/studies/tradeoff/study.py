@@ -15,19 +15,21 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size, write_json
 from msv2.studies.kept import fingerprint
-from msv2.studies.tradeoff import hard, measure, report, simulation, training
+from msv2.studies.tradeoff import crops, hard, measure, report, simulation, tables, training
 from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, recommended, with_losses
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
+from msv2.studies.web.browser import take_screenshots
 from spec.command_line import choice, command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError
-from spec.paths import REPORTS
+from spec.paths import IN_CHECKOUT, REPORTS
 
 EPILOG = """\
 Writes OUT/NAME.md, NAME.json, NAME.html, and a PNG with a CSV beside it of machine, simulation and training. What was measured
 is kept in WORK by settings and sources: after Ctrl-C the same command goes on. docs/tradeoff.md explains the columns.
+With --pages it measures nothing, and writes the pages and their pictures anew from a report that is kept.
 
 examples:
   msv2 study run tradeoff                                                 the embedded scene
@@ -36,6 +38,7 @@ examples:
   msv2 study run tradeoff truck.splat --size 320x180 --jobs 4
   msv2 study run tradeoff --knob "support radius" --knob "SH degree"      only some knobs
   msv2 study run tradeoff --rtl --size 64x48                              the simulation's picture with the RTL in it
+  msv2 study run tradeoff --pages reports/tradeoff.json --screenshots     the pages of a kept report, looked at in Chromium
   msv2 study run tradeoff --scheduler tcp://10.0.0.1:8786   over a Dask cluster (the extra 'cluster')
 """
 
@@ -60,6 +63,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--scheduler", metavar="ADDRESS", help="address of a Dask cluster to use instead of local processes")
     add("--work", default="build/tradeoff/kept", metavar="DIR", help="cache of measurements")
     add("--out", default="build/tradeoff", metavar="DIR", help="output folder (default: build/tradeoff)")
+    add("--pages", type=Path, metavar="JSON", help="only write the pages of this report; SCENE is needed for their crops")
+    add("--screenshots", action="store_true", help="also look at the page in Chromium: OUT/screenshots/NAME_*.png")
     add("--name", default="tradeoff", help="name of the output files (default: tradeoff)")
     return parser.parse_args(argv)
 
@@ -166,6 +171,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     args = parse_arguments(argv)
     request, out = scene_request(args), make_folder(args.out)
+    if args.pages is not None:
+        return write_pages(read_json(args.pages), args, request)
     rows = machine(request, args)
     small = SceneRequest(args.scene, args.rtl_size if args.rtl else args.size, 1, work=args.work)
     scene, played = load(request), None
@@ -181,5 +188,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}
     inputs = [args.scene, *(path for _, path in request.variants), REPORTS / "area.json"]
     report.write(content, out, args.name, {"arguments": args, "machine": PAPER}, inputs)
-    print(report.recommendation(content))
-    return 0
+    print(tables.recommendation(content))
+    return write_pages(read_json(out / f"{args.name}.json"), args, request)
+
+
+def write_pages(content: dict[str, Any], args: argparse.Namespace, request: SceneRequest) -> int:
+    """Writes the pages of a report's content; 1 if screenshots are asked for and show a fault of the page."""
+    shown: list[crops.Crop] = []
+    if Path(args.scene).stem == content["scene"]:
+        print("rendering the crops", flush=True)
+        shown = crops.crops(content, args.scene, request.variants)
+    else:
+        print(f"no crops: the report is of {content['scene']!r}, and SCENE is {args.scene!r}")
+    out = make_folder(args.out)
+    report.write_pages(content, out, args.name, shown)
+    page = out / f"{args.name}.html"
+    print(f"wrote {page}, which contains its pictures, and {args.name}.md")
+    if (out.resolve(), args.name) == (REPORTS.resolve(), "tradeoff") and IN_CHECKOUT:
+        report.fill_document(content)
+    return 0 if not args.screenshots or take_screenshots(page, make_folder(out / "screenshots")) else 1

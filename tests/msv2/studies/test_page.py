@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from msv2.studies import page
-from msv2.studies.report import html_page
 from spec.errors import InputError
 
 TEXT = "# Page\n\n<!-- table:one -->\nold\n<!-- end -->\n\nwords\n\n<!-- table:two -->\n<!-- end -->\n"
@@ -50,12 +49,3 @@ def test_a_page_without_a_table_is_refused_where_all_are_wanted(tmp_path):
 def test_a_page_is_whole_and_ends_with_one_line_break(tmp_path):
     page.write_page(tmp_path / "page.md", "text\n\n")
     assert (tmp_path / "page.md").read_bytes() == b"text\n" and len(list(tmp_path.iterdir())) == 1
-
-
-def test_pictures_are_put_into_a_page_of_html(tmp_path):
-    (tmp_path / "p.png").write_bytes(b"png")
-    table = page.table(["a", "b"], [["**x**", 1]], left=1)
-    page.write_html(tmp_path / "page.html", "T <", f"# T\n\n![p](p.png)\n\n{table}\n", [tmp_path / "p.png"])
-    text = (tmp_path / "page.html").read_text()
-    assert 'src="data:image/png;base64,cG5n"' in text and "p.png" not in text and "<title>T &lt;</title>" in text
-    assert '<td><b>x</b></td><td class="number">1</td>' in text and html_page.anchor("A b") == "a-b"

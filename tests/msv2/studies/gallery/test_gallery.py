@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from golden.scenes.embedded.scene import cached_embedded_model
-from msv2.studies.gallery import study
+from golden.scenes.save import save_model
+from msv2.studies.gallery import pages, pictures, study
+from msv2.studies.web.check import markdown_problems, problems
+from spec.errors import InputError
+from spec.paths import DOCS
+from tests.helpers.golden_samples import random_model
+
+NAMES = ["plain", "foveated", "levels", "depth", "stereo", "error"]
 
 
 def test_pictures_are_written(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "PANEL", (64, 48))
+    monkeypatch.setattr(study, "write_document", lambda *_: None)
     assert study.main(["--size", "96x54", "--out", str(tmp_path / "new")]) == 0
     foveated = np.asarray(Image.open(tmp_path / "new" / "foveated.png").convert("RGB"))
     panel = np.asarray(Image.open(tmp_path / "new" / "renderers.png").convert("RGB"))
@@ -24,3 +33,49 @@ def test_levels_have_the_shares_that_training_kept():
     bound = study.leveled(model).quality_bound
     shares = [(bound > level).mean() for level in range(4)]
     assert shares[0] == 1.0 and shares == sorted(shares, reverse=True) and 0.5 < shares[3] < 0.9
+
+
+def test_the_gallery_of_the_documents_is_small_and_whole():
+    places = sorted((DOCS / "images").glob("gallery_*"))
+    assert {place.stem.removeprefix("gallery_") for place in places} == set(NAMES)
+    assert sum(place.stat().st_size for place in places) <= pages.MOST_BYTES
+    page = DOCS / "gallery.md"
+    text = page.read_text()
+    assert markdown_problems(page) == [] and [text.index(f"gallery_{name}.jpg") for name in NAMES] == sorted(
+        text.index(f"gallery_{name}.jpg") for name in NAMES)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return pictures.load_subject("embedded", "96x64")
+
+
+def test_pictures_show_what_they_are_named(small):
+    made = {one.name: one for one in pictures.pictures(small)}
+    assert list(made) == NAMES and made["stereo"].image.shape == (64, 192, 3)
+    left, right = np.split(made["stereo"].image, 2, axis=1)
+    plain, foveated = made["plain"].image, made["foveated"].image
+    assert np.abs(left - plain).max() < 1 / 128  # the left eye is the same camera, rounded to a byte
+    assert 0.01 < np.abs(left - right).mean() < 0.3 and np.abs(foveated - plain).mean() > 0.005
+    assert "which nobody trained" in made["foveated"].caption and not small.trained
+    assert 0 < made["error"].image.mean() < 1 and "dB" in made["error"].caption
+
+
+def test_another_scene_is_drawn_into_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "BUILD", tmp_path / "build")
+    model = random_model(np.random.default_rng(3), 80, levels=4)
+    save_model(model, tmp_path / "ball.ply")
+    assert study.main([str(tmp_path / "ball.ply"), "--size", "64x48"]) == 0
+    out = tmp_path / "build" / "gallery" / "ball"
+    assert problems(out / "gallery.html") == [] and markdown_problems(out / "gallery.md") == []
+    assert sorted(path.stem for path in out.glob("*.jpg")) == sorted(NAMES)
+    assert "trained with the model" in (out / "gallery.md").read_text()
+    assert str(tmp_path) not in (out / "gallery.html").read_text()
+
+
+def test_pictures_that_are_too_large_for_the_documents_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(pages, "MOST_BYTES", 1000)
+    monkeypatch.setattr(study, "pictures", lambda subject: iter([
+        pictures.Shown("plain", np.random.default_rng(1).random((64, 64, 3)), "noise", "")]))
+    with pytest.raises(InputError, match="size '96x54' is not accepted: the pictures take"):
+        study.write_document("96x54", tmp_path / "gallery.md", tmp_path)

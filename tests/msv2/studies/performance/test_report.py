@@ -9,12 +9,14 @@ import pytest
 
 from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.stereo import stereo_pair
+from msv2.studies.labels import overlapping
 from msv2.studies.performance import area, frames, gpu, machines, page, pictures, study, summary, sweeps, tiles
-from msv2.studies.report import html_page
+from msv2.studies.report import overview
 from msv2.studies.report.study import main as whole_report
-from msv2.studies.report.study import markdown
 from msv2.studies.report.study import summary as together
 from msv2.studies.scenes import MODELS, TRAINED_HERE
+from msv2.studies.web import maker, markdown
+from msv2.studies.web.check import problems
 from perf.gscore import gscore_trace
 from perf.trace import trace_of
 from spec.config import PAPER
@@ -146,16 +148,17 @@ def test_pages_and_pictures(content, frame, tmp_path):
     for block in text.split("\n\n"):
         widths = {line.count(" | ") for line in block.splitlines() if line.startswith("|")}
         assert len(widths) <= 1 and " nan " not in block, block
-    shown = html_page.page("Report", text)
+    shown = maker.page("Report", "", [maker.Chapter("Performance", text)])
     assert shown.count("<table>") == shown.count("</table>") == sum(line.startswith("| ---") for line in rows)
+    assert shown.count("<details") == text.count("\n## ") + 1  # the introduction folds, too
     assert "**" not in shown and shown.count("<img") == len(made)
 
 
 def test_words_of_the_page_in_html():
-    assert html_page.inline("a `x*y <b>` **c** [d](e)") == 'a <code>x*y &lt;b&gt;</code> <b>c</b> <a href="e">d</a>'
-    body = html_page.body("# A b\ntext\n\n- one\n- two\n\n```\n# no\n\nheading\n```\n| x | y |\n| --- | ---: |\n| 1 | 2 |\n")
+    assert markdown.inline("a `x*y <b>` **c** [d](e)") == 'a <code>x*y &lt;b&gt;</code> <b>c</b> <a href="e">d</a>'
+    body = markdown.body("# A b\ntext\n\n- one\n- two\n\n```\n# no\n\nheading\n```\n| x | y |\n| --- | ---: |\n| 1 | 2 |\n")
     assert '<h1 id="a-b">A b</h1>' in body and body.count("<li>") == 2 and "<pre># no\n\nheading</pre>" in body
-    assert '<tr><td>1</td><td class="number">2</td></tr>' in body
+    assert '<tr><td class="number">1</td><td class="number">2</td></tr>' in body
 
 
 def test_the_whole_report(content, areas):
@@ -165,7 +168,31 @@ def test_the_whole_report(content, areas):
     assert found["speedup"][machines.BASE.name] == {"25.6": {"frame": pytest.approx(1), "render": pytest.approx(1)},
                                                     "unlimited": {"frame": pytest.approx(1), "render": pytest.approx(1)}}
     assert found["energy_mj_per_frame"]["random"][machines.BOTH.name] > 0
-    assert "0.440 mm²" in markdown(found, []) and "no reports/area.json" in markdown(together(content, energy, None, None), [])
+    found["frame"] = {"scene": "random", "points": 250, "levels": 4, "trained": False}
+    text = overview.markdown(found, content, {"performance": "# Performance"})
+    assert "0.440 mm²" in text and "| 0.44 mm² |" in text and "random subsets of the splats" in text
+    bare = together(content, energy, None, None) | {"frame": found["frame"]}
+    assert "no reports/area.json" in overview.markdown(bare, content, {})
+    shown = overview.html(found, content, {"performance": "# Performance\n\nwords\n\n## Goals\n\nmore"})
+    assert shown.index("<img") < shown.index('class="card"') < shown.index("<section>") and shown.count("<details") == 3
+
+
+def test_labels_of_the_pictures_do_not_overlap(content, frame, tmp_path, monkeypatch):
+    figures = {}
+    monkeypatch.setattr(pictures, "save_figure", lambda figure, path, **_: figures.update({path.stem: figure}))
+    assert len(pictures.draw(content, study.timelines(frame), tmp_path)) == len(figures) == 6
+    many = content | {"frames": [found | {"name": f"garden_large, view {i}"} for i in range(10) for found in content["frames"]]}
+    pictures.draw(many, study.timelines(frame), tmp_path / "many")
+    for name, figure in figures.items():
+        assert overlapping(figure) == [], name
+        assert figure.get_size_inches()[0] * 100 <= 1200, name
+
+
+def test_steps_are_those_that_are_taken():
+    todo = [("embedded", "orbit"), ("embedded", "3")]
+    assert study.steps_of(todo, ["embedded"], True) == [
+        "embedded, orbit: traces", "embedded, orbit: machines", "embedded, 3: traces", "embedded, 3: machines",
+        "embedded: sweeps", "Full HD"]
 
 
 @pytest.mark.long
@@ -175,6 +202,7 @@ def test_the_command_writes_all_of_it(tmp_path):
     assert {"area_mm2_16nm", "energy_mj_per_frame", "model_error_total", "speedup", "commit", "config"} <= set(found)
     for name in ("area", "energy", "performance"):
         assert (tmp_path / f"{name}.json").is_file() and f'href="{name}.json"' in (tmp_path / "report.html").read_text()
+    assert problems(tmp_path / "report.html") == []
 
 
 def test_scenes_that_are_not_there_are_named():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from golden.metrics.image import psnr
-from msv2.studies.tradeoff import choose, hard, knobs, report, training
+from msv2.studies.tradeoff import choose, hard, knobs, tables, training
 from msv2.studies.tradeoff import study as command
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.scene import SceneRequest
@@ -151,7 +151,7 @@ def test_a_small_sweep_is_kept_and_goes_on(tmp_path, monkeypatch):
     with open(tmp_path / "out" / "tradeoff_machine.csv", newline="") as file:
         assert [float(r["cycles"]) for r in csv.DictReader(file)] == [r["cycles"] for r in content["machine"]]
     page = (tmp_path / "out" / "tradeoff.html").read_text()
-    assert report.recommendation(content).splitlines()[2].split("|")[2].strip() in page
+    assert tables.recommendation(content).splitlines()[2].split("|")[2].strip() in page
     monkeypatch.setattr(command, "run_all", lambda work, calls, **_: iter(()) if not calls else pytest.fail("again"))
     assert command.main(argv) == 0
 
