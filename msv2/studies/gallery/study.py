@@ -150,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as for `msv2 render` (default: orbit)")
     parser.add_argument("--screenshots", action="store_true", help="of another scene: also look at the page in Chromium")
     parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="output folder (default: build/reports, --keep: docs/images; of another scene: build/gallery/NAME)")
+                        help="output folder (default: build/reports, --keep: docs/images; another scene: build/gallery/NAME)")
     args = parser.parse_args(argv)
     size = parse_size(args.size) if args.size else FRAME
     args.size = args.size or SIZE

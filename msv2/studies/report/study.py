@@ -79,7 +79,8 @@ def gather(args: argparse.Namespace, out: Path, progress: Progress) -> None:
     out = Path(os.path.relpath(out, ROOT))
     with progress.step("performance"):
         run("-m", "msv2.studies", "performance", *args.scene, "--size", args.size, "--out", str(out))
-    gaze = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4", "--levels-from", RANDOM) if args.scene else ()
+    frame = ("--size", args.size, "--gaze", f"{width / 2:g},{height / 2:g}", "--levels", "4", "--levels-from", RANDOM)
+    gaze = frame if args.scene else ()
     with progress.step("energy"):
         run("-m", "msv2.studies", "energy", *args.scene[:1], *gaze, "--out", str(out))
     with progress.step("area"):
