@@ -149,7 +149,7 @@ def test_ports_are_explained(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options, message", [
     (["--unit", "tile_merge"], "unit 'tile_merge'"), (["--config", "papier"], "config 'papier'"),
-    (["--prefix", "1st_"], "prefix '1st_'"), (["--out", __file__], "a folder is wanted")])
+    (["--prefix", "1st_"], "prefix '1st_'"), (["--out", __file__], "a writable place is")])
 def test_bad_requests_end_with_status_2(options: list[str], message: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "msv2.verilog", "--unit", "line_buffer", "--out", str(tmp_path), *options],
