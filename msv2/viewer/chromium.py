@@ -56,7 +56,7 @@ class Browser:
         self._number, self._events = 0, list[dict[str, Any]]()
         self._process = subprocess.Popen(
             [str(program), *FLAGS, f"--user-data-dir={self._profile}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         try:
             self._socket = connect(self._page(), max_size=None)
             for domain in ("Runtime", "Log", "Page"):
