@@ -35,8 +35,9 @@ UP_BY_FORMAT = {
     "nerfstudio": (0.0, 0.0, 1.0),
 }
 """The world's up direction by file format. PLY and the formats packed from it follow COLMAP's habit (y down), and SPZ is RUB
-by its specification. SOG defines no axes, so its entry is only the fallback of `orbit.estimate_up`. COLMAP and LLFF worlds
-have arbitrary axes and are not listed: `up_of_cameras` finds their up direction."""
+by its specification. SOG defines no axes, so its entry is only the fallback of `orbit.estimate_up`. These entries are the up of
+the benchmarks' orbit; other cameras take what `orientation.find_orientation` finds. COLMAP and LLFF worlds have arbitrary axes
+and are not listed: `up_of_cameras` finds their up direction."""
 
 MAX_LOGIT = 30.0
 """Exported logits are clipped to +-30. sigmoid(30) is exactly 1 in float32, and every reader accepts a finite number."""

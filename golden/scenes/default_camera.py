@@ -29,6 +29,8 @@ ELEVATION_COST = {20.0: 0.0, 10.0: 0.03, 35.0: 0.05, 55.0: 0.25}
 """What an elevation costs a camera's merit: people look at things from a little above."""
 LYING_ELEVATION, FLAT = 60.0, 0.05
 """A subject whose height is less than FLAT of its width, such as a sign that lies, is looked at from this elevation."""
+WIDE_ASPECT = 9 / 16
+"""Largest height over width of a frame that is judged."""
 REFINED = 6
 """Number of the best cameras at the first elevation that are tried at the others, too."""
 CHECKED, NEAR_SAMPLE = 8, 20_000
@@ -91,9 +93,10 @@ class Judge:
 
     @classmethod
     def of(cls, model: GaussianModel, aspect: float) -> Judge:
-        """The judge of a model for frames of an aspect."""
+        """The judge of a model for frames of an aspect. A frame that is taller shows as much as a wide one between its left and
+        right edges, and more above and below, so it is judged as a wide one and gets the same standpoint."""
         discs = Discs.of(model)
-        return cls(model, discs, find_subject(discs.means, discs.weight, discs.sigma), aspect)
+        return cls(model, discs, find_subject(discs.means, discs.weight, discs.sigma), min(aspect, WIDE_ASPECT))
 
     def picture(self, standpoint: Standpoint) -> Picture:
         """The coarse picture of a standpoint."""

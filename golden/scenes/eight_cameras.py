@@ -20,6 +20,8 @@ BETTER = 0.15
 """A camera leaves the default distance if another one's merit is higher by this much."""
 HIGH_ELEVATIONS, FAR = (35.0, 60.0, 85.0), (1.0, 1.4, 1.9, 2.6)
 """Elevations and multiples of the fitting distance among which the camera is chosen that sees most of the whole model."""
+WHOLE = 3.5
+"""The camera of the whole model shows at most this many times the subject's radius, since a background may be far away."""
 CLOSE = (0.5, 0.4, 0.3)
 """Multiples of the default distance for the camera close by."""
 
@@ -48,11 +50,14 @@ def eight_cameras(
                    for factor in NEARER]
         best = max(options, key=lambda framing: framing.merit)
         found.append((f"turned by {turn:.0f}", best if best.merit > options[0].merit + BETTER else options[0]))
-    fit = fit_distance(judge.subject, fov_deg)
+    radius = judge.subject.radius
+    all_of_it = replace(judge.subject, radius=max(radius, min(judge.subject.extent, WHOLE * radius)))
+    wide = replace(judge, subject=all_of_it)
+    fit = fit_distance(all_of_it, fov_deg)
     azimuths = [start.azimuth_deg, *((start.azimuth_deg + turn) % 360.0 for turn in TURNS_DEG)]
-    above = _framings(judge, [Standpoint(target, up, azimuth, elevation, factor * fit, fov_deg)
-                              for azimuth in azimuths for elevation in HIGH_ELEVATIONS for factor in FAR])
-    found.append(("whole", max(map(judge.checked, sorted(above, key=_whole)[-CHECKED:]), key=_whole)))
+    above = _framings(wide, [Standpoint(target, up, azimuth, elevation, factor * fit, fov_deg)
+                             for azimuth in azimuths for elevation in HIGH_ELEVATIONS for factor in FAR])
+    found.append(("whole", max(map(wide.checked, sorted(above, key=_whole)[-CHECKED:]), key=_whole)))
     near = _framings(judge, [replace(start, azimuth_deg=azimuth, distance=factor * start.distance)
                              for azimuth in azimuths for factor in CLOSE])
     near.sort(key=lambda framing: framing.merit)

@@ -31,12 +31,14 @@ class Subject:
         middle: (3,) float64, world units; it lies in the densest part.
         radius: world units.
         share: the share of the model's weight inside that radius, 0..1.
+        extent: the radius that holds 98 % of the weight, world units.
         scales: (4,) radii that hold 30, 50, 70 and 90 % of the weight, world units.
     """
 
     middle: np.ndarray
     radius: float
     share: float
+    extent: float
     scales: np.ndarray
 
 
@@ -54,7 +56,8 @@ def find_subject(means: np.ndarray, weight: np.ndarray, extent: np.ndarray | flo
     for _ in range(STEPS):
         distance = np.linalg.norm(means - middle, axis=1)
         width = weighted_percentiles(distance, weight, (CORE_PERCENT,))[0]
-        near = weight * np.exp(-0.5 * (distance / max(width, 1e-300)) ** 2)
+        least = max(1e-12 * float(distance.max()), 1e-300)
+        near = weight * np.exp(-0.5 * np.minimum(distance / max(width, least), 30.0) ** 2)
         if not near.sum() > 0:
             break
         step = near @ means / near.sum() - middle
@@ -70,7 +73,7 @@ def find_subject(means: np.ndarray, weight: np.ndarray, extent: np.ndarray | flo
     end = MARGIN * radii[min(last + 1, len(radii) - 1)] if last + 3 < len(radii) else radii[-1]
     scales = weighted_percentiles(distance, weight, (30, 50, 70, 90))
     radius = float(min(end, REACH * scales[1])) or float(distance.max())
-    return Subject(middle, radius, float(weight[distance <= radius].sum() / weight.sum()), scales)
+    return Subject(middle, radius, float(weight[distance <= radius].sum() / weight.sum()), float(radii[-1]), scales)
 
 
 def weighted_percentiles(x: np.ndarray, weight: np.ndarray, percents: tuple[float, ...]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Small models for tests of cameras and of orientation: a box on the ground, a room, a sign; turned, cropped, with a floater."""
+"""Small models for tests of cameras and of orientation: a box on the ground, a sign; turned, with a floater."""
 
 from dataclasses import replace
 
@@ -49,6 +49,7 @@ def turned(model: GaussianModel, rotation: Rotation) -> GaussianModel:
 def with_floater(model: GaussianModel, place: np.ndarray, sigma: float) -> GaussianModel:
     """The model with one more splat, opaque and round."""
     extra = model.select(np.array([0]))
-    extra = replace(extra, means=np.asarray(place)[None], log_scales=np.full((1, 3), np.log(sigma)), opacity=np.full((1, 1), 0.99))
+    extra = replace(
+        extra, means=np.asarray(place)[None], log_scales=np.full((1, 3), np.log(sigma)), opacity=np.full((1, 1), 0.99))
     arrays = ("means", "log_scales", "quats", "opacity", "sh_dc", "sh_rest", "quality_bound")
     return replace(model, **{name: np.concatenate([getattr(model, name), getattr(extra, name)]) for name in arrays})
