@@ -16,7 +16,7 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.request import parse_request, resolve
 from golden.scenes.save import save_model
 from spec.errors import InputError
-from tests.golden.scenes.test_level_fit import ball
+from tests.golden.scenes.test_level_fit import ball, few_pictures
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def made(monkeypatch) -> list[GaussianModel]:
         found.append(model)
         spread = spread_levels(model, levels)
         opacity = np.where(np.arange(levels) > 0, spread.opacity / 3 + seed, spread.opacity)
-        return replace(spread, opacity=np.where(spread.quality_bound[:, None] > 1, opacity, spread.opacity))
+        return replace(spread, opacity=np.where(spread.quality_bound[:, None] > 1, opacity, model.opacity))
 
     monkeypatch.setattr(level_fit, "enhanced_levels", fit)
     return found
@@ -74,6 +74,15 @@ def test_fitted_levels_are_kept(made, tmp_path):
     kept_enhanced(model, 4, 1, folder=tmp_path)
     kept_enhanced(replace(model, sh_dc=model.sh_dc + 1), 4, folder=tmp_path)
     assert len(made) == 5 and len(list(tmp_path.glob("*.npz"))) == 4
+
+
+def test_what_is_kept_is_what_was_fitted(tmp_path, monkeypatch):
+    few_pictures(monkeypatch)
+    model = ball(150)
+    fitted = level_fit.enhanced_levels(model)
+    first, again = kept_enhanced(model, 4, folder=tmp_path), kept_enhanced(model, 4, folder=tmp_path)
+    assert len(list(tmp_path.glob("*.npz"))) == 1
+    assert equal(first, fitted) and equal(again, fitted)
 
 
 def test_only_the_last_models_stay(made, tmp_path, monkeypatch):
