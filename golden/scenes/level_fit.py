@@ -69,7 +69,8 @@ def enhanced_levels(
 ) -> GaussianModel:
     """Levels that are fitted to the model's own pictures; the result depends on the arguments alone.
 
-    Points that no camera sees have the levels that `spread_levels` gives them.
+    Points that no camera sees have the levels that `spread_levels` gives them. At levels that do not use a point, it has the
+    opacity and the colour of level 1.
 
     Args:
         model: its level 1 is used, and stays as it is.
@@ -87,8 +88,8 @@ def enhanced_levels(
     cost = _tiles_met(views, len(model))
     seen, fit = cost > 0, _Fit(model, views, seed)
     bound = np.where(seen, 1, spread.quality_bound).astype(np.uint8)
-    opacity, dc = spread.opacity.copy(), spread.sh_dc.copy()
-    opacity[seen, 1:] = model.opacity[seen, :1]
+    unused = np.arange(levels) >= np.where(seen, levels, spread.quality_bound)[:, None]
+    opacity, dc = np.where(seen[:, None] | unused, model.opacity[:, :1], spread.opacity), spread.sh_dc.copy()
     done, steps = 0, sum(STEPS[: levels - 1])
     for level in range(1, levels):
         stays = seen & (bound == level)

@@ -69,8 +69,8 @@ def kept_enhanced(model: GaussianModel, levels: int, seed: int = 0, folder: Path
     arrays = (model.means, model.log_scales, model.quats, model.opacity[:, 0], model.sh_dc[:, 0], model.sh_rest, model.up)
     content = [hashlib.sha256(np.ascontiguousarray(array)).hexdigest() for array in arrays]
     key = fingerprint(sources_of("golden.scenes.level_fit"), levels, seed, content)
-    path, plain = folder / f"{key}.npz", spread_levels(model, levels)
-    found = _load(path, plain)
+    path = folder / f"{key}.npz"
+    found = _load(path, model, levels)
     if found is None:
         with tqdm(desc=f"fitting {levels} levels to {model.name}", unit="step", file=sys.stderr) as bar:
             def progress(done: int, steps: int) -> None:
@@ -93,15 +93,15 @@ def _save(path: Path, model: GaussianModel) -> None:
         old.unlink(missing_ok=True)
 
 
-def _load(path: Path, plain: GaussianModel) -> GaussianModel | None:
-    """The levels that `_save` kept, on a model `plain` of as many levels; None if there are none or the file is broken."""
+def _load(path: Path, model: GaussianModel, levels: int) -> GaussianModel | None:
+    """The model with the levels that `_save` kept; None if there are none or the file is broken."""
     try:
         with np.load(path) as file:
             bound, made = file["bound"], {"opacity": file["opacity"], "sh_dc": file["dc"]}
-            arrays = {"opacity": plain.opacity.copy(), "sh_dc": plain.sh_dc.copy()}
+            arrays = {name: np.repeat(getattr(model, name)[:, :1], levels, axis=1) for name in made}
             for name, values in made.items():
                 arrays[name][bound > 1, 1:] = values
             path.touch()
-            return replace(plain, quality_bound=bound, **arrays)
+            return replace(model, quality_bound=bound, **arrays)
     except (OSError, ValueError, KeyError, IndexError, EOFError, BadZipFile):
         return None

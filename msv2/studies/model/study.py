@@ -38,15 +38,15 @@ RTL_REPORTS = ("frames", "machine", "model_rtl")
 RTL_FRAMES = (
     "embedded --size 160x96 --config default",
     "truck --size 96x64 --config default --machine scene",
-    "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4",
-    "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4",
+    "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4 --levels-from random",
+    "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4 --levels-from random",
 )
 """Frames that the other reports do not have: two eyes, a smaller machine, and one without harmonics and levels."""
 
 TIMED = "embedded --size 128x128 --config paper"
 """The frame with which RTL and model are timed, one after the other."""
 
-LARGE = "garden_large --size 1920x1080 --gaze 960,540 --levels 4 --config paper --pixels display"
+LARGE = "garden_large --size 1920x1080 --gaze 960,540 --levels 4 --levels-from random --config paper --pixels display"
 _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 """A large frame for which the report states the model's time."""
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +16,8 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.request import parse_request, resolve
 from golden.scenes.save import save_model
 from spec.errors import InputError
-from tests.golden.scenes.test_level_fit import ball
+from spec.paths import ROOT
+from tests.golden.scenes.test_level_fit import ball, few_pictures
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def made(monkeypatch) -> list[GaussianModel]:
         found.append(model)
         spread = spread_levels(model, levels)
         opacity = np.where(np.arange(levels) > 0, spread.opacity / 3 + seed, spread.opacity)
-        return replace(spread, opacity=np.where(spread.quality_bound[:, None] > 1, opacity, spread.opacity))
+        return replace(spread, opacity=np.where(spread.quality_bound[:, None] > 1, opacity, model.opacity))
 
     monkeypatch.setattr(level_fit, "enhanced_levels", fit)
     return found
@@ -76,6 +77,15 @@ def test_fitted_levels_are_kept(made, tmp_path):
     assert len(made) == 5 and len(list(tmp_path.glob("*.npz"))) == 4
 
 
+def test_what_is_kept_is_what_was_fitted(tmp_path, monkeypatch):
+    few_pictures(monkeypatch)
+    model = ball(150)
+    fitted = level_fit.enhanced_levels(model)
+    first, again = kept_enhanced(model, 4, folder=tmp_path), kept_enhanced(model, 4, folder=tmp_path)
+    assert len(list(tmp_path.glob("*.npz"))) == 1
+    assert equal(first, fitted) and equal(again, fitted)
+
+
 def test_only_the_last_models_stay(made, tmp_path, monkeypatch):
     monkeypatch.setattr(level_source, "KEPT", 2)
     for seed in range(4):
@@ -103,12 +113,15 @@ def test_requests_have_the_option(made, tmp_path, monkeypatch):
 
 
 def test_studies_and_suites_name_their_source():
-    """A request of four levels in the project's own measurements never takes the default, so that their numbers stay."""
-    root = Path(level_source.__file__).parents[2]
-    for folder in ("msv2/studies", "msv2/cases", "perf", "synth", "tb/common", "msv2/cli"):
-        for path in (root / folder).rglob("*.py"):
+    """A request of levels in the project's own measurements never takes the default, so that their numbers stay."""
+    found = 0
+    for folder in ("msv2/studies", "msv2/cases", "synth", "tb/common", "tests/tb"):
+        for path in (ROOT / folder).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
-            if '"--levels",' in text and path != root / "msv2/studies/threshold/rtl.py":  # its models have levels
-                assert '"--levels-from", RANDOM' in text, path
-            if "add_request_arguments(" in text and path.parts[-2] != "perf":
+            asking = [line for line in text.splitlines() if re.search(r'--levels( \d|",)', line)]
+            if path != ROOT / "msv2/studies/threshold/rtl.py":  # its models have levels
+                assert all("--levels-from" in line or line.endswith('"--levels", "4",') for line in asking), (path, asking)
+            if "add_request_arguments(" in text:
                 assert "levels_from=RANDOM" in text, path
+            found += len(asking)
+    assert found > 10
