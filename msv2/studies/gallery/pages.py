@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
-from pathlib import Path
 
 from PIL import Image
 
-from golden.scenes.files import atomic_output
 from golden.scenes.pictures import to_bytes
 from msv2.studies.gallery.pictures import Shown
 from msv2.studies.web.maker import Chapter, page, picture
@@ -19,10 +18,11 @@ MOST_BYTES = 600 * 1024
 """The largest size of all pictures of docs/gallery.md together."""
 
 
-def write_picture(shown: Shown, path: Path) -> None:
-    """Writes a picture as JPEG."""
-    with atomic_output(path) as file:
-        Image.fromarray(to_bytes(shown.image)).save(file, format="JPEG", quality=QUALITY, optimize=True)
+def jpeg(shown: Shown) -> bytes:
+    """A picture as JPEG."""
+    file = io.BytesIO()
+    Image.fromarray(to_bytes(shown.image)).save(file, format="JPEG", quality=QUALITY, optimize=True)
+    return file.getvalue()
 
 
 def commands(shown: Sequence[Shown], scene: str) -> str:

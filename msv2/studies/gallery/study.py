@@ -2,7 +2,7 @@
 
     msv2 study run gallery                     docs/gallery.md with docs/images/gallery_*.jpg, and the README's pictures
     msv2 study run gallery SCENE               another scene, a path or a captured scene's name: build/gallery/NAME/gallery.html
-    msv2 study run gallery --size 960x540      larger pictures
+    msv2 study run gallery SCENE --screenshots also looks at that page in headless Chromium, at two widths
 
 The README's pictures are `foveated.png`, a frame of four levels by the integer golden renderer, whose every bit is that of the
 RTL, beside the levels of its tiles (random subsets of the points, as large as the levels that training keeps on this scene by
@@ -100,39 +100,47 @@ def panels(size: tuple[int, int]) -> np.ndarray:
         ("intersections of a tile (log)", heat_picture(frame))], 4)
 
 
-def draw_gallery(scene: str, size: str, camera: str, folder: Path, prefix: str) -> tuple[list[Shown], list[Path]]:
-    """Draws the gallery's pictures of a scene as FOLDER/PREFIXname.jpg. Returns them with their paths."""
-    shown, places = [], []
-    subject = load_subject(scene, size, camera)
-    for one in pictures(subject):
-        path = place(folder / f"{prefix}{one.name}.jpg")
-        pages.write_picture(one, path)
-        print(f"{path}: {path.stat().st_size / 1024:.0f} KB", flush=True)
+def draw_gallery(scene: str, size: str, camera: str) -> tuple[list[Shown], list[bytes]]:
+    """Draws the gallery's pictures of a scene. Returns them, and their JPEG files."""
+    shown, files = [], []
+    for one in pictures(load_subject(scene, size, camera)):
         shown.append(one)
-        places.append(path)
-    return shown, places
+        files.append(pages.jpeg(one))
+        print(f"{one.name}: {len(files[-1]) / 1024:.0f} KB", flush=True)
+    return shown, files
+
+
+def write_pictures(shown: Sequence[Shown], files: Sequence[bytes], folder: Path, prefix: str) -> list[Path]:
+    """Writes the pictures as FOLDER/PREFIXname.jpg, and returns their paths."""
+    paths = [folder / f"{prefix}{one.name}.jpg" for one in shown]
+    for path, data in zip(paths, files, strict=True):
+        with atomic_output(place(path)) as file:
+            file.write(data)
+    return paths
 
 
 def write_document(size: str, document: Path, folder: Path) -> None:
-    """Draws SHOWN, and writes docs/gallery.md.
+    """Draws SHOWN, and writes its page and its pictures.
 
     Raises:
         InputError: the pictures are larger than the documentation takes.
     """
-    shown, places = draw_gallery(SHOWN, size, "orbit", folder, "gallery_")
-    total = sum(path.stat().st_size for path in places)
+    shown, files = draw_gallery(SHOWN, size, "orbit")
+    total = sum(map(len, files))
     if total > pages.MOST_BYTES:
-        raise InputError(f"size {size!r} is not accepted: the pictures take {total:,} bytes, at most {pages.MOST_BYTES:,} may "
-                         "lie in docs/images; a smaller size, or --out, is")
-    paths = [Path(os.path.relpath(folder / path.name, document.parent)).as_posix() for path in places]
+        raise InputError(f"size {size!r} is not accepted: the pictures take {total:,} bytes, and at most {pages.MOST_BYTES:,} "
+                         "may lie in docs/images; a smaller size is")
+    written = write_pictures(shown, files, folder, "gallery_")
+    paths = [Path(os.path.relpath(path, document.parent)).as_posix() for path in written]
     write_page(document, pages.as_markdown(shown, paths, "Gallery", SHOWN, INTRO))
     print(f"wrote {document}")
 
 
 def write_scene(args: argparse.Namespace, out: Path) -> int:
     """Draws another scene, and writes its pages; 1 if screenshots are asked for and show a fault of the page."""
-    shown, places = draw_gallery(args.scene, args.size, args.camera, out, "")
-    title, paths = f"Gallery of {out.name}", [path.name for path in places]
+    shown, files = draw_gallery(args.scene, args.size, args.camera)
+    written = write_pictures(shown, files, out, "")
+    title, paths = f"Gallery of {out.name}", [path.name for path in written]
     named = input_name(args.scene) if Path(args.scene).exists() else args.scene
     made = f"`msv2 study run gallery {named}` draws these pictures."
     write_page(out / "gallery.md", pages.as_markdown(shown, paths, title, named, made))
@@ -148,22 +156,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", metavar="WxH",
                         help=f"size of a frame (default: {SIZE}; of foveated.png {FRAME[0]}x{FRAME[1]})")
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as for `msv2 render` (default: orbit)")
-    parser.add_argument("--screenshots", action="store_true", help="of another scene: also look at the page in Chromium")
+    parser.add_argument("--screenshots", action="store_true", help="write build/gallery/NAME, and look at its page in Chromium")
     parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="output folder (default: build/reports, --keep: docs/images; another scene: build/gallery/NAME)")
+                        help="output folder (default: build/reports, --keep: docs/images; another scene or camera: "
+                             "build/gallery/NAME)")
     args = parser.parse_args(argv)
     size = parse_size(args.size) if args.size else FRAME
     args.size = args.size or SIZE
     if args.scene in CAPTURED and not Path(args.scene).exists():
         args.scene = scene_argument(args.scene) or args.scene
-    if args.scene != SHOWN:
+    if args.scene != SHOWN or args.camera != "orbit" or args.screenshots:
         name = Path(args.scene).name.partition(".")[0] or "scene"
         return write_scene(args, make_folder(args.out or BUILD / "gallery" / name))
     out = make_folder(args.out or FOLDER)
+    write_document(args.size, out.parent / "gallery.md" if args.out is None else out / "gallery.md", out)
     for name, made in (("foveated", frame_and_levels(size)), ("renderers", panels(PANEL))):
         path = place(out / f"{name}.png")
         with atomic_output(path) as file:
             Image.fromarray(made).quantize(PALETTE).save(file, format="PNG", optimize=True)
         print(f"{path}: {path.stat().st_size / 1024:.0f} KB")
-    write_document(args.size, out.parent / "gallery.md" if args.out is None else out / "gallery.md", out)
     return 0

@@ -43,6 +43,7 @@ SWEPT = ("embedded", "truck", "garden_large")
 
 
 FULL_HD = "Full HD"
+"""The step that measures Full HD frames."""
 
 
 def is_swept(scene: str, camera: str, scenes: Sequence[str]) -> bool:
