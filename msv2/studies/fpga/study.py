@@ -1,6 +1,6 @@
 """What every unit takes on FPGAs of the families ECP5 and 7-series, by Yosys: reports/fpga.json and the tables of docs/fpga.md.
 
-    msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other (half an hour)
+    msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other
     msv2 study run fpga --unit axi_master   only the rows of this unit; the other rows stay
     msv2 study run fpga --minutes 10        stop after 10 minutes; the report names the units that were not reached
     msv2 study run fpga --check             only says whether the page differs from the report
@@ -181,10 +181,16 @@ def _columns(numbers: dict) -> list[str]:
 
 
 def left_out(rows: Sequence[Row]) -> str:
-    """The units without numbers, and why, in Markdown."""
-    cells = [[f"`{row['unit']}`", row["config"], family.title, row[name]["left_out"]]
-             for row in rows for name, family in FAMILIES.items() if "left_out" in row[name]]
-    return page.table(["unit", "machine", "family", "why"], cells, empty="No unit is left out.")
+    """The units without numbers by machine, family and reason, in Markdown."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for row in rows:
+        reasons = {family.title: row[name]["left_out"] for name, family in FAMILIES.items() if "left_out" in row[name]}
+        if len(reasons) == len(FAMILIES) and len(set(reasons.values())) == 1:
+            reasons = {"both": next(iter(reasons.values()))}
+        for family, reason in reasons.items():
+            found.setdefault((str(row["config"]), family, reason), []).append(f"`{row['unit']}`")
+    cells = [[config, family, ", ".join(units), reason] for (config, family, reason), units in found.items()]
+    return page.table(["machine", "family", "units", "why"], cells, empty="No unit is left out.")
 
 
 def fill(*, check: bool = False) -> int:

@@ -86,8 +86,10 @@ def test_tables() -> None:
     tiny, paper = study.table(rows, "tiny").splitlines(), study.table(rows, "paper").splitlines()
     assert tiny[2:] == ["| `pixel_core` | 1,234 | 3 | 3 | 3 | 3 | 1,234 | 3 | 3 | 3 | 3 |"]
     assert paper[2:] == ["| `setup` | 5 | 3 | 3 | 3 | 3 | 5 | 3 | 3 | 3 | 3 |"]
-    assert study.left_out(rows).splitlines()[2:] == [
-        "| `expand` | tiny | ECP5 | too large |", "| `expand` | tiny | 7-series | too large |"]
+    half = {**row("blend", "tiny", None), "xc7": row("blend", "tiny", 1)["xc7"]}
+    assert study.left_out([*rows, row("collect", "tiny", None), half]).splitlines()[2:] == [
+        "| tiny | both | `expand`, `collect` | too large |", "| tiny | ECP5 | `blend` | too large |"]
+    assert study.left_out([]) == "No unit is left out."
 
 
 @needs_yosys
