@@ -11,6 +11,7 @@ from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.plan import Work, plan_for, planned_machine, planned_work
+from golden.scenes.load import TRAINED
 from golden.scenes.request import (
     add_effect_arguments,
     add_request_arguments,
@@ -36,7 +37,7 @@ EPILOG = """\
 Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: the times at which each group was in each stage.
 
 examples:
-  %(prog)s                                            the embedded scene
+  %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
   %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the bench's memory
@@ -46,7 +47,7 @@ examples:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m perf", __doc__, EPILOG)
-    add_request_arguments(parser, size="256x144")
+    add_request_arguments(parser, size="256x144", scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")

@@ -9,6 +9,9 @@ from pathlib import Path
 from golden.scenes.camera import Camera
 from golden.scenes.clean import concatenate
 from golden.scenes.datasets import cameras_beside_model
+from golden.scenes.embedded.trained import NAME as TRAINED
+from golden.scenes.embedded.trained import load_trained
+from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.model import GaussianModel
 from golden.scenes.packed import load_compressed_ply, load_sog, load_spz
 from golden.scenes.ply import MAX_HEADER, load_ply, parse_header
@@ -16,6 +19,10 @@ from golden.scenes.splat import load_splat
 from spec.errors import InputError
 
 EMBEDDED = "embedded"
+PROJECT_SCENES = (EMBEDDED, TRAINED)
+"""The scenes that come with the project, as a user names them: the procedural model, and one trained from pictures of the same
+room, with foveation levels. Their cameras are the same and stand on an orbit."""
+
 ACCEPTED = "3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a folder of such, .splat, a training folder"
 
 
@@ -33,7 +40,7 @@ class Scene:
 
 
 def load_scene(name_or_path: Path | str) -> Scene:
-    """Loads the model at a path and the cameras in its folder. The name `embedded` stands for the project's own scene.
+    """Loads the model at a path and the cameras in its folder. The names of PROJECT_SCENES stand for the project's own scenes.
 
     Raises:
         InputError: as for `load_model`, or the cameras beside the model are malformed.
@@ -42,6 +49,8 @@ def load_scene(name_or_path: Path | str) -> Scene:
         from golden.scenes.embedded import scene  # imported only here because it compiles a ray tracer
 
         return Scene(scene.cached_embedded_model(), tuple(scene.embedded_cameras()))
+    if str(name_or_path) == TRAINED:
+        return Scene(load_trained(), tuple(embedded_cameras()))
     path = Path(name_or_path)
     return Scene(load_model(path), cameras_beside_model(path))
 
@@ -68,7 +77,7 @@ def load_model(path: Path | str) -> GaussianModel:
     if path.is_dir():
         return _load_folder(path)
     if not path.exists():
-        raise InputError(f"{path}: does not exist; accepted: {ACCEPTED}, or the name {EMBEDDED!r}")
+        raise InputError(f"{path}: does not exist; accepted: {ACCEPTED}, or the names {', '.join(PROJECT_SCENES)}")
     if path.name == "meta.json":
         return load_sog(path, path.absolute().parent.name)
     return _reader(path)(path, path.name.split(".")[0] or path.name)

@@ -14,7 +14,7 @@ from golden.scenes.camera_file import load_camera
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.levels import smfr_levels
-from golden.scenes.load import EMBEDDED, load_scene
+from golden.scenes.load import EMBEDDED, PROJECT_SCENES, load_scene
 from golden.scenes.model import MAX_LEVELS, GaussianModel
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.stereo import EYES
@@ -59,22 +59,25 @@ class _Given(argparse.Action):
             setattr(namespace, self.dest, values)
 
 
-def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
-    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides 'embedded', the default."""
-    parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
-                        help=f"{what}, or 'embedded' (default)")
-    parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
+def add_scene_argument(parser: argparse.ArgumentParser, what: str, default: str = EMBEDDED) -> None:
+    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides `default`, a scene of the project."""
+    parser.add_argument("scene", nargs="?", default=default, action=_Given, metavar="SCENE",
+                        help=f"{what}, or '{default}' (default)")
+    parser.add_argument("--scene", default=default, metavar="SCENE", help="the same as the argument SCENE")
 
 
-def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None) -> None:
+def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None, scene: str = EMBEDDED) -> None:
     """Adds the arguments that `resolve` reads.
 
     Args:
         parser: the command line's parser.
         size: the default frame size as "WxH"; None means the size that the camera has.
+        scene: the default scene. Commands that show a scene to a user take the trained one; studies and benchmarks keep the
+            procedural one, so that their numbers stay.
     """
     default_size = size or "the camera's; 640x360 on an orbit"
-    add_scene_argument(parser, "model file or folder")
+    other = f"model file or folder, '{EMBEDDED}'" if scene != EMBEDDED else "model file or folder"
+    add_scene_argument(parser, other, scene)
     parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE",
                         help="an orbit (default), the index of one of the scene's cameras (of the orbit's if it has none), "
                              "or a JSON file")
@@ -193,7 +196,7 @@ def _camera(name: str, model: GaussianModel, cameras: Sequence[Camera], size: tu
     count = len(cameras) or ORBIT_VIEWS
     if not 0 <= index < count:
         raise InputError(f"camera {name} is not accepted: 0..{count - 1}, 'orbit' or a JSON file are")
-    if cameras and (not orbit or model.name == EMBEDDED):  # the embedded cameras are an orbit
+    if cameras and (not orbit or model.name in PROJECT_SCENES):  # the project's cameras are an orbit
         return cameras[index].resized(*size) if size else cameras[index]
     return orbit_camera(model, index, ORBIT_VIEWS, *(size or (640, 360)))
 
