@@ -76,16 +76,17 @@ def test_reading_takes_numpy_alone():
 
 
 def test_packing_keeps_a_model_within_its_bits(tmp_path):
-    model = smfr_levels(random_model(np.random.default_rng(3), 300), 4)
+    model = random_model(np.random.default_rng(3), 300, levels=4, sh=3)
     path = tmp_path / "model.npz"
     path.write_bytes(trained.packed(model))
     got = trained.load_trained(path)
     assert np.array_equal(got.quality_bound, model.quality_bound)
     np.testing.assert_allclose(got.means, model.means, atol=1e-3)
-    for name, bits in (("log_scales", 10), ("sh_rest", 8), ("opacity", 8)):
+    np.testing.assert_allclose(got.opacity, model.opacity, rtol=0.03, atol=1e-4)
+    for name, bits in (("log_scales", 10), ("sh_rest", 8)):
         values = getattr(model, name)
         assert np.abs(getattr(got, name) - values).max() <= np.ptp(values) / (2**bits - 1), name
-    np.testing.assert_allclose(got.sh_dc, model.sh_dc, atol=np.ptp(model.sh_dc) / 1023)
+    np.testing.assert_allclose(got.sh_dc, model.sh_dc, atol=4 * np.ptp(model.sh_dc) / 1023)  # errors of four steps add up
     quats = model.quats / np.linalg.norm(model.quats, axis=1, keepdims=True)
     assert np.abs(np.abs((got.quats * quats).sum(axis=1)) - 1).max() < 0.01
 
