@@ -42,7 +42,7 @@ tested:
 doctor: ## what is missing on this machine, and how to get it
 	@$(or $(wildcard $(RUN)),$(PYTHON)) -m msv2 doctor
 
-demo: base ## everything on the embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
+demo: base ## everything on the trained embedded scene: model, oracle, golden, RTL frame, comparison, pictures; OUT=
 	@$(MSV2) demo $(call option,OUT,out)
 
 render: base ## golden renderer; SCENE= SIZE=WxH CAMERA=auto|orbit|INDEX|NAME|FILE ORBIT=A,E,D UP= LOOK_AT= FOV= GAZE=X,Y LEVELS=N LEVELS_FROM=enhanced|spread|random LOD=N BACKGROUND= SEED= CONFIG= SET="NAME=VALUE ..." COMPARE=oracle DUMP=STAGE EFFECTS=auto|all|none|LIST DEPTH=1 OUT=; two eyes as in frame

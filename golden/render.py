@@ -15,6 +15,7 @@ from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistic
 from golden.msv2_ref.plan import Work, work_for
 from golden.oracle.render import render as render_oracle
 from golden.scenes.files import atomic_output
+from golden.scenes.load import TRAINED
 from golden.scenes.pictures import depth_picture, levels_picture, save_png
 from golden.scenes.request import (
     Request,
@@ -34,7 +35,8 @@ from spec.private import output_folder
 
 EXAMPLES = """\
 examples:
-  %(prog)s                                        the embedded scene
+  %(prog)s                                        the trained model of the embedded scene
+  %(prog)s --gaze 128,128                         its four levels
   %(prog)s truck.splat --size 640x360 --compare oracle
   %(prog)s rock_sh3/ --gaze 320,180 --levels 4    foveated; levels are fitted to the model
   %(prog)s --stereo --ecc-thresh 27               two eyes: left.png, right.png, right_source.png
@@ -46,7 +48,7 @@ examples:
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("python golden/render.py", __doc__, EXAMPLES)
-    add_request_arguments(parser)
+    add_request_arguments(parser, scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", the widest rows")

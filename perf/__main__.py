@@ -14,6 +14,7 @@ from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.plan import Work, plan_for, planned_machine, planned_work
 from golden.scenes.files import atomic_output
+from golden.scenes.load import TRAINED
 from golden.scenes.request import (
     Request,
     add_effect_arguments,
@@ -42,7 +43,7 @@ EPILOG = """\
 Writes OUT/perf.json, and OUT/perfetto.json for ui.perfetto.dev: the times at which each group was in each stage.
 
 examples:
-  %(prog)s                                            the embedded scene
+  %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
   %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the bench's memory
@@ -53,7 +54,7 @@ examples:
 def command_line() -> argparse.ArgumentParser:
     """The command's parser."""
     parser = command_parser("python -m perf", __doc__, EPILOG)
-    add_request_arguments(parser, size="256x144")
+    add_request_arguments(parser, size="256x144", scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")

@@ -109,7 +109,7 @@ def test_an_installed_wheel_renders(tmp_path):
     away = tmp_path / "away"
     away.mkdir()
     said = run(away, sys.executable, "-m", "golden.render", "--size", "64x64", site=tmp_path / "site")
-    assert "build/render/embedded: splats" in said and (away / "build/render/embedded/frame.png").is_file()
+    assert "build/render/embedded_trained: splats" in said and (away / "build/render/embedded_trained/frame.png").is_file()
     run(away, sys.executable, "-m", "perf", "--size", "64x64", site=tmp_path / "site")
     assert (away / "build/perf/frame/perf.json").is_file()
     run(away, sys.executable, "-m", "msv2.studies", "energy", "--size", "64x64", "--out", "out", site=tmp_path / "site")

@@ -24,7 +24,7 @@ import numpy as np
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import load_camera
 from golden.scenes.default_camera import Framing, choose_framing, fitted
-from golden.scenes.load import EMBEDDED, Scene
+from golden.scenes.load import PROJECT_SCENES, Scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import FOV_DEG, orbit_camera
 from golden.scenes.orientation import AXES, LOW, Orientation, axis_name, axis_vector, find_orientation
@@ -200,7 +200,7 @@ def _named(name: str, scene: Scene, size: tuple[int, int] | None) -> Camera:
     model, cameras = scene.model, scene.cameras
     if name == AUTO:
         camera = cameras[0]
-        if model.name == EMBEDDED:
+        if model.name in PROJECT_SCENES:
             return camera.resized(*size) if size else camera
         return fitted(camera, *(size or _moderate(camera)))
     if name != ORBIT and not name.lstrip("-").isdigit():
@@ -210,7 +210,7 @@ def _named(name: str, scene: Scene, size: tuple[int, int] | None) -> Camera:
     count = len(cameras) or ORBIT_VIEWS
     if not 0 <= index < count:
         raise InputError(f"camera {name} is not accepted: 0..{count - 1}, 'auto', 'orbit', a camera's name or a JSON file are")
-    if cameras and (name != ORBIT or model.name == EMBEDDED):  # the embedded cameras are an orbit
+    if cameras and (name != ORBIT or model.name in PROJECT_SCENES):  # the project's cameras are an orbit
         return cameras[index].resized(*size) if size else cameras[index]
     return orbit_camera(model, index, ORBIT_VIEWS, *(size or DEFAULT_SIZE))
 

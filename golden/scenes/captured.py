@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from golden.scenes.load import EMBEDDED
+from golden.scenes.load import PROJECT_SCENES
 from spec.paths import data_folder
 
 CAPTURED = {
@@ -24,12 +24,13 @@ def captured_path(name: str) -> Path | None:
 
 
 def scene_argument(name: str) -> str | None:
-    """A scene as the commands take it: `embedded`, or the path of a captured scene; None where that is not there.
+    """A scene as the commands take it: the name of one of the project's own, or the path of a captured scene; None where that
+    is not there.
 
     Raises:
         KeyError: no scene has this name.
     """
-    if name == EMBEDDED:
+    if name in PROJECT_SCENES:
         return name
     path = captured_path(name)
     return None if path is None else str(path)

@@ -58,6 +58,14 @@ class Lens:
         """The camera without distortion whose every pixel the lens saw.
 
         Raises:
+            InputError: see `zoom`.
+        """
+        return self.zoomed(self.zoom())
+
+    def zoom(self) -> float:
+        """The focal length of `pinhole`, relative to the lens's.
+
+        Raises:
             InputError: there is none within ZOOM_RANGE, because the coefficients fold the frame's border over.
         """
         low, high = ZOOM_RANGE
@@ -67,7 +75,7 @@ class Lens:
         for _ in range(ZOOM_STEPS):
             middle = (low + high) / 2
             low, high = (low, middle) if self._covers(middle) else (middle, high)
-        return self._zoomed(high)
+        return high
 
     def undistorted(self, pixels: np.ndarray, camera: Camera) -> np.ndarray:
         """What a pinhole camera would have seen, by bilinear interpolation between the lens's pixels.
@@ -95,13 +103,14 @@ class Lens:
             result[row] = np.floor(upper * (1 - down) + lower * down + 0.5)
         return result
 
-    def _zoomed(self, zoom: float) -> Camera:
+    def zoomed(self, zoom: float) -> Camera:
+        """The camera without distortion, with the lens's focal lengths times `zoom`."""
         return replace(self.camera, fx=zoom * self.camera.fx, fy=zoom * self.camera.fy)
 
     def _covers(self, zoom: float) -> bool:
         """Whether the lens saw all of a pinhole frame, and did not fold it: along lines from the middle to the border, image
         points must move outwards and end inside the frame."""
-        camera = self._zoomed(zoom)
+        camera = self.zoomed(zoom)
         width, height = camera.width, camera.height
         edge = np.concatenate([
             np.stack(np.broadcast_arrays(x, y), axis=1) for x, y in (
@@ -142,5 +151,14 @@ def without_distortion(
         InputError: see `Lens.pinhole`.
     """
     lenses = tuple(lens_of(camera, each) for camera, each in zip(cameras, coefficients, strict=True))
-    pinholes = tuple(camera if lens is None else lens.pinhole() for camera, lens in zip(cameras, lenses, strict=True))
-    return pinholes, lenses if any(lenses) else None
+    zooms: dict[tuple[object, ...], float] = {}  # photographs of one camera have one lens, which is looked at once
+    pinholes = []
+    for camera, lens in zip(cameras, lenses, strict=True):
+        if lens is None:
+            pinholes.append(camera)
+            continue
+        key = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, lens.coefficients)
+        if key not in zooms:
+            zooms[key] = lens.zoom()
+        pinholes.append(lens.zoomed(zooms[key]))
+    return tuple(pinholes), lenses if any(lenses) else None

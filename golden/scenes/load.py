@@ -9,6 +9,9 @@ from pathlib import Path
 from golden.scenes.camera import Camera
 from golden.scenes.clean import concatenate
 from golden.scenes.datasets import cameras_beside_model
+from golden.scenes.embedded.trained import NAME as TRAINED
+from golden.scenes.embedded.trained import load_trained
+from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.model import GaussianModel
 from golden.scenes.packed import load_compressed_ply, load_sog, load_spz
 from golden.scenes.ply import MAX_HEADER, load_ply, parse_header
@@ -17,6 +20,10 @@ from golden.scenes.streamed import Detail, load_streamed, streamed_index
 from spec.errors import InputError
 
 EMBEDDED = "embedded"
+PROJECT_SCENES = (EMBEDDED, TRAINED)
+"""The scenes that come with the project, as a user names them: the procedural model, and one trained from pictures of the same
+room, with foveation levels. Their cameras are the same and stand on an orbit."""
+
 ACCEPTED = ("3DGS or compressed PLY, .spz, .sog, a SOG folder or its meta.json, a folder of such, a streamed SOG, .splat, "
             "a training folder")
 
@@ -37,7 +44,7 @@ class Scene:
 
 
 def load_scene(name_or_path: Path | str, lod: int | None = None) -> Scene:
-    """Loads the model at a path and the cameras in its folder. The name `embedded` stands for the project's own scene.
+    """Loads the model at a path and the cameras in its folder. The names of PROJECT_SCENES stand for the project's own scenes.
 
     Args:
         name_or_path: the scene.
@@ -47,14 +54,16 @@ def load_scene(name_or_path: Path | str, lod: int | None = None) -> Scene:
         InputError: as for `load_model`; or the cameras beside the model are malformed, or a level of detail is asked of a model
             that has none.
     """
-    path, named = Path(name_or_path), str(name_or_path) == EMBEDDED  # a folder of that name can still be given as ./embedded
-    index = None if named else streamed_index(path)
+    path, name = Path(name_or_path), str(name_or_path)  # a folder of a project scene's name can still be given as ./NAME
+    index = None if name in PROJECT_SCENES else streamed_index(path)
     if lod is not None and index is None:
         raise InputError(f"level of detail {lod} is not accepted: {name_or_path} is no streamed SOG, so it has only one")
-    if named:
+    if name == EMBEDDED:
         from golden.scenes.embedded import scene  # imported only here because it compiles a ray tracer
 
         return Scene(scene.cached_embedded_model(), tuple(scene.embedded_cameras()))
+    if name == TRAINED:
+        return Scene(load_trained(), tuple(embedded_cameras()))
     if index is not None:
         model, detail = load_streamed(index, lod)
         return Scene(model, cameras_beside_model(path), detail)
@@ -85,7 +94,7 @@ def load_model(path: Path | str) -> GaussianModel:
     if path.is_dir():
         return _load_folder(path)
     if not path.exists():
-        raise InputError(f"{path}: does not exist; accepted: {ACCEPTED}, or the name {EMBEDDED!r}")
+        raise InputError(f"{path}: does not exist; accepted: {ACCEPTED}, or the names {', '.join(PROJECT_SCENES)}")
     if path.name == "meta.json":
         return load_sog(path, path.absolute().parent.name)
     return _reader(path)(path, path.name.split(".")[0] or path.name)

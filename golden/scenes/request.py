@@ -59,22 +59,25 @@ class _Given(argparse.Action):
             setattr(namespace, self.dest, values)
 
 
-def add_scene_argument(parser: argparse.ArgumentParser, what: str) -> None:
-    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides 'embedded', the default."""
-    parser.add_argument("scene", nargs="?", default=EMBEDDED, action=_Given, metavar="SCENE",
-                        help=f"{what}, or 'embedded' (default)")
-    parser.add_argument("--scene", default=EMBEDDED, metavar="SCENE", help="the same as the argument SCENE")
+def add_scene_argument(parser: argparse.ArgumentParser, what: str, default: str = EMBEDDED) -> None:
+    """Adds the scene as `SCENE` or `--scene SCENE`; `what` names what is accepted besides `default`, a scene of the project."""
+    parser.add_argument("scene", nargs="?", default=default, action=_Given, metavar="SCENE",
+                        help=f"{what}, or '{default}' (default)")
+    parser.add_argument("--scene", default=default, metavar="SCENE", help="the same as the argument SCENE")
 
 
-def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None) -> None:
+def add_request_arguments(parser: argparse.ArgumentParser, size: str | None = None, scene: str = EMBEDDED) -> None:
     """Adds the arguments that `resolve` reads.
 
     Args:
         parser: the command line's parser.
         size: the default frame size as "WxH"; None means the size that the camera has.
+        scene: the default scene. Commands that show a scene to a user take the trained one; studies and benchmarks keep the
+            procedural one, so that their numbers stay.
     """
     default_size = size or "the camera's, else 640x360"
-    add_scene_argument(parser, "model file or folder")
+    other = f"model file or folder, '{EMBEDDED}'" if scene != EMBEDDED else "model file or folder"
+    add_scene_argument(parser, other, scene)
     add_detail_argument(parser)
     parser.add_argument("--size", default=size, metavar="WxH", help=f"frame size (default: {default_size})")
     parser.add_argument("--gaze", metavar="X,Y|none",

@@ -13,13 +13,13 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display
-from golden.scenes.load import EMBEDDED
+from golden.scenes.load import EMBEDDED, TRAINED
 from spec.constants import ECC_THRESHOLD_DEG, IPD_METRES, TILE
 from spec.errors import InputError
 
 EYES = ("left", "right")
 
-METRIC_SCENES = {EMBEDDED: 1.0}
+METRIC_SCENES = {EMBEDDED: 1.0, TRAINED: 1.0}
 """Units per metre of the scenes whose scale is known, by name. Coordinates from structure from motion have no known scale."""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from golden.scenes.embedded import trained
+from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import write_json
 from spec.errors import InputError
@@ -71,11 +72,13 @@ def write_shipped(levels: FoveatedModel, scene: TrainingScene, options: Mapping[
     from golden.training.evaluate import evaluate
     from golden.training.foveated import FoveatedModel, level_alpha_max
 
-    trained.save_trained(levels.to_model(up=scene.up, name=trained.NAME))
-    size = trained.FILE.stat().st_size
-    if size > MAX_BYTES:
-        raise InputError(f"{trained.FILE}: {size:,} bytes; up to {MAX_BYTES:,} are shipped (fewer --max-points need less)")
-    shown = FoveatedModel.from_model(trained.load_trained())
+    content = trained.packed(levels.to_model(up=scene.up, name=trained.NAME))
+    if len(content) > MAX_BYTES:
+        raise InputError(f"the model takes {len(content):,} bytes; up to {MAX_BYTES:,} are shipped (fewer --max-points take "
+                         "less)")
+    with atomic_output(trained.FILE) as file:
+        file.write(content)
+    shown = FoveatedModel.from_model(trained.load_trained(trained.FILE))
     rows = []
     for level in range(shown.levels):
         stored, before = (
@@ -85,7 +88,7 @@ def write_shipped(levels: FoveatedModel, scene: TrainingScene, options: Mapping[
     record = {
         "scene": trained.NAME, "command": "msv2 train embedded --ship", "seed": options["seed"], "options": dict(options),
         "training_seconds": round(seconds), "licence": "Apache-2.0", "made_from": "ray-traced pictures of the project's own "
-        "embedded scene; no photograph or model of others", "file": trained.FILE.name, "bytes": size,
+        "embedded scene; no photograph or model of others", "file": trained.FILE.name, "bytes": len(content),
         "sha256": trained.sha256(trained.FILE), "sources": fingerprint(sources_of("golden.training.run")),
         "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
         "quality": "means over the test views, whole frames of one level against the ray-traced pictures", "levels": rows,

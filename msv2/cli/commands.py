@@ -34,7 +34,7 @@ _COMMANDS = (
     Command("cases", "run the hard cases on every engine", "msv2.cases.command"),
     Command("study", "list or run the experiments and reports", "msv2.studies.__main__"),
     Command("verilog", "write the machine or one unit as Verilog", "msv2.verilog.command"),
-    Command("demo", "the embedded scene from model to RTL frame, with pictures", "msv2.cli.demo"),
+    Command("demo", "the trained model of the embedded scene, all the way to the RTL's frame, with pictures", "msv2.cli.demo"),
     Command("docs", "write the generated pages of docs/, and the site", "msv2.document.__main__"),
     Command("setup", "make or extend the virtual environment of a checkout", "msv2.cli.setup_environment"),
     Command("doctor", "say what is missing on this machine and how to get it", "msv2.cli.doctor"),

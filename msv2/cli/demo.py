@@ -1,4 +1,5 @@
-"""`msv2 demo`: the main job on the embedded scene, from model to RTL frame, bit-compared, with pictures and a table."""
+"""`msv2 demo`: the main job on the trained model of the embedded scene, from model to RTL frame, bit-compared, with pictures
+and a table."""
 
 from __future__ import annotations
 
@@ -16,9 +17,9 @@ from golden.msv2_ref import pipeline
 from golden.oracle.render import OracleFrame
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
-from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras, render_reference
+from golden.scenes.embedded.scene import embedded_cameras, render_reference
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
-from golden.scenes.levels import spread_levels
+from golden.scenes.load import TRAINED, load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture, save_png, to_bytes
 from golden.scenes.request import write_json
@@ -101,7 +102,7 @@ def panels(photo: np.ndarray, full: Shot, foveated: Shot, foveation: FoveationMa
     error = ERROR_GAIN * np.abs(full.golden.image - full.oracle.image)
     return [
         ("ray-traced reference", photo), ("oracle (float64)", full.oracle.image), ("the machine (RTL)", full.rtl.image),
-        (f"|golden - oracle| x {ERROR_GAIN}", error), ("the machine, 4 levels, untrained", foveated.rtl.image),
+        (f"|golden - oracle| x {ERROR_GAIN}", error), ("the machine, 4 trained levels", foveated.rtl.image),
         ("tile levels, blend tiles between", levels_picture(foveated.rtl.image, foveation)),
         ("depth (RTL)", depth_picture(full.rtl.depth)), ("entries per tile, foveated (log)", heat_picture(foveated.golden)),
     ]
@@ -137,15 +138,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _shown(out: Path) -> int:
     """Takes the frames, and writes their pictures and numbers into the folder `out`; the exit status."""
     begin = time.perf_counter()
-    print(f"embedded scene, {SIZE[0]}x{SIZE[1]}, machine '{DEFAULT.name}'")
-    with step("scene: trace surfaces, make the Gaussian model"):
-        model, camera, display = cached_embedded_model(), embedded_cameras(*SIZE)[0], Display(*SIZE)
+    print(f"scene {TRAINED}, {SIZE[0]}x{SIZE[1]}, machine '{DEFAULT.name}'")
+    with step("scene: read the trained model"):
+        model, camera, display = load_scene(TRAINED).model, embedded_cameras(*SIZE)[0], Display(*SIZE)
     with step("scene: ray-trace the reference picture"):
         photo = render_reference(camera)[0].astype(np.float64)
     foveation = foveation_map(display, GAZE)
     try:
         full = take("full quality", model, camera, no_foveation(display), out / "sim")
-        foveated = take("foveated", spread_levels(model), camera, foveation, out / "sim")
+        foveated = take("foveated", model, camera, foveation, out / "sim")
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1

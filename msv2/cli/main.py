@@ -18,7 +18,7 @@ from spec.extras import EXTRAS, how_to_get
 
 EXAMPLES = """\
 examples:
-  msv2 render                                       draw the embedded scene
+  msv2 render                                       draw the trained model of the embedded scene
   msv2 render truck.splat --size 640x360 --gaze 320,180 --levels 4
   msv2 frame --config tiny --size 64x48             one frame through the RTL, compared bit for bit
   msv2 perf --config paper --set splat_cache_lines=4096

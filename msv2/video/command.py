@@ -15,6 +15,7 @@ from tqdm import tqdm
 from golden.host.run_options import add_run_arguments
 from golden.scenes.camera_file import camera_text
 from golden.scenes.files import read_json
+from golden.scenes.load import TRAINED
 from golden.scenes.pictures import save_png
 from golden.scenes.request import (
     add_effect_arguments,
@@ -54,7 +55,7 @@ examples:
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("msv2 video", __doc__, EXAMPLES)
-    add_request_arguments(parser)
+    add_request_arguments(parser, scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", whose energy was measured")

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from golden.host.run_options import add_run_arguments, run_options
 from golden.kernels import compile_seconds
+from golden.scenes.load import TRAINED
 from golden.scenes.request import (
     add_effect_arguments,
     add_request_arguments,
@@ -45,7 +46,7 @@ examples:
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("msv2 view", __doc__, EPILOG)
-    add_request_arguments(parser)
+    add_request_arguments(parser, scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", whose energy was measured")

@@ -10,6 +10,7 @@ from golden.host.run_options import RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
 from golden.msv2_ref.plan import Work, work_for
+from golden.scenes.load import TRAINED
 from golden.scenes.pictures import save_png
 from golden.scenes.request import (
     add_effect_arguments,
@@ -59,7 +60,7 @@ With --stereo these numbers count both eyes together, and there are also:
   source_cycles, target_cycles, source_entries, target_entries   the numbers of each eye (entries are intersections)
 
 examples:
-  %(prog)s                                        the embedded scene
+  %(prog)s                                        the trained model of the embedded scene
   %(prog)s truck.splat --size 256x144 --gaze 128,72 --levels 4
   %(prog)s --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
   %(prog)s --effects all --pixels display         every effect and a second eye, on neutral data
@@ -71,7 +72,7 @@ examples:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("python -m tb.frame", __doc__, EPILOG)
-    add_request_arguments(parser, size="256x144")
+    add_request_arguments(parser, size="256x144", scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")

@@ -35,7 +35,7 @@ def picture(path: Path) -> np.ndarray:
 
 
 def test_files_and_statistics(tmp_path, capsys):
-    render("--stereo", "--ecc-thresh", 27, "--size", "96x54", "--out", tmp_path)
+    render("embedded", "--stereo", "--ecc-thresh", 27, "--size", "96x54", "--out", tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
         "left.png", "right.png", "right_source.png", "anaglyph.png", "depth.png", "levels.png", "stats.json"}
     left, right, both = (picture(tmp_path / f"{name}.png") for name in ("left", "right", "anaglyph"))
@@ -49,15 +49,16 @@ def test_files_and_statistics(tmp_path, capsys):
     rendered = stats["shares"]["tiles_foveal"] + stats["shares"]["tiles_rerendered"]
     assert stats["events"]["target_tiles"] == round(rendered * 24)
     assert "rerendered" in capsys.readouterr().out
-    render("--size", "96x54", "--out", tmp_path / "mono")
+    render("embedded", "--size", "96x54", "--out", tmp_path / "mono")
     assert np.array_equal(picture(tmp_path / "mono" / "frame.png"), left)
 
 
 def test_the_right_eye_as_the_source(tmp_path):
-    render("--stereo", "--source", "right", "--size", "96x54", "--gaze", "20,20", "--gaze-right", "30,25", "--out", tmp_path)
+    render("embedded", "--stereo", "--source", "right", "--size", "96x54", "--gaze", "20,20", "--gaze-right", "30,25",
+           "--out", tmp_path)
     stats = json.loads((tmp_path / "stats.json").read_text())
     assert stats["stereo"]["gaze"] == {"left": [20, 20], "right": [30, 25]} and (tmp_path / "left_source.png").exists()
-    render("--size", "96x54", "--gaze", "30,25", "--out", tmp_path / "mono")
+    render("embedded", "--size", "96x54", "--gaze", "30,25", "--out", tmp_path / "mono")
     assert np.array_equal(picture(tmp_path / "mono" / "frame.png"), picture(tmp_path / "right.png"))
 
 
@@ -71,7 +72,7 @@ def test_unknown_units_are_warned_of(scene, tmp_path, capsys):
 
 
 def test_a_gaze_that_leaves_the_other_eyes_frame_is_clamped_and_said(tmp_path, capsys):
-    render("--stereo", "--size", "96x54", "--gaze", "0,30", "--out", tmp_path)
+    render("embedded", "--stereo", "--size", "96x54", "--gaze", "0,30", "--out", tmp_path)
     assert "off-screen in the target eye" in capsys.readouterr().err
     assert json.loads((tmp_path / "stats.json").read_text())["stereo"]["gaze"]["right"] == [0, 30]
 

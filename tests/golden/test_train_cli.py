@@ -229,7 +229,7 @@ def test_recipes(tmp_path):
 @pytest.mark.parametrize("argv", [
     [], ["scene dir", "--variant", "L", "--size", "50x40", "--no-opacity-enhancement"],
     ["a", "--from", "b.ply", "--baseline", "mmfr", "--seed", "4", "--device", "cpu", "--iterations", "99"],
-    ["--max-points", "77"],
+    ["--max-points", "77"], ["--ship", "--views", "12"],
 ])
 def test_the_command_to_resume_asks_for_the_same(argv):
     args = parse_arguments(argv)

@@ -15,12 +15,13 @@ Columns are stored one after the other, because they compress better than splats
 from __future__ import annotations
 
 import hashlib
+import io
 from pathlib import Path
 
 import numpy as np
 
 from golden.scenes.embedded.views import UP
-from golden.scenes.files import atomic_output, read_bytes, read_json
+from golden.scenes.files import read_bytes, read_json
 from golden.scenes.model import GaussianModel
 from spec.constants import AMP_MAX
 from spec.errors import InputError
@@ -37,12 +38,8 @@ MIN_OPACITY = 1e-4
 """Smallest stored opacity; the renderers drop fainter splats."""
 
 
-def save_trained(model: GaussianModel, path: Path = FILE) -> None:
-    """Writes a foveated model compactly; `load_trained` returns it with the errors of the fields' bits.
-
-    Raises:
-        InputError: the folder does not exist or is not writable.
-    """
+def packed(model: GaussianModel) -> bytes:
+    """A foveated model as the content of a compressed .npz; `load_trained` returns it with the errors of the fields' bits."""
     quats = model.quats / np.linalg.norm(model.quats, axis=1, keepdims=True)
     log_opacity = np.log(np.maximum(model.opacity, MIN_OPACITY))
     fields = {
@@ -58,8 +55,9 @@ def save_trained(model: GaussianModel, path: Path = FILE) -> None:
         step = np.where(high > low, high - low, 1.0) / (2 ** BITS[name] - 1)
         whole = np.round((values - low) / step).astype(np.uint8 if BITS[name] <= 8 else np.uint16)
         arrays |= {name: np.ascontiguousarray(whole.T), f"{name}_range": np.stack([low, step]).astype(np.float64)}
-    with atomic_output(path) as file:
-        np.savez_compressed(file, **arrays)
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    return content.getvalue()
 
 
 def load_trained(path: Path = FILE) -> GaussianModel:

@@ -1,11 +1,12 @@
 """One set of options: the same names with the same meaning in every command that has them."""
 
 import re
+from importlib import import_module
 
 import pytest
 
 from golden.host.run_options import RunOptions, add_run_arguments, run_options
-from golden.scenes.load import EMBEDDED
+from golden.scenes.load import EMBEDDED, TRAINED
 from golden.scenes.request import add_request_arguments
 from msv2.cli.main import main
 from spec.command_line import CommandParser, command_parser
@@ -63,8 +64,26 @@ def test_the_scene_that_is_given_counts():
     parser = command_parser("python -m some.room", "")
     add_request_arguments(parser)
     assert parser.parse_args([]).scene == EMBEDDED
+    shown = command_parser("python -m some.room", "")
+    add_request_arguments(shown, scene=TRAINED)
+    assert shown.parse_args([]).scene == TRAINED
     assert parser.parse_args(["a.ply"]).scene == parser.parse_args(["--scene", "a.ply"]).scene == "a.ply"
     assert parser.parse_args(["--scene", "a.ply", "--size", "3x3"]).scene == "a.ply"
+
+
+@pytest.mark.parametrize(("module", "scene"), [
+    ("golden.render", TRAINED), ("tb.frame.__main__", TRAINED), ("perf.__main__", TRAINED),
+    ("msv2.studies.accuracy.study", EMBEDDED), ("msv2.cases.inversions", EMBEDDED), ("golden.train", EMBEDDED),
+])
+def test_commands_that_show_a_scene_take_the_trained_one(module, scene, monkeypatch):
+    """Studies, benchmarks and training keep the procedural model, so that their numbers stay."""
+    def stop(parser, *_):
+        raise Reached(parser.get_default("scene"))
+
+    monkeypatch.setattr(CommandParser, "parse_args", stop)
+    with pytest.raises(Reached) as reached:
+        import_module(module).main([])
+    assert reached.value.args[0] == scene
 
 
 def parsed(*argv: str, stereo: bool = False) -> RunOptions:
