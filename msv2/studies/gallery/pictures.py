@@ -14,7 +14,7 @@ from golden.msv2_ref.eyes import render_stereo
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
-from golden.scenes.levels import enhanced_levels
+from golden.scenes.level_source import ENHANCED
 from golden.scenes.model import GaussianModel
 from golden.scenes.pictures import depth_picture, levels_picture
 from golden.scenes.request import parse_request, resolve
@@ -64,16 +64,16 @@ class Subject:
         return self.camera.width / 2, self.camera.height / 2
 
 
-def load_subject(scene: str, size: str, camera: str = "orbit") -> Subject:
-    """The scene at a path, or of a name. A model without levels gets evenly spread subsets with enhanced opacity.
+def load_subject(scene: str, size: str, camera: str) -> Subject:
+    """The scene at a path, or of a name. A model without levels gets the levels that `msv2 render` fits to its own pictures.
 
     Raises:
         InputError: there is no such scene or camera, or the size is not valid.
     """
-    asked = resolve(parse_request(scene, "--size", size, "--camera", camera))
-    trained = asked.model.levels > 1
-    model = asked.model if trained else enhanced_levels(asked.model)
-    return Subject(Path(scene).name.partition(".")[0] or asked.model.name, model, trained, asked.camera)
+    asked = resolve(parse_request(
+        scene, "--size", size, "--camera", camera, "--levels", str(MAX_LEVELS), "--levels-from", ENHANCED))
+    trained = "levels_from" not in asked.record
+    return Subject(Path(scene).name.partition(".")[0] or asked.model.name, asked.model, trained, asked.camera)
 
 
 def pictures(subject: Subject) -> Iterator[Shown]:
@@ -103,7 +103,7 @@ def _foveated(subject: Subject, plain: pipeline.Frame, options: str) -> Iterator
     frame = pipeline.render(subject.model, subject.camera, config=PAPER, foveation=foveation)
     share = 100 * len(frame.entries.splat) / max(1, len(plain.entries.splat))
     how = ("trained with the model" if subject.trained else
-           "evenly spread subsets of the splats with enhanced opacity, which nobody trained")
+           "fitted to the model's own pictures, without photographs")
     yield Shown("foveated", frame.image, f"{subject.model.levels} quality levels around a gaze in the centre, with "
                 f"{share:.0f} % of the intersections. The levels are {how}. Its PSNR against the plain frame is "
                 f"{psnr_vs(frame.image, plain.image):.1f} dB.", options)

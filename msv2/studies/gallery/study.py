@@ -5,9 +5,8 @@
     msv2 study run gallery SCENE --screenshots also looks at that page in headless Chromium, at two widths
 
 The README's pictures are `foveated.png`, a frame of four levels by the integer golden renderer, whose every bit is that of the
-RTL, beside the levels of its tiles (random subsets of the points, as large as the levels that training keeps on this scene by
-reports/training.json), and `renderers.png`, the panel of the demo: the ray-traced reference, the float64 oracle, the golden
-renderer, their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
+RTL, beside the levels of its tiles, and `renderers.png`, the panel of the demo: the ray-traced reference, the float64 oracle,
+the golden renderer, their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
 """
 
 from __future__ import annotations
@@ -22,13 +21,12 @@ from PIL import Image
 
 from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
+from golden.scenes.camera_options import AUTO
 from golden.scenes.captured import CAPTURED, scene_argument
-from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras, render_reference
-from golden.scenes.files import atomic_output, read_json
+from golden.scenes.embedded.scene import embedded_cameras, render_reference
+from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, foveation_map
-from golden.scenes.levels import smfr_levels
-from golden.scenes.load import EMBEDDED
-from golden.scenes.model import GaussianModel
+from golden.scenes.load import TRAINED, load_scene
 from golden.scenes.pictures import depth_picture, levels_picture
 from golden.scenes.request import add_scene_argument, make_folder, parse_size
 from msv2.cli.demo import ERROR_GAIN, heat_picture, panel_picture
@@ -37,22 +35,22 @@ from msv2.studies.gallery import pages
 from msv2.studies.gallery.pictures import Shown, load_subject, pictures
 from msv2.studies.page import write_page
 from msv2.studies.record import input_name
-from msv2.studies.training.labels import OURS
+from msv2.studies.tradeoff.scene import first_level
 from msv2.studies.web.browser import take_screenshots
 from msv2.studies.web.maker import write_html
 from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
-from spec.paths import BUILD, DOCS, REPORTS
+from spec.paths import BUILD, DOCS
 
 FRAME, PANEL = (480, 270), (192, 144)
 """Sizes in pixels of the frame in `foveated.png` and of each picture in `renderers.png`."""
 
-FOLDER, TRAINING = DOCS / "images", REPORTS / "training.json"
+FOLDER = DOCS / "images"
 SIZE = "640x360"
 """Size in pixels of the gallery's pictures."""
 
-SHOWN = EMBEDDED
+SHOWN = TRAINED
 """The scene of docs/gallery.md, as commands take it."""
 
 INTRO = """\
@@ -64,19 +62,11 @@ PALETTE = 256
 """Colours of a picture, so that it is small."""
 
 
-def leveled(model: GaussianModel) -> GaussianModel:
-    """The model with random nested subsets as levels, each with the share of the points that training leaves in it."""
-    found = read_json(TRAINING)["scenes"][0]["comparison"]
-    percent = next(row["points_percent"] for row in found if row["method"] == OURS)
-    return smfr_levels(model, counts=[round(len(model) * share / 100) for share in percent])
-
-
 def foveated(size: tuple[int, int]) -> tuple[pipeline.Frame, np.ndarray]:
     """A frame of four levels with the gaze in its centre, and the picture of its levels as (H, W, 3) float in 0..1."""
     gaze = (size[0] / 2, size[1] / 2)
     foveation = foveation_map(Display(*size), gaze)
-    frame = pipeline.render(
-        leveled(cached_embedded_model()), embedded_cameras(*size)[0], config=PAPER, foveation=foveation)
+    frame = pipeline.render(load_scene(SHOWN).model, embedded_cameras(*size)[0], config=PAPER, foveation=foveation)
     return frame, levels_picture(frame.image, foveation)
 
 
@@ -89,7 +79,7 @@ def frame_and_levels(size: tuple[int, int]) -> np.ndarray:
 
 def panels(size: tuple[int, int]) -> np.ndarray:
     """The picture `renderers.png` as uint8."""
-    model, camera = cached_embedded_model(), embedded_cameras(*size)[0]
+    model, camera = first_level(load_scene(SHOWN).model), embedded_cameras(*size)[0]
     oracle, golden = render_oracle(model, camera), pipeline.render(model, camera, config=PAPER)
     frame, levels = foveated(size)
     return panel_picture([
@@ -125,7 +115,7 @@ def write_document(size: str, document: Path, folder: Path) -> None:
     Raises:
         InputError: the pictures are larger than the documentation takes.
     """
-    shown, files = draw_gallery(SHOWN, size, "orbit")
+    shown, files = draw_gallery(SHOWN, size, AUTO)
     total = sum(map(len, files))
     if total > pages.MOST_BYTES:
         raise InputError(f"size {size!r} is not accepted: the pictures take {total:,} bytes, and at most {pages.MOST_BYTES:,} "
@@ -152,10 +142,10 @@ def write_scene(args: argparse.Namespace, out: Path) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: draws the pictures and writes the pages."""
     parser = command_parser("msv2 study run gallery", __doc__)
-    add_scene_argument(parser, "a model file or folder, the name of a captured scene")
+    add_scene_argument(parser, "a model file or folder, the name of a captured scene", SHOWN)
     parser.add_argument("--size", metavar="WxH",
                         help=f"size of a frame (default: {SIZE}; of foveated.png {FRAME[0]}x{FRAME[1]})")
-    parser.add_argument("--camera", default="orbit", metavar="orbit|INDEX|FILE", help="as for `msv2 render` (default: orbit)")
+    parser.add_argument("--camera", default=AUTO, metavar="auto|orbit|INDEX|FILE", help="as for `msv2 render` (default: auto)")
     parser.add_argument("--screenshots", action="store_true", help="write build/gallery/NAME, and look at its page in Chromium")
     parser.add_argument("--out", type=Path, metavar="DIR",
                         help="output folder (default: build/reports, --keep: docs/images; another scene or camera: "
@@ -165,7 +155,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.size = args.size or SIZE
     if args.scene in CAPTURED and not Path(args.scene).exists():
         args.scene = scene_argument(args.scene) or args.scene
-    if args.scene != SHOWN or args.camera != "orbit" or args.screenshots:
+    if args.scene != SHOWN or args.camera != AUTO or args.screenshots:
         name = Path(args.scene).name.partition(".")[0] or "scene"
         return write_scene(args, make_folder(args.out or BUILD / "gallery" / name))
     out = make_folder(args.out or FOLDER)
