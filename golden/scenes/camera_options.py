@@ -23,8 +23,8 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import load_camera
-from golden.scenes.default_camera import Framing, choose_framing, fitted
-from golden.scenes.load import PROJECT_SCENES, Scene
+from golden.scenes.default_camera import Framing, as_wide, choose_framing, fitted
+from golden.scenes.load import EMBEDDED, PROJECT_SCENES, TRAINED, Scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import FOV_DEG, orbit_camera
 from golden.scenes.orientation import AXES, LOW, Orientation, axis_name, axis_vector, find_orientation
@@ -200,8 +200,10 @@ def _named(name: str, scene: Scene, size: tuple[int, int] | None) -> Camera:
     model, cameras = scene.model, scene.cameras
     if name == AUTO:
         camera = cameras[0]
-        if model.name in PROJECT_SCENES:
+        if model.name == EMBEDDED:  # its pixels are those of the kept reports
             return camera.resized(*size) if size else camera
+        if model.name == TRAINED:  # the walls end where a fitted frame would begin to show more
+            return as_wide(camera, *size) if size else camera
         return fitted(camera, *(size or _moderate(camera)))
     if name != ORBIT and not name.lstrip("-").isdigit():
         camera = _by_name(name, cameras)

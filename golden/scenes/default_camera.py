@@ -197,6 +197,13 @@ def default_camera(
     return standpoint.camera(width, height)
 
 
+def as_wide(camera: Camera, width: int, height: int) -> Camera:
+    """The camera with another frame size and undistorted pixels: it shows as much in width, and less or more in height."""
+    scale = width / camera.width
+    return replace(camera, fx=camera.fx * scale, fy=camera.fx * scale, cx=camera.cx * scale, width=width, height=height,
+                   cy=height / 2 + (camera.cy - camera.height / 2) * scale)
+
+
 def fitted(camera: Camera, width: int, height: int) -> Camera:
     """The camera with another frame size and undistorted pixels: what it showed is shown whole, with more at two sides where
     the proportions differ."""

@@ -10,7 +10,7 @@ from golden.scenes.camera_file import save_camera
 from golden.scenes.camera_options import add_camera_arguments, choose_camera, parse_orbit, parse_up
 from golden.scenes.embedded.scene import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
-from golden.scenes.load import Scene
+from golden.scenes.load import TRAINED, Scene, load_scene
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import parse_request
 from golden.scenes.standpoint import standpoint_of
@@ -57,6 +57,13 @@ def test_the_embedded_scene_keeps_its_own_first_camera():
     scene = Scene(cached_embedded_model(), tuple(embedded_cameras()))
     for argv in ((), ("--camera", "orbit"), ("--camera", "0")):
         assert same(chosen(scene, *argv)[0], embedded_cameras()[0].resized(*SIZE))
+
+
+def test_the_trained_scene_shows_as_much_in_width_and_nothing_is_stretched():
+    camera, _ = chosen(load_scene(TRAINED))
+    wide = embedded_cameras(*SIZE)[0]
+    assert same(camera, replace(wide, name=camera.name))
+    assert camera.fx == camera.fy and same(chosen(load_scene(TRAINED), size=None)[0], embedded_cameras()[0])
 
 
 def test_a_scene_with_cameras_shows_its_first_of_moderate_size():
