@@ -7,6 +7,7 @@
 The README's pictures are `foveated.png`, a frame of four levels by the integer golden renderer, whose every bit is that of the
 RTL, beside the levels of its tiles, and `renderers.png`, the panel of the demo: the ray-traced reference, the float64 oracle,
 the golden renderer, their difference, the foveated frame and its levels, the depth, and the intersections of each tile.
+The film is `film.webp`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from msv2.studies.record import input_name
 from msv2.studies.tradeoff.scene import first_level
 from msv2.studies.web.browser import take_screenshots
 from msv2.studies.web.maker import write_html
+from msv2.video import command as video
 from spec.command_line import command_parser
 from spec.config import PAPER
 from spec.errors import InputError
@@ -57,6 +59,10 @@ INTRO = """\
 This page shows a frame of the project's own scene in every way in which the machine can draw it.
 `msv2 study run gallery` draws the pictures, and `msv2 study run gallery SCENE` draws those of another scene into
 `build/gallery`. SCENE is a trained model's file or folder, or the name of a captured scene in `MSV2_DATA`, such as `truck`."""
+
+FILM = ("--size", "320x180", "--frames", "32", "--fps", "10", "--gaze-path", "wander", "--levels", "4", "--quality", "72",
+        "--format", "webp")
+"""Options of `msv2 video` for the README's film, `film.webp`, and its still, `film.png`."""
 
 PALETTE = 256
 """Colours of a picture, so that it is small."""
@@ -139,6 +145,14 @@ def write_scene(args: argparse.Namespace, out: Path) -> int:
     return 0 if not args.screenshots or take_screenshots(out / "gallery.html", make_folder(out / "screenshots")) else 1
 
 
+def write_film(folder: Path) -> None:
+    """Draws the README's film and one frame of it."""
+    video.main([SHOWN, *FILM, "--out", str(BUILD / "gallery" / "film")])
+    for name, made in (("film.webp", "film.webp"), ("film.png", "frames/00000.png")):
+        with atomic_output(place(folder / name)) as file:
+            file.write((BUILD / "gallery" / "film" / made).read_bytes())
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: draws the pictures and writes the pages."""
     parser = command_parser("msv2 study run gallery", __doc__)
@@ -165,4 +179,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         with atomic_output(path) as file:
             Image.fromarray(made).quantize(PALETTE).save(file, format="PNG", optimize=True)
         print(f"{path}: {path.stat().st_size / 1024:.0f} KB")
+    write_film(out)
     return 0

@@ -19,10 +19,13 @@ NAMES = ["plain", "foveated", "levels", "depth", "stereo", "error"]
 def test_pictures_are_written(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "PANEL", (64, 48))
     monkeypatch.setattr(study, "write_document", lambda *_: None)
+    monkeypatch.setattr(study, "BUILD", tmp_path / "build")
+    monkeypatch.setattr(study, "FILM", ("--size", "64x36", "--frames", "2", "--levels", "4", "--format", "webp"))
     assert study.main(["--size", "96x54", "--out", str(tmp_path / "new")]) == 0
     foveated = np.asarray(Image.open(tmp_path / "new" / "foveated.png").convert("RGB"))
     panel = np.asarray(Image.open(tmp_path / "new" / "renderers.png").convert("RGB"))
     assert foveated.shape == (54 + 18, 2 * 96, 3) and panel.shape == (2 * (48 + 18), 4 * 64, 3)
+    assert Image.open(tmp_path / "new" / "film.webp").n_frames == 2 and Image.open(tmp_path / "new" / "film.png").width == 64
     frame, levels = foveated[18:, :96], foveated[18:, 96:]
     assert frame.std() > 20 and not np.array_equal(frame, levels)
 
