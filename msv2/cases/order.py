@@ -174,7 +174,7 @@ def MORE_THAN_A_BUFFER(album, renderer, shots):
 def _full_index() -> None:
     one = splats((0, 0, 2))
     many = replace(one, **{name: np.broadcast_to(values, (1 << INDEX_BITS, *values.shape[1:]))
-                           for name, values in vars(one).items() if name not in ("up", "name", "dropped")})
+                           for name, values in vars(one).items() if isinstance(values, np.ndarray) and name != "up"})
     try:
         render(many, view(16, 16), config=MACHINE)
     except InputError as error:

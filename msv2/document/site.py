@@ -28,7 +28,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "The machine": ("machine", "stages", "array", "colour", "stereo", "effects", "formats", "registers", "units",
                     "streams"),
     "In your own design": ("take_one_unit", "verilog", "driver", "fpga"),
-    "Models and pictures": ("training", "oracle", "cuda", "threshold", "stability"),
+    "Models and pictures": ("viewer", "video", "levels", "training", "oracle", "cuda", "threshold", "stability"),
     "Numbers": ("synthesis", "area", "energy", "performance_model", "sweep", "tile_size", "tradeoff", "reports"),
 }
 """Pages by section, in reading order; a page that is not named here comes last, under "More"."""

@@ -124,7 +124,7 @@ STUDIES = (
           (Report("--keep", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
     Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
     Study("fpga", "msv2.studies.fpga.study", "LUTs, flip-flops, memories and multipliers of every unit on FPGAs",
-          (Report("", ("fpga.json",), 30),)),
+          (Report("--keep", ("fpga.json",), 30),)),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
           (Report("--keep", ("frames.json",), 25, SCENES),), ("--only", "frames")),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
