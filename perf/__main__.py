@@ -24,7 +24,7 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from perf.model import FrameCycles, MemoryModel, simulate
+from perf.model import MEMORIES, FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import FrameTrace, trace_request
 from spec.command_line import add_out_argument, choice, command_parser
@@ -34,8 +34,6 @@ from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, cache_folder, short_path
 from spec.private import output_folder
-
-MEMORIES = ("ideal", "lpddr3")
 
 CACHE = cache_folder("traces")
 

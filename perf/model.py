@@ -45,6 +45,10 @@ RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 _TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
 
 
+MEMORIES = ("ideal", "lpddr3")
+"""Kinds of `MemoryModel`."""
+
+
 @dataclass(frozen=True)
 class MemoryModel:
     """The memory that answers the machine's reads and writes.

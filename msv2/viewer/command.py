@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from golden.host.run_options import add_run_arguments, run_options
+from golden.host.run_options import add_run_arguments
 from golden.kernels import compile_seconds
 from golden.scenes.load import TRAINED
 from golden.scenes.request import (
@@ -16,17 +16,14 @@ from golden.scenes.request import (
     add_request_arguments,
     add_stereo_arguments,
     make_folder,
-    take_stereo_arguments,
     write_json,
 )
 from msv2.viewer.session import Session
-from perf.model import MemoryModel
-from spec.command_line import add_out_argument, choice, command_parser
+from msv2.viewer.session_arguments import add_session_arguments, session_of
+from spec.command_line import add_out_argument, command_parser
 from spec.errors import InputError, run_command_line
-from spec.overrides import add_config_arguments, config_from
+from spec.overrides import add_config_arguments
 from spec.paths import BUILD, short_path
-
-MEMORIES = ("ideal", "lpddr3")
 
 EPILOG = """\
 Drag to turn, scroll to come closer, drag with the right button to move; a click sets the gaze, Shift and a click shows a splat.
@@ -51,10 +48,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", whose energy was measured")
     add_run_arguments(parser)
-    parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
-                        help="memory of the cycle model (default: ideal)")
-    parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
-                        help="clock for frame rate and energy (default: 1000)")
+    add_session_arguments(parser)
     group = parser.add_argument_group("the viewer")
     group.add_argument("--port", type=int, default=8080, metavar="N", help="port, or the next free one (default: 8080)")
     group.add_argument("--host", default="127.0.0.1", metavar="ADDRESS",
@@ -74,17 +68,11 @@ def make_session(args: argparse.Namespace) -> Session:
     Raises:
         InputError: an argument is not accepted.
     """
-    config, options = config_from(args), run_options(args)
-    choice("memory", args.memory, MEMORIES)
-    if not 1 <= args.clock_mhz <= 1e5:
-        raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: 1 to 100,000 is")
     if not 0 <= args.port <= 65535:
         raise InputError(f"port {args.port} is not accepted: 0..65535 are")
     if args.frames < 4:
         raise InputError(f"frames {args.frames} is not accepted: 4 or more is")
-    take_stereo_arguments(args)
-    memory = MemoryModel(args.memory, options.latency, options.bytes_per_cycle)
-    return Session(args, config, options, memory, 1e6 * args.clock_mhz)
+    return session_of(args)
 
 
 def warm_up(session: Session) -> None:

@@ -7,12 +7,11 @@ import argparse
 from golden.host.run_options import run_options
 from golden.scenes.request import take_stereo_arguments
 from msv2.viewer.session import Session
-from perf.model import MemoryModel
+from perf.model import MEMORIES, MemoryModel
 from spec.command_line import choice
 from spec.errors import InputError
 from spec.overrides import config_from
 
-MEMORIES = ("ideal", "lpddr3")
 CLOCKS_MHZ = (1.0, 1e5)
 
 
