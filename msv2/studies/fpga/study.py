@@ -36,6 +36,7 @@ from rtl.units import TOP, UNITS, stage_of
 from spec.command_line import choice, command_parser
 from spec.config import CONFIGS, PAPER, TINY
 from spec.errors import InputError
+from spec.extras import how_to_get
 from spec.paths import BUILD, DOCS, REPORTS, ROOT
 from synth import flow
 
@@ -212,7 +213,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not args.minutes > 0:
         raise InputError(f"minutes {args.minutes:g} is not accepted: more than 0 is")
     if flow.libyosys is None:
-        raise InputError("pyosys is not installed: the extra `synth` is wanted (pip install -e '.[synth]')")
+        raise InputError(f"the study needs pyosys, which is not installed; {how_to_get('pyosys')}")
     units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
     old = read_json(REPORT) if REPORT.exists() and args.unit else None
     until = time.monotonic() + 60 * args.minutes

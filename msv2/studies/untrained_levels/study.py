@@ -21,6 +21,7 @@ from golden.kernels import compile_seconds
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref import pipeline
 from golden.scenes.camera import Camera
+from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.captured import scene_argument
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.level_fit import enhanced_levels
@@ -30,7 +31,7 @@ from golden.scenes.load import load_scene
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.pictures import save_png
-from golden.scenes.request import ORBIT_VIEWS, make_folder
+from golden.scenes.request import make_folder
 from msv2.cli.demo import panel_picture
 from msv2.studies import page
 from msv2.studies.record import write_report

@@ -138,5 +138,5 @@ def test_bad_orders_are_refused(tmp_path):
         MemorySpeed(latency=0)
     with pytest.raises(TypeError, match=r"pauses must be an integer, not 1.5"):
         MemorySpeed(pauses=1.5)
-    with pytest.raises(ValueError, match=r"bytes_per_cycle must be None or in 0.01..1000, not 0"):
+    with pytest.raises(ValueError, match=r"bytes_per_cycle must be None or in 0.01..64, which the bus moves at most, not 0"):
         MemorySpeed(bytes_per_cycle=0)
