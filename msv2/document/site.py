@@ -77,7 +77,7 @@ def settings(source: Path, site: Path) -> dict[str, object]:
         "docs_dir": str(source), "site_dir": str(site), "use_directory_urls": False,
         "theme": {"name": "material", "font": False, "features": ["navigation.sections", "toc.follow"]},
         "plugins": ["search", {PLUGIN: {"handlers": {"python": python}}}],
-        "markdown_extensions": ["tables", "toc", "pymdownx.superfences"], "nav": navigation(source),
+        "markdown_extensions": ["tables", "toc", "md_in_html", "pymdownx.superfences"], "nav": navigation(source),
         "validation": {"links": {"not_found": "warn", "unrecognized_links": "ignore"}},
     }
 
