@@ -18,7 +18,7 @@ from pathlib import Path
 from spec.command_line import command_parser
 from spec.errors import InputError
 from spec.extras import how_to_get
-from spec.paths import DOCS, ROOT
+from spec.paths import DOCS, REPORTS, ROOT
 from spec.private import locked
 from spec.progress import phase
 from spec.sources import ROOMS
@@ -83,9 +83,14 @@ def settings(source: Path, site: Path) -> dict[str, object]:
 
 
 def gather(source: Path) -> None:
-    """Copies the pages and their pictures to `source`, the README as its index, and writes the API pages beside them."""
+    """Copies pages, pictures and the kept reports that pages show or link to `source`, with the README as its index, and
+    writes the API pages beside them."""
     shutil.rmtree(source, ignore_errors=True)
     shutil.copytree(DOCS, source)
+    shutil.copytree(REPORTS, source / REPORTS.name, ignore=shutil.ignore_patterns("*.json"))
+    for page in source.glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        page.write_text(text.replace("](../reports/", "](reports/"), encoding="utf-8")
     front = (ROOT / "README.md").read_text(encoding="utf-8")
     (source / "index.md").write_text(front.replace("](docs/", "]("), encoding="utf-8")
     (source / "api").mkdir()

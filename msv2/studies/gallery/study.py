@@ -60,7 +60,7 @@ This page shows a frame of the project's own scene in every way in which the mac
 `msv2 study run gallery` draws the pictures, and `msv2 study run gallery SCENE` draws those of another scene into
 `build/gallery`. SCENE is a trained model's file or folder, or the name of a captured scene in `MSV2_DATA`, such as `truck`."""
 
-FILM = ("--size", "320x180", "--frames", "24", "--fps", "8", "--gaze-path", "wander", "--levels", "4", "--quality", "65",
+FILM = ("--size", "320x180", "--frames", "24", "--fps", "8", "--gaze-path", "wander", "--quality", "65",
         "--format", "webp")
 """Options of `msv2 video` for the README's film, `film.webp`, and its still, `film.png`."""
 
