@@ -9,6 +9,5 @@
     server, window, controls   the viewer in the browser (these need viser)
     command       `msv2 view`
     benchmark     the viewer's frame time beside the renderer's own
-    chromium      a headless browser, for screenshots and tests
     screenshots   pictures of the viewer itself
 """

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from msv2.viewer.chromium import Browser
+from golden.scenes.files import atomic_output
+from msv2.studies.web.browser import Browser, browser
 from msv2.viewer.pictures import letterboxed
 from msv2.viewer.server import Viewer
 from msv2.viewer.session import Session
@@ -27,6 +28,9 @@ OPEN_S, SETTLE_S, SHOWN_S = 60.0, 120.0, 20.0
 ALIKE = 4.0
 """Largest mean difference, of 255, between what was drawn and what the page shows, both in small."""
 
+OWN_WORDS = ("THREE.Clock: This module has been deprecated",)
+"""What viser's page says on the console, whatever is shown."""
+
 CANVAS = "document.querySelector('canvas')"
 """The element of the page with the picture."""
 
@@ -38,35 +42,35 @@ def opened(session: Session) -> Iterator[tuple[Browser, Window]]:
     Raises:
         InputError: there is no Chromium, or it does not open the viewer.
     """
-    with Browser(SIZE) as browser:
+    with browser() as page:
         viewer = Viewer(session, "127.0.0.1", 0)
         try:
-            browser.open(viewer.url)
+            page.open(viewer.url, *SIZE)
             try:
                 window = viewer.window(OPEN_S)
             except TimeoutError as error:
                 raise InputError(f"{error}; does the browser have WebGL?") from error
-            settled(browser, window)
-            browser.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())")
-            yield browser, window
+            settled(page, window)
+            page.run("document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())")
+            yield page, window
         finally:
             viewer.close()
 
 
-def canvas(browser: Browser) -> np.ndarray:
+def canvas(page: Browser) -> np.ndarray:
     """(H, W, 3) uint8: the picture in the page, without the controls."""
-    box = json.loads(browser.evaluate(f"JSON.stringify({CANVAS}.getBoundingClientRect())"))
+    box = json.loads(page.run(f"JSON.stringify({CANVAS}.getBoundingClientRect())"))
     x, y, width, height = (round(box[name]) for name in ("x", "y", "width", "height"))
-    return np.asarray(Image.open(BytesIO(browser.screenshot())).convert("RGB"))[y : y + height, x : x + width]
+    return np.asarray(Image.open(BytesIO(page.screenshot())).convert("RGB"))[y : y + height, x : x + width]
 
 
-def settled(browser: Browser, window: Window) -> np.ndarray:
+def settled(page: Browser, window: Window) -> np.ndarray:
     """Waits until the window's state is drawn and reckoned and the page shows it; returns `canvas`. Raises TimeoutError."""
     if not window.settle(SETTLE_S):
         raise TimeoutError(f"the state must be drawn within {SETTLE_S:g} s")
     end = time.monotonic() + SHOWN_S
     while time.monotonic() < end:
-        seen = canvas(browser)
+        seen = canvas(page)
         expected = letterboxed(window.shown.image, seen.shape[1] / seen.shape[0])
         small = (np.asarray(Image.fromarray(image).resize((64, 48), Image.Resampling.BOX), float) for image in (seen, expected))
         if np.abs(np.subtract(*small)).mean() < ALIKE:
@@ -75,15 +79,15 @@ def settled(browser: Browser, window: Window) -> np.ndarray:
     raise TimeoutError(f"the page must show the picture within {SHOWN_S:g} s")
 
 
-def middle(browser: Browser, element: str) -> tuple[float, float]:
+def middle(page: Browser, element: str) -> tuple[float, float]:
     """The middle of an element of the page, which a JavaScript expression names."""
     box = f"{element}.getBoundingClientRect()"
-    return tuple(browser.evaluate(f"{box}.{edge} + {box}.{length} / 2") for edge, length in (("x", "width"), ("y", "height")))
+    return tuple(page.run(f"{box}.{edge} + {box}.{length} / 2") for edge, length in (("x", "width"), ("y", "height")))
 
 
-def show_tab(browser: Browser, name: str) -> None:
+def show_tab(page: Browser, name: str) -> None:
     """Opens one of the tabs with controls."""
-    browser.click(*middle(browser, f"[...document.querySelectorAll('[role=tab]')].find(tab => tab.innerText == {name!r})"))
+    page.click(*middle(page, f"[...document.querySelectorAll('[role=tab]')].find(tab => tab.innerText == {name!r})"))
     time.sleep(0.3)
 
 
@@ -94,21 +98,23 @@ def take(session: Session, folder: Path) -> list[Path]:
         InputError: see `opened`.
     """
     files = []
-    with opened(session) as (browser, window):
+    with opened(session) as (page, window):
         def shot(name: str, tab: str = "Controls", **changes: object) -> None:
             if changes:
                 window.change(**changes)
-            settled(browser, window)
-            show_tab(browser, tab)
-            files.append(browser.save_screenshot(folder / f"{name}.png"))
+            settled(page, window)
+            show_tab(page, tab)
+            files.append(folder / f"{name}.png")
+            with atomic_output(files[-1]) as file:
+                file.write(page.screenshot())
 
-        x, y = middle(browser, CANVAS)
+        x, y = middle(page, CANVAS)
         shot("start")
         shot("machine", "Machine")
-        browser.drag((x, y), (x + 50, y + 10))
+        page.drag((x, y), (x + 50, y + 10))
         time.sleep(0.5)
         shot("camera")
-        browser.click(x - 60, y)
+        page.click(x - 60, y)
         time.sleep(0.5)
         shot("gaze")
         shot("levels", overlay="levels")
@@ -120,11 +126,11 @@ def take(session: Session, folder: Path) -> list[Path]:
         shot("warp", overlay="warp")
         shot("anaglyph", overlay="none", eyes=ANAGLYPH)
         window.change(eyes=ONE)
-        settled(browser, window)
-        browser.click(x, y, shift=True)
+        settled(page, window)
+        page.click(x, y, shift=True)
         time.sleep(0.5)
         shot("splat", "Splat")
-        complaints = browser.complaints()
+        complaints = page.complaints(OWN_WORDS)
     if complaints:
         print("in the browser's console:", *complaints, sep="\n  ")
     return files

@@ -37,7 +37,7 @@ from msv2.studies.gallery.pictures import Shown, load_subject, pictures
 from msv2.studies.page import write_page
 from msv2.studies.record import input_name
 from msv2.studies.tradeoff.scene import first_level
-from msv2.studies.web.browser import take_screenshots
+from msv2.studies.web.look import take_screenshots
 from msv2.studies.web.maker import write_html
 from msv2.video import command as video
 from spec.command_line import command_parser

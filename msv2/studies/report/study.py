@@ -27,7 +27,7 @@ from msv2.studies.page import write_page
 from msv2.studies.progress import Progress
 from msv2.studies.record import write_report
 from msv2.studies.report.overview import draw_frames, html, markdown
-from msv2.studies.web.browser import take_screenshots
+from msv2.studies.web.look import take_screenshots
 from msv2.studies.web.maker import write_html
 from spec.command_line import command_parser
 from spec.config import CONFIGS

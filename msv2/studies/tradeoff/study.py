@@ -20,7 +20,7 @@ from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, rec
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
-from msv2.studies.web.browser import take_screenshots
+from msv2.studies.web.look import take_screenshots
 from spec.command_line import choice, command_parser
 from spec.config import CONFIGS, PAPER
 from spec.errors import InputError

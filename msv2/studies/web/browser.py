@@ -1,7 +1,7 @@
-"""Looks at a page in headless Chromium: screenshots at two widths, and what a reader would stumble over.
+"""A headless Chromium: it opens pages, is used by mouse, takes screenshots, and repeats what the console said.
 
-Chromium is driven through its debugging pipe, so that no package is needed. Its command line alone does not serve, because a
-window of it is at least 500 pixels wide.
+Chromium is driven by its DevTools protocol through its debugging pipe, so that no package is needed, and so that it ends when
+this process ends in whatever way. Its command line alone does not serve, because a window of it is at least 500 pixels wide.
 """
 
 from __future__ import annotations
@@ -18,20 +18,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import atomic_output
 from spec.errors import InputError
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 HINT = "apt-get install chromium"
-WIDTHS = (1280, 400)
-"""Widths in pixels of the windows in which a page is looked at: that of a small laptop, and that of a telephone."""
+FLAGS = ("--headless=new", "--remote-debugging-pipe", "--hide-scrollbars", "--no-first-run", "--disable-dev-shm-usage",
+         "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Pictures are drawn in software, so that no graphics card is needed."""
 
-HEIGHT = 800
-TALLEST = 12000
-"""Height in pixels below which a picture of an unfolded page is cut."""
+OWN_WORDS = ("GPU stall due to ReadPixels", "Automatic fallback to software")
+"""Warnings of drawing in software, whatever is shown."""
 
 ENDED = f"Chromium ended early; is it the browser of `{HINT}`?"
 
@@ -91,12 +89,12 @@ class Browser:
             raise InputError(f"Chromium refused {method}: {answer['error']['message']}")
         return answer["result"]
 
-    def open(self, page: Path, width: int, height: int = HEIGHT) -> None:
-        """Opens a file in a window of this size, and waits until it is loaded."""
+    def open(self, url: str, width: int, height: int) -> None:
+        """Opens a page in a window of this size, and waits until it is loaded."""
         self.ask("Emulation.setDeviceMetricsOverride",
                  {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
         self._events.clear()
-        self.ask("Page.navigate", {"url": page.resolve().as_uri()})
+        self.ask("Page.navigate", {"url": url})
         self.wait(lambda: any(event.get("method") == "Page.loadEventFired" for event in self._events))
 
     def wait(self, done: Callable[[], bool]) -> None:
@@ -114,8 +112,9 @@ class Browser:
             raise InputError(f"the page's script failed: {answer['exceptionDetails']['text']}")
         return answer["result"].get("value")
 
-    def complaints(self) -> list[str]:
-        """The warnings and errors that the page has printed on the console since it was opened."""
+    def complaints(self, known: tuple[str, ...] = ()) -> list[str]:
+        """The warnings, errors and uncaught exceptions on the console since the page was opened, but for OWN_WORDS and `known`
+        ones, by a part of their text."""
         self.run("0")  # so that events on the way are read
         out = []
         for event in self._events:
@@ -123,19 +122,40 @@ class Browser:
             if event.get("method") == "Log.entryAdded" and given["entry"]["level"] in ("warning", "error"):
                 out.append(str(given["entry"]["text"]))
             elif event.get("method") == "Runtime.exceptionThrown":
-                out.append(str(given["exceptionDetails"]["text"]))
-            elif event.get("method") == "Runtime.consoleAPICalled" and given["type"] in ("warning", "error"):
-                out.append(" ".join(str(argument.get("value")) for argument in given["args"]))
-        return out
+                thrown = given["exceptionDetails"]
+                out.append(str(thrown.get("exception", {}).get("description", thrown["text"])))
+            elif event.get("method") == "Runtime.consoleAPICalled" and given["type"] in ("warning", "error", "assert"):
+                out.append(" ".join(str(argument.get("value", argument.get("description"))) for argument in given["args"]))
+        return [text for text in out if not any(own in text for own in (*OWN_WORDS, *known))]
 
-    def shot(self, path: Path, width: int, height: int) -> None:
-        """Writes a PNG of the page's upper left corner, as large as asked for."""
+    def screenshot(self, **options: object) -> bytes:
+        """The window as PNG; `options` are those of the protocol's Page.captureScreenshot."""
+        return base64.b64decode(self.ask("Page.captureScreenshot", {"format": "png", **options})["data"])
+
+    def whole_screenshot(self, width: int, height: int) -> bytes:
+        """The page's upper left corner as PNG, as large as asked for, with all its pictures loaded."""
         self.run("Promise.all([...document.images].filter(i => i.checkVisibility()).map(i => "
                  "{ i.loading = 'eager'; return i.decode().catch(() => 0); })).then(() => 0)")
-        clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
-        made = self.ask("Page.captureScreenshot", {"format": "png", "clip": clip, "captureBeyondViewport": True})
-        with atomic_output(path) as file:
-            file.write(base64.b64decode(made["data"]))
+        return self.screenshot(clip={"x": 0, "y": 0, "width": width, "height": height, "scale": 1}, captureBeyondViewport=True)
+
+    def _mouse(self, kind: str, x: float, y: float, **more: object) -> None:
+        self.ask("Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, **more})
+
+    def click(self, x: float, y: float, *, shift: bool = False) -> None:
+        """Clicks with the left button, with or without the Shift key."""
+        keys = {"modifiers": 8} if shift else {}
+        self._mouse("mouseMoved", x, y, **keys)
+        for kind in ("mousePressed", "mouseReleased"):
+            self._mouse(kind, x, y, button="left", clickCount=1, **keys)
+
+    def drag(self, begin: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
+        """Drags with the left button."""
+        self._mouse("mousePressed", *begin, button="left", buttons=1, clickCount=1)
+        for step in range(1, steps + 1):
+            place = (a + (b - a) * step / steps for a, b in zip(begin, end, strict=True))
+            self._mouse("mouseMoved", *place, button="left", buttons=1)
+            time.sleep(0.03)
+        self._mouse("mouseReleased", *end, button="left", clickCount=1)
 
 
 def _pipe() -> tuple[int, int]:
@@ -158,7 +178,7 @@ def browser() -> Iterator[Browser]:
     if program is None:
         raise InputError(f"screenshots need Chromium, which is not installed: {HINT}")
     (to_read, to_write), (from_read, from_write) = _pipe(), _pipe()
-    options = ["--headless", "--remote-debugging-pipe", "--disable-gpu", "--hide-scrollbars", "--no-first-run"]
+    options = list(FLAGS)
     if os.getuid() == 0:  # Chromium's sandbox refuses to run as root
         options.append("--no-sandbox")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
@@ -178,60 +198,3 @@ def browser() -> Iterator[Browser]:
             except subprocess.TimeoutExpired:
                 running.kill()
                 running.wait()
-
-
-_MEASURE = """(() => {
-  const root = document.documentElement, summary = document.getElementById('summary');
-  const wide = [...document.querySelectorAll('body *')].filter(e => !e.closest('.table, .plot, pre') && e.checkVisibility()
-    && e.getBoundingClientRect().right > innerWidth + 1).map(e => e.tagName + ': ' + e.textContent.slice(0, 40));
-  const broken = [...document.images].filter(i => i.checkVisibility() && i.complete && !i.naturalWidth).map(i => i.alt);
-  return {width: root.scrollWidth, height: root.scrollHeight, wide, broken,
-          summary: summary ? Math.ceil(summary.getBoundingClientRect().bottom) : 0};
-})()"""
-
-
-def look(page: Path, folder: Path) -> tuple[list[Path], list[str]]:
-    """Writes screenshots NAME_WIDTH.png of a page as it opens, and NAME_WIDTH_unfolded.png with all sections unfolded.
-
-    Args:
-        page: the HTML file.
-        folder: an existing folder.
-
-    Returns:
-        The screenshots, and what a reader would stumble over, in words: a page that is wider than its window, a summary that is
-        longer than one screen at the larger width, pictures that do not load, and messages on the console.
-
-    Raises:
-        InputError: Chromium is not installed, or it fails.
-    """
-    made, found = [], []
-    with browser() as window:
-        for width in WIDTHS:
-            window.open(page, width)
-            for state in ("", "_unfolded"):
-                if state:
-                    window.run("document.querySelectorAll('details').forEach(e => { e.open = true; })")
-                path = folder / f"{page.stem}_{width}{state}.png"
-                size = window.run(_MEASURE)
-                window.shot(path, width, min(size["height"], TALLEST))
-                size = window.run(_MEASURE)
-                made.append(path)
-                where = f"{page.name} at {width} pixels{' unfolded' if state else ''}: "
-                if size["width"] > width:
-                    found.append(f"{where}{size['width']} pixels wide: {'; '.join(size['wide'][:3])}")
-                found += [f"{where}the picture {alt!r} does not load" for alt in size["broken"]]
-                if not state and width == max(WIDTHS) and size["summary"] > HEIGHT:
-                    found.append(f"{where}the summary is {size['summary']} pixels high, more than {HEIGHT}")
-            found += [f"{page.name} at {width} pixels: console: {text}" for text in window.complaints()]
-    return made, found
-
-
-def take_screenshots(page: Path, folder: Path) -> bool:
-    """Looks at a page for a command line: prints the screenshots and the findings, or how to install Chromium where it is
-    absent. Returns whether nothing was found."""
-    if find_chromium() is None:
-        print(f"no screenshots: Chromium is not installed ({HINT})")
-        return True
-    made, found = look(page, folder)
-    print("\n".join([*(f"screenshot: {path}" for path in made), *(f"LOOK: {line}" for line in found)]))
-    return not found

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 from golden.scenes.save import save_model
-from spec.errors import InputError
 from spec.paths import ROOT
 from tests.helpers.golden_samples import ball
 
 pytest.importorskip("viser", reason="no viser: make setup EXTRAS=viewer")
 
-from msv2.viewer import chromium, screenshots
+from msv2.studies.web.browser import HINT, find_chromium
+from msv2.viewer import screenshots
 from msv2.viewer.command import main, make_session, parse_arguments, warm_up
 from msv2.viewer.server import Viewer
 from msv2.viewer.state import SIDE_BY_SIDE
 
-needs_chromium = pytest.mark.skipif(chromium.find_chromium() is None, reason=f"no Chromium: {chromium.INSTALL}")
+needs_chromium = pytest.mark.skipif(find_chromium() is None, reason=f"no Chromium: {HINT}")
 
 
 @pytest.fixture(scope="module")
@@ -86,13 +86,13 @@ def test_frames_and_overlays_follow_the_mouse(page):
     marked = screenshots.settled(browser, window)
     assert ((marked[..., 0] > 200) & (marked[..., 1] > 200) & (marked[..., 2] < 90)).mean() > 0.001  # yellow tiles
     screenshots.show_tab(browser, "Splat")
-    text = browser.evaluate("document.body.innerText")
+    text = browser.run("document.body.innerText")
     assert re.search(r"Splat [\d,]+ has [\d.]+% of pixel", text) and "log2_opacity" in text
     screenshots.show_tab(browser, "Machine")
     numbers = window.session.numbers(window.state)
-    text = browser.evaluate("document.body.innerText")
+    text = browser.run("document.body.innerText")
     assert f"{numbers.cycles.entries:,} intersections" in text and f"{numbers.cycles.total:,}" in text
-    assert browser.complaints() == []
+    assert browser.complaints(screenshots.OWN_WORDS) == []
 
 
 @needs_chromium
@@ -107,7 +107,7 @@ def test_the_list_of_cameras_moves_the_browsers_camera(page):
     assert (window.state.camera.rotation == camera.rotation).all()  # what the browser reports does not replace it
     assert np.allclose(window.client.camera.position, camera.position, atol=1e-3)
     assert frame_change(before, after) > 0.02
-    assert browser.complaints() == []
+    assert browser.complaints(screenshots.OWN_WORDS) == []
 
 
 @needs_chromium
@@ -115,10 +115,10 @@ def test_what_cannot_be_drawn_is_said_and_the_viewer_goes_on(page):
     browser, window = page
     window.change(effects="none")
     time.sleep(1.0)
-    assert "this frame calls for more" in browser.evaluate("document.body.innerText")
+    assert "this frame calls for more" in browser.run("document.body.innerText")
     window.change(effects="auto")
     screenshots.settled(browser, window)
-    assert "not drawn" not in browser.evaluate("document.body.innerText")
+    assert "not drawn" not in browser.run("document.body.innerText")
 
 
 def test_a_page_without_a_browser_is_missed(scene):
@@ -126,12 +126,6 @@ def test_a_page_without_a_browser_is_missed(scene):
     with pytest.raises(TimeoutError, match=r"no browser has opened http://127\.0\.0\.1:\d+ within"):
         viewer.window(0.1)
     viewer.close()
-
-
-def test_without_chromium_its_package_is_named(monkeypatch):
-    monkeypatch.setattr(chromium, "PLACES", ("/nowhere/chromium",))
-    with pytest.raises(InputError, match="apt-get install chromium"):
-        chromium.Browser()
 
 
 def test_the_benchmark_measures_the_viewer_beside_the_renderer(scene, tmp_path, capsys):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from msv2.studies.web import browser, maker
+from msv2.studies.web import browser, look, maker
 from msv2.studies.web.check import markdown_problems, problems
 from msv2.studies.web.maker import Chapter
 from msv2.studies.web.markdown import body
@@ -102,7 +102,7 @@ def test_columns_are_told_by_their_cells():
 @needs_chromium
 def test_tables_sort_and_links_unfold(page):
     with browser.browser() as window:
-        window.open(page, 1280)
+        window.open(page.as_uri(), 1280, 800)
         column = "[...document.querySelectorAll('tbody tr')].map(row => row.cells[{}].textContent)"
 
         def click(number: int) -> list[str]:
@@ -123,23 +123,24 @@ def test_tables_sort_and_links_unfold(page):
 @needs_chromium
 def test_screenshots_are_as_wide_as_windows_and_faults_are_named(page, capsys):
     folder = page.parent
-    made, found = browser.look(page, folder)
+    made, found = look.look(page, folder)
     assert found == [] and [Image.open(path).width for path in made] == [1280, 1280, 400, 400]
     wide = maker.page("wide", '<div style="width:900px;height:900px">x</div><img src="gone.png" alt="gone">'
                       "<script>console.error('seen')</script>", [])
     page.write_text(wide)
-    _, found = browser.look(page, folder)
+    _, found = look.look(page, folder)
     told = "\n".join(found)
     for part in ("at 400 pixels: 9", "the picture 'gone' does not load", "more than 800", "console: seen"):
         assert part in told, told
-    assert not browser.take_screenshots(page, folder) and "LOOK: " in capsys.readouterr().out
+    assert not look.take_screenshots(page, folder) and "LOOK: " in capsys.readouterr().out
 
 
 def test_without_chromium_its_package_is_named(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(browser, "find_chromium", lambda: None)
-    assert browser.take_screenshots(tmp_path / "page.html", tmp_path)
+    for module in (browser, look):
+        monkeypatch.setattr(module, "find_chromium", lambda: None)
+    assert look.take_screenshots(tmp_path / "page.html", tmp_path)
     assert "apt-get install chromium" in capsys.readouterr().out
     with pytest.raises(InputError, match="apt-get install chromium"):
-        browser.look(tmp_path / "page.html", tmp_path)
+        look.look(tmp_path / "page.html", tmp_path)
 
 
