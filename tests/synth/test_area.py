@@ -23,6 +23,8 @@ from synth.liberty import ASAP7, PDK_VARIABLE
 from synth.memories import Macro
 from synth.scaling import TO_16NM, same_clock
 
+pytestmark = pytest.mark.slow  # the first test of a process emits the machine, whichever that is
+
 TWO_EYES = TINY.with_(stereo=True)
 
 

@@ -247,6 +247,7 @@ def test_a_cluster_that_loses_a_worker_loses_no_point(scene, tmp_path):
         assert len(seen) == 40
 
 
+@pytest.mark.slow  # it waits for the cluster
 def test_a_cluster_that_does_not_answer_is_named(sweep, tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"scheduler 'tcp://127\.0\.0\.1:1' is not accepted"):

@@ -23,6 +23,8 @@ from msv2.viewer.command import main, make_session, parse_arguments, warm_up
 from msv2.viewer.server import Viewer
 from msv2.viewer.state import SIDE_BY_SIDE
 
+pytestmark = pytest.mark.slow  # a browser takes seconds, of which few are its processor's
+
 needs_chromium = pytest.mark.skipif(find_chromium() is None, reason=f"no Chromium: {HINT}")
 
 
