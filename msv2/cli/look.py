@@ -29,7 +29,7 @@ from golden.scenes.camera_options import (
 from golden.scenes.default_camera import fitted
 from golden.scenes.eight_cameras import eight_cameras
 from golden.scenes.gaze import Display, no_foveation
-from golden.scenes.load import Scene, load_scene
+from golden.scenes.load import EMBEDDED, TRAINED, Scene, load_scene
 from golden.scenes.orbit import FOV_DEG
 from golden.scenes.orientation import LOW, Orientation, axis_name
 from golden.scenes.pictures import save_png, to_bytes
@@ -126,7 +126,7 @@ def sheet(title: list[str], pictures: list[tuple[list[str], np.ndarray]]) -> np.
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("python -m msv2 look", __doc__, EXAMPLES)
-    add_scene_argument(parser, "model file or folder")
+    add_scene_argument(parser, f"model file or folder, '{EMBEDDED}'", TRAINED)
     parser.add_argument("--size", default=SIZE, metavar="WxH", help=f"size of each picture (default: {SIZE})")
     add_camera_arguments(parser)
     add_out_argument(parser, "build/look/NAME")
