@@ -15,6 +15,7 @@ import numpy as np
 
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
+from golden.scenes.subject import weighted_percentiles
 
 FOV_DEG = 60.0
 """Default horizontal field of view in degrees."""
@@ -157,7 +158,7 @@ def estimate_up(model: GaussianModel) -> GaussianModel:
 
 def _ground_slab(x: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
     """Share of the weight in the densest slab along one axis, and the sign of the side on which objects stand."""
-    low, high = _weighted_percentiles(x, weights, (1, 99))
+    low, high = weighted_percentiles(x, weights, (1, 99))
     counts, edges = np.histogram(x, bins=20, range=(low, max(high, low + 1e-12)), weights=weights)
     slab = int(np.argmax(counts))
     centre = (edges[slab] + edges[slab + 1]) / 2
@@ -196,7 +197,7 @@ def _foci(discs: _Discs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]
     """
     axes = np.stack([*_horizontal_axes(up), up])
     local = discs.means @ axes.T
-    bounds = np.array([_weighted_percentiles(x, discs.opacity, (10, 50, 90)) for x in local.T])
+    bounds = np.array([weighted_percentiles(x, discs.opacity, (10, 50, 90)) for x in local.T])
     core = np.all((local >= bounds[:, 0]) & (local <= bounds[:, 2]), axis=1, where=[True, True, False])
     height = np.clip(local[:, 2] - bounds[2, 0], 0, bounds[2, 2] - bounds[2, 0])
     standing = discs.opacity * core * height**2
@@ -239,13 +240,6 @@ def _optical_depth(place: np.ndarray, sigma: np.ndarray, mass: np.ndarray) -> np
         np.add.at(coarse, (row, column), mass[here] / 4**k)
         depth += coarse.repeat(2**k, axis=0).repeat(2**k, axis=1)
     return depth
-
-
-def _weighted_percentiles(x: np.ndarray, weights: np.ndarray, percentiles: tuple[float, ...]) -> np.ndarray:
-    order = np.argsort(x, kind="stable")
-    cumulative = np.cumsum(weights[order])
-    index = np.searchsorted(cumulative, np.array(percentiles) / 100 * cumulative[-1])
-    return x[order][np.minimum(index, len(x) - 1)]
 
 
 def _horizontal_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,6 @@ import contextlib
 import hashlib
 import io
 import json
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -30,6 +28,7 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
 from spec.overrides import config_record
+from spec.recent import Recent
 from spec.sources import fingerprint, sources_of
 
 TRACES_KEPT = 4
@@ -39,24 +38,7 @@ _OF_THE_MACHINE = ("config", "sets", "bandwidth", "latency", "memory", "merge", 
                    "no_cache")
 """Arguments of `msv2 perf` on which neither the request nor the plan of its effects depends; the rest describes the frame."""
 
-
-class _Kept:
-    """The last few results of a function, by a key."""
-
-    def __init__(self, most: int) -> None:
-        self._most, self._found = most, OrderedDict[object, Any]()
-
-    def get(self, key: object, make: Callable[[], Any]) -> Any:
-        """The result for a key, which `make` makes where it is not kept."""
-        if key not in self._found:
-            self._found[key] = make()
-            while len(self._found) > self._most:
-                self._found.popitem(last=False)
-        self._found.move_to_end(key)
-        return self._found[key]
-
-
-_requests, _plans, _traces = _Kept(2), _Kept(64), _Kept(TRACES_KEPT)
+_requests, _plans, _traces = Recent[Any](2), Recent[Any](64), Recent[Any](TRACES_KEPT)
 
 
 @cache

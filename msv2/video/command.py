@@ -12,15 +12,10 @@ from zlib import crc32
 
 from tqdm import tqdm
 
-from golden.host.run_options import add_run_arguments
 from golden.scenes.camera_file import camera_text
 from golden.scenes.files import read_json
-from golden.scenes.load import TRAINED
 from golden.scenes.pictures import save_png
 from golden.scenes.request import (
-    add_effect_arguments,
-    add_request_arguments,
-    add_stereo_arguments,
     make_folder,
     write_json,
 )
@@ -33,7 +28,7 @@ from msv2.viewer.session_arguments import add_session_arguments, session_of
 from msv2.viewer.state import OVERLAYS, State
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
-from spec.overrides import add_config_arguments, config_record
+from spec.overrides import config_record
 from spec.paths import BUILD, short_path
 
 MOST_FRAMES = 10_000
@@ -55,11 +50,6 @@ examples:
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("msv2 video", __doc__, EXAMPLES)
-    add_request_arguments(parser, scene=TRAINED)
-    add_stereo_arguments(parser)
-    add_effect_arguments(parser)
-    add_config_arguments(parser, "paper", ", whose energy was measured")
-    add_run_arguments(parser)
     add_session_arguments(parser)
     group = parser.add_argument_group("the film")
     add = group.add_argument

@@ -8,13 +8,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from golden.host.run_options import add_run_arguments
 from golden.kernels import compile_seconds
-from golden.scenes.load import TRAINED
 from golden.scenes.request import (
-    add_effect_arguments,
-    add_request_arguments,
-    add_stereo_arguments,
     make_folder,
     write_json,
 )
@@ -22,7 +17,6 @@ from msv2.viewer.session import Session
 from msv2.viewer.session_arguments import add_session_arguments, session_of
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import InputError, run_command_line
-from spec.overrides import add_config_arguments
 from spec.paths import BUILD, short_path
 
 EPILOG = """\
@@ -43,11 +37,6 @@ examples:
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = command_parser("msv2 view", __doc__, EPILOG)
-    add_request_arguments(parser, scene=TRAINED)
-    add_stereo_arguments(parser)
-    add_effect_arguments(parser)
-    add_config_arguments(parser, "paper", ", whose energy was measured")
-    add_run_arguments(parser)
     add_session_arguments(parser)
     group = parser.add_argument_group("the viewer")
     group.add_argument("--port", type=int, default=8080, metavar="N", help="port, or the next free one (default: 8080)")

@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from threading import RLock
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -25,6 +21,7 @@ from golden.msv2_ref.plan import Work, planned_machine, prepare_foveation, prepa
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
 from golden.scenes.camera_file import camera_text
+from golden.scenes.camera_options import ORBIT_VIEWS
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.model import GaussianModel
 from golden.scenes.probe import probe
@@ -36,32 +33,7 @@ from msv2.viewer.state import FLOAT, ONE, SIDE_BY_SIDE, State, fitted
 from perf.model import MemoryModel
 from spec.config import AcceleratorConfig
 from spec.effects import EffectPlan
-
-T = TypeVar("T")
-
-ORBIT_CAMERAS = 8
-"""Number of cameras that `--camera INDEX` chooses from where a scene has none of its own."""
-
-
-class Kept(Generic[T]):
-    """The last few results of a computation, by key."""
-
-    def __init__(self, most: int) -> None:
-        self._most, self._lock = most, RLock()
-        self._found: OrderedDict[Hashable, T] = OrderedDict()
-
-    def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """The result that was kept under `key`, else that of `make`, which is then kept. One thread at a time makes results."""
-        with self._lock:
-            if key not in self._found:
-                self._found[key] = make()
-                while len(self._found) > self._most:
-                    self._found.popitem(last=False)
-            self._found.move_to_end(key)
-            return self._found[key]
-
-    def __contains__(self, key: Hashable) -> bool:
-        return key in self._found
+from spec.recent import Recent
 
 
 @dataclass(frozen=True)
@@ -120,12 +92,12 @@ class Session:
     ) -> None:
         self._args, self.options, self.memory, self.clock_hz = args, options, memory, clock_hz
         self.config = config if options.incremental is None else config.with_(incremental=options.incremental)
-        self._models: Kept[tuple[GaussianModel, GaussianWords]] = Kept(2)
-        self._plans: Kept[tuple[EffectPlan, AcceleratorConfig, GaussianWords]] = Kept(6)
-        self._maps: Kept[FoveationMap] = Kept(4)
-        self._frames: Kept[Frame | StereoFrame] = Kept(2)
-        self._orbit: Kept[Camera] = Kept(ORBIT_CAMERAS)
-        self._floats: Kept[float32.FloatModel] = Kept(1)
+        self._models: Recent[tuple[GaussianModel, GaussianWords]] = Recent(2)
+        self._plans: Recent[tuple[EffectPlan, AcceleratorConfig, GaussianWords]] = Recent(6)
+        self._maps: Recent[FoveationMap] = Recent(4)
+        self._frames: Recent[Frame | StereoFrame] = Recent(2)
+        self._orbit: Recent[Camera] = Recent(ORBIT_VIEWS)
+        self._floats: Recent[float32.FloatModel] = Recent(1)
         self._energies = numbers.energies()
 
         request = resolve(args)
@@ -140,7 +112,7 @@ class Session:
             request.camera, request.foveation.gaze_xy, levels, args.effects, units_per_metre=args.units_per_metre,
             eyes=SIDE_BY_SIDE if args.stereo else ONE, overlay="depth" if args.depth else "none").resized(*size)
         self._stored = request.cameras
-        named = [camera.name for camera in request.cameras] or [f"orbit {number}" for number in range(ORBIT_CAMERAS)]
+        named = [camera.name for camera in request.cameras] or [f"orbit {number}" for number in range(ORBIT_VIEWS)]
         self.cameras = tuple(f"{number}: {name}" for number, name in enumerate(named))
 
     def _size(self, camera: Camera) -> tuple[int, int]:

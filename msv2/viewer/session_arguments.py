@@ -1,22 +1,34 @@
-"""The arguments of a session: the memory and the clock of the machine whose numbers are shown."""
+"""The arguments of a session: what is drawn, and the machine, its memory and its clock, whose numbers are shown."""
 
 from __future__ import annotations
 
 import argparse
 
-from golden.host.run_options import run_options
-from golden.scenes.request import take_stereo_arguments
+from golden.host.run_options import add_run_arguments, run_options
+from golden.scenes.load import TRAINED
+from golden.scenes.request import (
+    add_effect_arguments,
+    add_request_arguments,
+    add_stereo_arguments,
+    take_stereo_arguments,
+)
 from msv2.viewer.session import Session
 from perf.model import MEMORIES, MemoryModel
 from spec.command_line import choice
 from spec.errors import InputError
-from spec.overrides import config_from
+from spec.overrides import add_config_arguments, config_from
 
 CLOCKS_MHZ = (1.0, 1e5)
 
 
 def add_session_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds `--memory` and `--clock-mhz`."""
+    """Adds the arguments of a request, of two eyes, of effects, of a configuration and of a run, and `--memory` and
+    `--clock-mhz`."""
+    add_request_arguments(parser, scene=TRAINED)
+    add_stereo_arguments(parser)
+    add_effect_arguments(parser)
+    add_config_arguments(parser, "paper", ", whose energy was measured")
+    add_run_arguments(parser)
     parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
                         help="memory of the cycle model (default: ideal)")
     parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
@@ -24,7 +36,7 @@ def add_session_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def session_of(args: argparse.Namespace) -> Session:
-    """The session that parsed arguments of a request, two eyes, effects, a configuration, a run and a session describe.
+    """The session that parsed arguments describe.
 
     Raises:
         InputError: an argument is not accepted.

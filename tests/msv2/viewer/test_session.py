@@ -13,7 +13,7 @@ from golden.scenes.pictures import to_bytes
 from golden.scenes.save import save_model
 from msv2.viewer import pictures
 from msv2.viewer.command import make_session, parse_arguments
-from msv2.viewer.session import Kept, Session
+from msv2.viewer.session import Session
 from msv2.viewer.state import ANAGLYPH, EYES, FLOAT, ONE, OVERLAYS, SIDE_BY_SIDE, State, fitted
 from perf import __main__ as perf
 from spec.errors import InputError
@@ -267,13 +267,6 @@ def test_unknown_words_are_refused(session, field, value):
 def test_bad_options_are_named(scene, argv, says):
     with pytest.raises(InputError, match=says):
         open_session(scene, *argv)
-
-
-def test_kept_results_are_made_once_and_the_oldest_goes():
-    kept, made = Kept(2), []
-    for key in (1, 2, 1, 3, 1, 2):
-        kept.get(key, lambda key=key: made.append(key))
-    assert made == [1, 2, 3, 2] and 3 not in kept
 
 
 @pytest.mark.parametrize(("shape", "aspect", "bars"), [
