@@ -33,11 +33,12 @@ from golden.scenes.load import EMBEDDED, TRAINED, Scene, load_scene
 from golden.scenes.orbit import FOV_DEG
 from golden.scenes.orientation import LOW, Orientation, axis_name
 from golden.scenes.pictures import save_png, to_bytes
-from golden.scenes.request import add_scene_argument, make_folder, parse_size, write_json
+from golden.scenes.request import add_scene_argument, parse_size, write_json
 from spec.command_line import add_out_argument, command_parser
 from spec.config import PAPER
 from spec.errors import InputError, run_command_line
 from spec.paths import BUILD, short_path
+from spec.private import output_folder
 
 EXAMPLES = """\
 examples:
@@ -150,11 +151,11 @@ def main(argv: Sequence[str] | None = None) -> int:
              f"copy the numbers to msv2 render {args.scene}, frame, perf or view"]
     captions = [([shown.options, _caption(shown, numbers)], picture)
                 for shown, (picture, numbers) in zip(cameras, found, strict=True)]
-    out = make_folder(args.out or BUILD / "look" / scene.model.name)
-    save_png(out / "look.png", sheet(title, captions))
-    write_json(out / "look.json", {
-        "scene": str(args.scene), "splats": len(scene.model), "size": list(size), "orientation": orientation.record,
-        "cameras": [numbers for _, numbers in found], "seconds": time.perf_counter() - begin})
+    with output_folder(args.out, BUILD / "look" / scene.model.name) as out:
+        save_png(out / "look.png", sheet(title, captions))
+        write_json(out / "look.json", {
+            "scene": str(args.scene), "splats": len(scene.model), "size": list(size), "orientation": orientation.record,
+            "cameras": [numbers for _, numbers in found], "seconds": time.perf_counter() - begin})
     print(f"{short_path(out / 'look.png')}: eight cameras; {up}{compile_note()}")
     for shown in cameras:
         print(f"  {shown.title:<14} {shown.options}")

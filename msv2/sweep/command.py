@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
-from golden.kernels import compile_note
-from golden.scenes.request import make_folder
 from msv2.studies.record import commit
-from msv2.sweep.measure import measure
 from msv2.sweep.output import write_all
-from msv2.sweep.points import Point, points_of, read_sweep
-from msv2.sweep.run import command_of, kept_points, only_here, run_points
+from msv2.sweep.points import Point, read_sweep
+from msv2.sweep.run import command_of, kept_points, run_points
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import InputError, run_command_line
 from spec.paths import BUILD, short_path
+from spec.private import output_folder
 
 EPILOG = """\
 SWEEP.toml has a table [base] of common settings, a table [vary] of lists of which all combinations are made, and any number
@@ -28,7 +25,6 @@ Writes OUT/points/KEY.json for each point as soon as it is measured, and at the 
 matplotlib (extra plots), pareto.png. A second run measures only what is missing or has changed.
 
 examples:
-  %(prog)s --compile                                  once after installation: the first frame is then as fast as any
   %(prog)s examples/sweep.toml                        on all cores of this machine
   %(prog)s examples/sweep.toml --list                 the points, as commands
   %(prog)s examples/sweep.toml --scheduler tcp://HOST:8786    on a Dask cluster (extra cluster)
@@ -45,21 +41,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, instead of processes here")
     parser.add_argument("--list", action="store_true", help="print the points as commands, and measure nothing")
-    parser.add_argument("--compile", action="store_true", help="only compile the kernels of renderer and model into the cache")
     add_out_argument(parser, "build/sweep/NAME, of SWEEP.toml's name")
     args = parser.parse_args(argv)
     if args.jobs < 1:
         raise InputError(f"jobs {args.jobs} is not accepted: 1 or more is")
-    if args.compile:
-        return compile_kernels()
     if args.sweep is None:
         raise InputError("no sweep is named: a file SWEEP.toml is needed, such as examples/sweep.toml")
     points = read_sweep(args.sweep)
     if args.list:
         print("\n".join(f"{point.label:<60} {command_of(point)}" for point in points))
         return 0
-    out = make_folder(args.out or BUILD / "sweep" / args.sweep.stem)
-    with only_here(out):
+    default = BUILD / "sweep" / args.sweep.stem
+    with output_folder(args.out or default, default) as out:  # to go on means one certain folder
         rows = _measured(points, out, args.jobs, args.scheduler)
         made = write_all(rows, out, {"commit": commit(), "sweep": args.sweep.name})
     failed = [row for row in rows if "error" in row]
@@ -68,18 +61,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{short_path(out)}: {len(rows) - len(failed):,} points; wrote {', '.join(path.name for path in made)}"
           + ("" if any(path.suffix == ".png" for path in made) else "; no diagram without matplotlib (extra plots)"))
     return 1 if failed else 0
-
-
-def compile_kernels() -> int:
-    """Models two small frames, of one eye and of two, so that the kernels of renderer and model are in the cache."""
-    begin = time.perf_counter()
-    print("compiling the kernels of renderer and cycle model: a minute or two where the cache has none", flush=True)
-    for stereo in (False, True):
-        base = {"config": "tiny", "size": "48x32", "gaze": "centre", "levels": 2, "stereo": stereo}
-        for point in points_of({"base": base}):
-            measure(point)
-    print(f"all kernels are in the cache, {time.perf_counter() - begin:.0f} s{compile_note()}")
-    return 0
 
 
 def _measured(points: list[Point], out: Path, jobs: int, scheduler: str | None) -> list[dict[str, object]]:

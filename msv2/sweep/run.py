@@ -7,10 +7,8 @@ that a cluster's workers need no common folder.
 
 from __future__ import annotations
 
-import fcntl
 import shlex
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 from golden.scenes.files import read_json
@@ -21,21 +19,6 @@ from msv2.sweep.points import Point
 from spec.errors import InputError
 
 POINTS = "points"
-
-
-@contextmanager
-def only_here(out: Path) -> Iterator[None]:
-    """Holds the folder for one sweep at a time.
-
-    Raises:
-        InputError: another sweep is writing to it.
-    """
-    with open(make_folder(out) / ".lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InputError(f"output folder {out} is not accepted: another sweep is writing to it") from error
-        yield
 
 
 def run_points(

@@ -30,6 +30,8 @@ from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError, run_command_line
 from spec.overrides import config_record
 from spec.paths import BUILD, short_path
+from spec.private import output_folder
+from spec.sources import fingerprint, sources_of
 
 MOST_FRAMES = 10_000
 NEAR_CAMERAS = 40.0
@@ -123,19 +125,26 @@ def identity(args: argparse.Namespace, session: Session, steps: Sequence[Step]) 
     """What all frames depend on: a run takes up the frames of an earlier one only where this is the same."""
     told = {name: value for name, value in vars(args).items() if name not in ("out", "format", "fps", "quality")}
     cameras = "".join(camera_text(step.camera, step.gaze) for step in steps)
-    return {**json.loads(json.dumps(told, default=str)), "model": fingerprint(session), "path": crc32(cameras.encode())}
+    return {**json.loads(json.dumps(told, default=str)), "model": model_checksum(session),
+            "sources": fingerprint(sources_of(__name__)), "path": crc32(cameras.encode())}
 
 
-def fingerprint(session: Session) -> int:
+def model_checksum(session: Session) -> int:
     """A checksum of the model's words."""
     words = session.work(session.state).words
     return crc32(words.colour.tobytes(), crc32(words.geometry.tobytes()))
 
 
 def film(args: argparse.Namespace, session: Session, steps: Sequence[Step], folder: Path) -> list[dict[str, object]]:
-    """Draws the frames that `folder` does not hold yet; the numbers of all frames."""
+    """Draws the frames that `folder` does not hold yet; the numbers of all frames.
+
+    Raises:
+        InputError: the folder holds files that no film has left there.
+    """
     folder = make_folder(folder)
     wanted, told = identity(args, session, steps), folder / "request.json"
+    if not told.exists() and any(folder.iterdir()):
+        raise InputError(f"folder {folder} is not accepted for the frames of a film: it holds files of something else")
     if not told.exists() or read_json(told) != wanted:
         for old in (*folder.glob("*.png"), *folder.glob("*.json")):
             old.unlink()
@@ -158,7 +167,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     formats = parse_formats(args.format)
     session = session_of(args)
     steps = steps_of(args, session)
-    out = make_folder(args.out or BUILD / "video" / session.name)
+    default = BUILD / "video" / session.name
+    with output_folder(args.out or default, default) as out:  # to go on means one certain folder
+        write(args, session, steps, formats, out)
+
+
+def write(args: argparse.Namespace, session: Session, steps: Sequence[Step], formats: Sequence[str], out: Path) -> None:
+    """Draws the frames and writes the films and their numbers into the folder `out`."""
     rows = film(args, session, steps, out / "frames")
     pictures = [out / "frames" / f"{number:05}.png" for number in range(len(steps))]
     for form in formats:

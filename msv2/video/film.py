@@ -69,5 +69,5 @@ def _write_mp4(path: Path, pictures: Sequence[Path], fps: float) -> None:
              "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart", str(made)],
             capture_output=True, text=True, check=False)
         if done.returncode:
-            raise InputError(f"{path}: ffmpeg could not write it: {done.stderr.strip().splitlines()[-1:]}")
+            raise InputError(f"{path}: ffmpeg could not write it: {done.stderr.strip() or f'exit status {done.returncode}'}")
         made.replace(path)

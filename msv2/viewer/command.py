@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from golden.kernels import compile_seconds
 from golden.scenes.request import (
-    make_folder,
     write_json,
 )
 from msv2.viewer.session import Session
@@ -18,6 +17,7 @@ from msv2.viewer.session_arguments import add_session_arguments, session_of
 from spec.command_line import add_out_argument, command_parser
 from spec.errors import InputError, run_command_line
 from spec.paths import BUILD, short_path
+from spec.private import output_folder
 
 EPILOG = """\
 Drag to turn, scroll to come closer, drag with the right button to move; a click sets the gaze, Shift and a click shows a splat.
@@ -76,7 +76,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parse_arguments(argv)
     import viser  # noqa: F401  # so that a missing package is reported before the scene is loaded
 
-    out = make_folder(args.out or BUILD / "view") if args.benchmark or args.screenshots else BUILD
     begin = time.perf_counter()
     session = make_session(args)
     warm_up(session)
@@ -85,20 +84,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.benchmark:
         from msv2.viewer.benchmark import benchmark, report
 
-        numbers = benchmark(session, args.frames)
-        write_json(out / "benchmark.json", numbers)
+        with output_folder(args.out, BUILD / "view") as out:
+            numbers = benchmark(session, args.frames)
+            write_json(out / "benchmark.json", numbers)
         print(f"{report(numbers)}\nwritten: {short_path(out / 'benchmark.json')}")
         return 0
     if args.screenshots:
         from msv2.viewer.screenshots import take
 
-        print("\n".join(f"written: {short_path(path)}" for path in take(session, out)))
+        with output_folder(args.out, BUILD / "view") as out:
+            print("\n".join(f"written: {short_path(path)}" for path in take(session, out)))
         return 0
     from msv2.viewer.server import Viewer
 
     viewer = Viewer(session, args.host, args.port)
-    print(f"open {viewer.url} in a browser; Ctrl-C ends the viewer", flush=True)
     with suppress(KeyboardInterrupt):
+        print(f"open {viewer.url} in a browser; Ctrl-C ends the viewer", flush=True)
         viewer.wait()
     viewer.close()
     print("viewer ended")

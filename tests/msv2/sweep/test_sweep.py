@@ -17,6 +17,7 @@ from msv2.sweep.points import options, points_of, read_sweep
 from perf import __main__ as perf
 from spec.errors import InputError
 from spec.paths import ROOT
+from spec.private import output_folder
 from tests.helpers.golden_samples import ball
 
 SWEEP = """
@@ -141,12 +142,14 @@ def test_without_matplotlib_the_numbers_come(sweep, tmp_path, monkeypatch, capsy
     assert (out / "results.csv").is_file() and not (out / "pareto.png").exists()
 
 
-def test_one_sweep_at_a_time_in_a_folder(tmp_path):
-    with run.only_here(tmp_path):
-        with pytest.raises(InputError, match="another sweep is writing to it"), run.only_here(tmp_path):
-            pass
-    with run.only_here(tmp_path):
-        pass
+def test_a_sweep_must_be_named():
+    with pytest.raises(InputError, match="no sweep is named"):
+        command.main([])
+
+
+def test_one_sweep_at_a_time_in_a_folder(sweep, tmp_path):
+    with output_folder(tmp_path / "out", tmp_path), pytest.raises(InputError, match="while another run writes to it"):
+        command.main([str(sweep), "--jobs", "1", "--out", str(tmp_path / "out")])
 
 
 @pytest.mark.parametrize(("content", "says"), [
@@ -199,14 +202,6 @@ def test_the_example_is_a_sweep():
     for name in output.COLUMNS:
         assert f"`{name}`" in text, f"docs/sweep.md does not explain {name}"
 
-
-def test_kernels_can_be_compiled_beforehand(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(measure, "CACHE", tmp_path / "traces")
-    assert command.main(["--compile"]) == 0
-    assert "all kernels are in the cache" in capsys.readouterr().out
-    assert len(list((tmp_path / "traces").iterdir())) == 2  # a frame of one eye, and one of two
-    with pytest.raises(InputError, match="no sweep is named"):
-        command.main([])
 
 
 def test_the_frontier_is_what_nothing_beats():

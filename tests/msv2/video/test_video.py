@@ -159,6 +159,15 @@ def test_a_film_is_taken_up_where_it_stopped(tmp_path, capsys):
     assert pictures[0].stat().st_mtime_ns != kept
 
 
+def test_files_of_something_else_are_not_touched(tmp_path):
+    """A folder of frames that no film has left is refused and stays as it is."""
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "holiday.png").write_bytes(b"mine")
+    with pytest.raises(InputError, match="it holds files of something else"):
+        command.main(["embedded", "--size", "64x48", "--frames", "1", "--out", str(tmp_path)])
+    assert (tmp_path / "frames" / "holiday.png").read_bytes() == b"mine"
+
+
 @pytest.mark.parametrize(("option", "part"), [
     (("--frames", "0"), "frames 0"), (("--fps", "0"), "fps 0"), (("--sweep", "400"), "sweep 400"),
     (("--show", "level"), "levels"),
