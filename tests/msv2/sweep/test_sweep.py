@@ -94,6 +94,7 @@ def test_points_with_the_same_pixels_share_a_trace(sweep, tmp_path):
 
 
 def test_outputs(sweep, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra `plots`")
     out = tmp_path / "out"
     command.main([str(sweep), "--jobs", "1", "--out", str(out)])
     rows = list(csv.DictReader((out / "results.csv").open()))

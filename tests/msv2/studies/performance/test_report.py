@@ -178,6 +178,7 @@ def test_the_whole_report(content, areas):
 
 
 def test_labels_of_the_pictures_do_not_overlap(content, frame, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib", reason="needs the extra `plots`")
     figures = {}
     monkeypatch.setattr(pictures, "save_figure", lambda figure, path, **_: figures.update({path.stem: figure}))
     assert len(pictures.draw(content, study.timelines(frame), tmp_path)) == len(figures) == 6
