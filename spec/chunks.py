@@ -123,6 +123,15 @@ def chunk_header(config: AcceleratorConfig) -> Record:
     ))
 
 
+def header_item(config: AcceleratorConfig) -> Record:
+    """A chunk's header on its way to the chunk test and from there to the reader of Gaussians. A frame ends with an item with
+    `end`, which is no chunk."""
+    return Record("HeaderItem", header_item.__doc__, (
+        *chunk_header(config).fields,
+        Field("end", uint(1), "all chunks of the frame have come; the rest means nothing"),
+    ))
+
+
 def pixel_format() -> Fixed:
     """The format to which the chunk test's pixel coordinates are floored."""
     return SQ(PIXEL_BITS, 0)
@@ -138,4 +147,4 @@ def support(config: AcceleratorConfig) -> float:
     return min(config.support_sigma or WIDEST_SIGMA, WIDEST_SIGMA)
 
 
-CHUNK_RECORDS = (chunk_header,)
+CHUNK_RECORDS = (chunk_header, header_item)
