@@ -1,15 +1,15 @@
 """Chunks of a model: up to 64 Gaussians with a header of one beat, and the test by which the machine skips a whole chunk.
 
-Chunk c holds the Gaussians `first` .. `first + count - 1`, all of the same quality bound. Chunks follow each other without a gap
-between their indices. The headers lie in the region `chunks`, one beat each, in order.
+Chunk c holds the Gaussians `first` .. `first + count - 1`, all of the same quality bound. Chunks follow each other without a
+gap between their indices. The headers lie in the region `chunks`, one beat each, in order.
 
-**The box.** It reaches from `low` to `low` + (`extent` + 1) * 2^(`step` + BOX_SHIFT - STEP_BIAS) along each axis, and contains the
-mean of every Gaussian of the chunk as its words have it.
+**The box.** It reaches from `low` to `low` + (`extent` + 1) * 2^(`step` + BOX_SHIFT - STEP_BIAS) along each axis, and
+contains the mean of every Gaussian of the chunk as its words have it.
 
-**The chunk test** never skips a chunk with a splat that has an intersection. Every number below is a small float: `o` has format
-`view`, all others format `chunk` of `spec.config`, and every operation rounds to the format of its result, HALF_EVEN. A sum of
-three is (a + b) + c. Settings are rounded to `chunk` before they are used, except `position`. i is an axis of the world, k one of
-the camera::
+**The chunk test** never skips a chunk with a splat that has an intersection. Every number below is a small float: `o` has
+format `view`, all others format `chunk` of `spec.config`, and every operation rounds to the format of its result, HALF_EVEN.
+A sum of three is (a + b) + c. Settings are rounded to `chunk` before they are used, except `position`. i is an axis of the
+world, k one of the camera::
 
     h[i] = (extent[i] + 1) * 2^(step[i] + BOX_SHIFT - STEP_BIAS - 1)      half of the box; exact
     w[i] = (extent[i] + 2) * 2^(step[i] + BOX_SHIFT - STEP_BIAS - 1)      the same, widened; exact
@@ -35,22 +35,23 @@ clamped (FRUSTUM_MARGIN), times 1 + REACH_MARGIN. Integers follow; floor(x) satu
     first[k] = (floor(left[k]) + (centre[k] >> frac_bits) - PAD) >> 4
     last[k] = (floor(right[k]) + (centre[k] >> frac_bits) + PAD) >> 4
 
-These are the first and the last column (row) of tiles that the chunk's splats can touch. The chunk is *outside* where last < 0 or
-first is beyond the frame's last tile. Otherwise both are clamped to the frame.
+These are the first and the last column (row) of tiles that the chunk's splats can touch. The chunk is *outside* where
+last < 0 or first is beyond the frame's last tile. Otherwise both are clamped to the frame.
 
-For each quality bound b, the machine keeps the *level bounds* of the frame: the smallest and the largest x, y, x + y and x - y of
-all tiles (x, y) that are rendered and whose level is at most b. The chunk is *filtered* where no tile is in the octagon of its
-own bound b that also lies in its box: no such tile exists, or first[x] > x_most, last[x] < x_least, the same for y,
-first[x] + first[y] > sum_most, last[x] + last[y] < sum_least, first[x] - last[y] > difference_most, or
+For each quality bound b, the machine keeps the *level bounds* of the frame: the smallest and the largest x, y, x + y and
+x - y of all tiles (x, y) that are rendered and whose level is at most b. The chunk is *filtered* where no tile is in the
+octagon of its own bound b that also lies in its box: no such tile exists, or first[x] > x_most, last[x] < x_least, the same
+for y, first[x] + first[y] > sum_most, last[x] + last[y] < sum_least, first[x] - last[y] > difference_most, or
 last[x] - first[y] < difference_least.
 
-The chunk is *faint* where its opacity's code is 0. A chunk that is behind, outside, filtered or faint is skipped; its first reason
-in the order behind, faint, outside, filtered counts nowhere: there is one counter for all.
+The chunk is *faint* where its opacity's code is 0. A chunk that is behind, outside, filtered or faint is skipped; its first
+reason in the order behind, faint, outside, filtered counts nowhere: there is one counter for all.
 
-**Why no survivor is lost.** Roundings change v by at most 6 * 2^-14 of the sum of |rotation| * |a|, which CENTRE_MARGIN covers,
-and s by 4 * 2^-14 of itself, which the widening of w covers, because an extent has 8 bits. Larger intervals come from the
-roundings of lo[z] and hi[z] in the same way. PAD covers the low-pass filter (3 sigma of LOW_PASS), the roundings of quotients up
-to 8,192 pixels, and the tile test's own margins. tests/golden/msv2_ref/test_chunk_test.py tries it on random models and cameras.
+**Why no survivor is lost.** Roundings change v by at most 6 * 2^-14 of the sum of |rotation| * |a|, which CENTRE_MARGIN
+covers, and s by 4 * 2^-14 of itself, which the widening of w covers, because an extent has 8 bits. Larger intervals come from
+the roundings of lo[z] and hi[z] in the same way. PAD covers the low-pass filter (3 sigma of LOW_PASS), the roundings of
+quotients up to 8,192 pixels, and the tile test's own margins. tests/golden/msv2_ref/test_chunk_test.py tries it on random
+models and cameras.
 """
 
 from __future__ import annotations
