@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from golden.kernels import work_clock
 from perf import bus, chunks, constants, dram, geometry, render, warp
 from perf.plan import (
@@ -46,17 +47,13 @@ RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 _TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
 
 
-MEMORIES = ("ideal", "lpddr3")
-"""Kinds of `MemoryModel`."""
-
-
 @dataclass(frozen=True)
 class MemoryModel:
     """The memory that answers the machine's reads and writes.
 
     Attributes:
-        kind: "ideal" for the RTL bench's memory, which answers in order with a latency and a bandwidth; "lpddr3" for four
-            channels of DRAM (`perf.dram`).
+        kind: one of `golden.host.run_options.MEMORIES`: "ideal" for a memory that answers in order with a latency and a
+            bandwidth; "lpddr3" for four channels of DRAM (`perf.dram`). The RTL's bench has both.
         latency: the latency of "ideal" in cycles.
         bytes_per_cycle: the bandwidth of "ideal", for reads and writes together; None for a beat read and a beat written in
             every cycle.
@@ -65,7 +62,7 @@ class MemoryModel:
             alone, whose timing is in nanoseconds.
     """
 
-    kind: str = "ideal"
+    kind: str = IDEAL
     latency: int = 100
     bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
     device: Lpddr3 = field(default_factory=Lpddr3)
@@ -73,7 +70,7 @@ class MemoryModel:
 
     def __post_init__(self) -> None:
         if self.kind not in MEMORIES:
-            raise ValueError(f"kind must be 'ideal' or 'lpddr3', not {self.kind!r}")
+            raise ValueError(f"kind must be one of {', '.join(MEMORIES)}, not {self.kind!r}")
         check_clock(self.clock_ns)
         if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
             raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
@@ -84,7 +81,7 @@ class MemoryModel:
     @property
     def peak(self) -> float:
         """The most bytes that DRAM moves in a cycle of the machine; for "ideal" those of the paper's memory and clock."""
-        return DRAM_BYTES_PER_CYCLE * (self.clock_ns if self.kind == "lpddr3" else 1)
+        return DRAM_BYTES_PER_CYCLE * (self.clock_ns if self.kind == LPDDR3 else 1)
 
 
 @dataclass(frozen=True)
@@ -219,7 +216,7 @@ def _finished(phase: str, cycles: int) -> int:
 
 def _memory(s: np.record, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
-    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
+    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3)
     dram.prepare(s, memory.device, memory.clock_ns)
 
 
