@@ -74,20 +74,20 @@ async def _fill(master: AxiMaster, rng: random.Random) -> bytearray:
 @cocotb.test()
 async def random_traffic(dut: object) -> None:
     """Reads and writes whole beats and parts of beats, with pauses on every channel of both sides."""
-    await _random_traffic(dut, MemorySpeed(latency=5, pauses=90))
+    await _random_traffic(dut, _master(dut), MemorySpeed(latency=5, pauses=90))
 
 
 @cocotb.test()
 async def random_traffic_of_lpddr3(dut: object) -> None:
     """The same with the other kind of memory, beside a fast machine and beside a slow one."""
+    master = _master(dut)
     for clock_ns in (0.7, 6.0):
-        await _random_traffic(dut, MemorySpeed(pauses=90, kind="lpddr3", clock_ns=clock_ns))
+        await _random_traffic(dut, master, MemorySpeed(pauses=90, kind="lpddr3", clock_ns=clock_ns))
         assert int(dut.activates.value) > 0 and int(dut.refreshes.value) > 0
 
 
-async def _random_traffic(dut: object, speed: MemorySpeed) -> None:
+async def _random_traffic(dut: object, master: AxiMaster, speed: MemorySpeed) -> None:
     rng = random.Random(1)
-    master = _master(dut)
     await _reset(dut, speed)
     channels = (master.write_if.aw_channel, master.write_if.w_channel, master.write_if.b_channel, master.read_if.ar_channel,
                 master.read_if.r_channel)
@@ -118,8 +118,8 @@ async def _expect(master: AxiMaster, place: int, wanted: bytes, rng: random.Rand
 
 @cocotb.test()
 async def latency_and_failing_addresses(dut: object) -> None:
-    """A single read of the ideal memory takes `latency` cycles between its handshakes. Failing addresses answer with an error and keep their
-    content."""
+    """A single read of the ideal memory takes `latency` cycles between its handshakes. In both kinds, failing addresses answer
+    with an error and keep their content."""
     master = _master(dut)
     for latency in (1, 2, 30):
         await _reset(dut, MemorySpeed(latency=latency, bytes_per_cycle=None, failing=(64, 128)))
