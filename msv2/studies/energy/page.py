@@ -19,9 +19,8 @@ OTHERS = (
 )
 """Published energies of a frame, with the reasons why they are not like for like."""
 
-_BOUND = ("The ideal memory is a bound: it has no rows, no refresh and no turns of its bus, so that a frame takes fewer cycles. "
-          "DRAM's energy with it lacks activates and refreshes, which are not counted. The frames of the RTL ran with the memory "
-          "that their row names.")
+_BOUND = ("The ideal memory is a bound: it has no rows, no refresh and no turns of its bus, so that a frame takes fewer "
+          "cycles. DRAM's energy with it lacks activates and refreshes, which are not counted.")
 
 _COLUMNS = (*CHIP, "dram", "assumed")
 _SHOWN = 9
@@ -101,7 +100,7 @@ def plot(frames: list[dict[str, object]], path: Path) -> bool:
     largest = sorted(chip[0], key=lambda unit: -sum(one.get(unit, 0.0) / sum(one.values()) for one in chip))[:_SHOWN]
     shares = [{unit: one.get(unit, 0.0) / sum(one.values()) for unit in largest} for one in chip]
     shares = [{**one, "others": 1 - sum(one.values())} for one in shares]
-    figure, axes = pyplot.subplots(1, 3, figsize=(17, max(3.2, 1.8 + 0.5 * len(frames))))
+    figure, axes = pyplot.subplots(1, 3, figsize=(15, max(3.2, 1.8 + 0.5 * len(frames))))
     labels = [f"{_name(frame)}\n{frame['work']}, {MEMORY_NAMES[frame['memory']]}" for frame in frames]
     for axis, rows, title in ((axes[0], [frame["by_part_mj"] for frame in frames], "mJ a frame, 16 nm; DRAM as it is"),
                               (axes[1], [frame["by_dram_mj"] for frame in frames], "DRAM, mJ a frame"),
