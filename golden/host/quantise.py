@@ -46,6 +46,7 @@ class GaussianWords:
         levels: number of foveation levels in use, 1..4.
         sh_degree: 0..3.
         saturated: number of values that were clipped to their format, by field.
+        chunks: (C,) records of `chunk_header`'s dtype; None for machines without chunks.
     """
 
     config: AcceleratorConfig
@@ -55,6 +56,7 @@ class GaussianWords:
     levels: int
     sh_degree: int
     saturated: dict[str, int]
+    chunks: np.ndarray | None = None
 
     @cached_property
     def decoded(self) -> DecodedGeometry:
