@@ -209,7 +209,8 @@ def render_frame(
 
     begin = clock()
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
-    entries = tile_test.tile_intersections(config, projected, opacity, bound, registers, order, obb=obb, rendered=rendered)
+    tested = tile_test.tested_opacity(config, opacity, words.decoded.opacity)
+    entries = tile_test.tile_intersections(config, projected, tested, bound, registers, order, obb=obb, rendered=rendered)
     counts = np.diff(entries.start)
     groups = tile_merge.merge_tiles(counts, registers.tiles_x, tile_merge.auto_beta(counts, config) if beta is None else beta)
     seconds["tiles"] = clock() - begin

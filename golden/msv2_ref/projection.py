@@ -25,7 +25,7 @@ from golden.threads import for_slices
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import EXTENT_SHARE, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
-from spec.records import projected_splat
+from spec.records import opacities_carried, projected_splat
 
 VISIBLE, NEAR, FAINT, OUTSIDE, UNREAD = 0, 1, 2, 3, 4
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
@@ -311,7 +311,8 @@ def projected_splats(config: AcceleratorConfig, words: GaussianWords, registers:
     rows = np.flatnonzero(projected.reason == VISIBLE)
     out = np.zeros(len(rows) + 1, projected_splat(config).dtype)
     splats = out[:-1]
-    splats["index"], splats["bound"], splats["log2_opacity"] = rows, g["bound"][rows], g["log2_opacity"][rows]
+    splats["index"], splats["bound"] = rows, g["bound"][rows]
+    splats["log2_opacity"] = (words.decoded.opacity if opacities_carried(config) == 1 else g["log2_opacity"])[rows]
     for name in ("mean2d", "depth", "depth_key"):
         splats[name] = getattr(projected, name)[rows]
     splats["conic"] = n.conic.quantise(projected.conic[rows])
