@@ -9,7 +9,7 @@ import numpy as np
 
 from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from golden.kernels import work_clock
-from perf import bus, chunks, constants, dram, geometry, render, warp
+from perf import bus, chunk_units, chunks, constants, datapath, dram, geometry, render, warp
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -34,7 +34,7 @@ from spec.memory import (
 )
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_tiles
-from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
 
@@ -177,7 +177,7 @@ def simulate(
 
     Raises:
         ValueError: the frame has two eyes, and the machine has no stereo or `display` is False; or the frame needs a higher SH
-            degree than the machine has.
+            degree than the machine has; or only one of them has chunks.
     """
     memory = memory or MemoryModel()
     if pipeline is not None:
@@ -187,6 +187,9 @@ def simulate(
         raise ValueError(f"config must be a machine with stereo, not {config.name!r}")
     if two and display is False:
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
+    if config.chunks != trace.chunked:
+        raise ValueError(f"config must be a machine {'with' if trace.chunked else 'without'} chunks, like the trace, "
+                         f"not {config.name!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     display, beta, begin = bool(two or display), (beta if merge else 0), work_clock()
@@ -264,18 +267,20 @@ def _geometry(
     s = geometry.layout.new()
     _memory(s, memory)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
-    for place, path in ((geometry.NEAR, paths.near), (geometry.PROJECTION, paths.projection),
-                        (geometry.ELLIPSE, paths.ellipse), (geometry.HARMONICS, paths.colour)):
-        geometry.set_path(s, place, path.length, path.interval, path.rows)
+    for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
+                        (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
+        datapath.set_path(s, place, path.length, path.interval, path.rows)
     s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
+    chunk_arrays = chunk_units.prepare(s, eye.chunk_count, eye.chunk_read, config, paths)
+    classes = eye.point_class[eye.point_class != geometry.UNREAD]
     s.colour_waiting, s.colour_beats = paths.colour_waiting, beats
     writes = np.where(written.writes < 0, where.directory - 1 - written.writes, where.entries + written.writes)
     survivor = np.append(eye.survivor, 0).astype(np.int64)
     cycles, counted = geometry.geometry_phase(
-        s, eye.point_class, eye.point_class[eye.point_class != geometry.NEAR_CULLED], eye.splat_steps, eye.step_runs,
+        s, classes, classes[classes != geometry.NEAR_CULLED], eye.splat_steps, eye.step_runs,
         eye.run_entries, eye.run_closes, np.append(eye.views, 0).astype(np.uint8), where.views + (survivor << trace.view_shift),
         where.colour + survivor * beats, where.geometry, written.begins, writes,
-        constants.colour_steps(config, trace.sh_degree), LIMIT)
+        constants.colour_steps(config, trace.sh_degree), where.chunks, *chunk_arrays, LIMIT)
     return _Pass(
         {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, GEOMETRY_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
@@ -377,7 +382,7 @@ def _together(
             continue
         busy, blocked = (int(sum(p.stages[name][i] for p in passes)) for i in range(2))
         stages[name] = Stage(busy, blocked, total - busy - blocked)
-    reads = {name: BEAT_BYTES * int(sum(p.reads[i] for p in passes)) for i, name in enumerate(READ_CLIENTS)}
+    reads = {name: BEAT_BYTES * int(sum(p.reads[i] for p in passes)) for i, name in enumerate(read_clients(config))}
     clients = WRITE_CLIENTS + (STEREO_WRITE_CLIENTS if config.stereo else ())
     writes = {name: BEAT_BYTES * int(sum(p.writes[i] for p in passes)) for i, name in enumerate(clients)}
     events = {name: sum(p.events[name] for p in passes) for name in passes[0].events}
