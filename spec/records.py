@@ -273,10 +273,17 @@ def opacities_carried(config: AcceleratorConfig) -> int:
     return 1 if config.compact else MAX_LEVELS
 
 
+def _opacity(config: AcceleratorConfig) -> Field:
+    """The opacities that pass through projection."""
+    of = "that of the strongest level" if config.compact else "per level"
+    return Field("log2_opacity", config.formats.log2_opacity, f"log2 of the amplified opacity, {of}", opacities_carried(config))
+
+
 def gaussian_point(config: AcceleratorConfig) -> Record:
     """A Gaussian's geometry on its way into projection. A frame ends with an item with `end`, which is no Gaussian."""
+    fields = gaussian_geometry(config).fields
     return Record("GaussianPoint", gaussian_point.__doc__, (
-        *gaussian_geometry(config).fields,
+        *(_opacity(config) if f.name == "log2_opacity" else f for f in fields),
         Field("index", uint(INDEX_BITS), "Gaussian index"),
         Field("end", uint(1), "all Gaussians of the frame have come; the rest means nothing"),
     ))
@@ -290,7 +297,7 @@ def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
         Field("bound", uint(2), "quality bound m - 1"),
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
-        Field("log2_opacity", n.log2_opacity, "log2 of the amplified opacity, per level", MAX_LEVELS),
+        _opacity(config),
         Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
         Field("offset", n.view, "position minus the camera's, in world axes: the direction that the colour depends on", 3),
     )

@@ -21,8 +21,8 @@ from golden.kernels import compiled
 from golden.msv2_ref.projection import Projected, culling_constants, falloff_limit
 from golden.threads import SLICES, for_slices
 from spec.config import AcceleratorConfig
-from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
-from spec.records import intersection_item, surviving_splat
+from spec.constants import MAX_LEVELS, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.records import intersection_item, opacities_carried, surviving_splat
 
 
 class Intersections(NamedTuple):
@@ -212,6 +212,19 @@ def _entries(config: AcceleratorConfig, scene: _Scene, splats: np.ndarray) -> In
     return Intersections(start, splat, use, int(filtered.sum()))
 
 
+def tested_opacity(config: AcceleratorConfig, opacity: np.ndarray, strongest: np.ndarray) -> np.ndarray:
+    """(N, 4) raw `log2_opacity` by which the tile test judges a splat in tiles of each level.
+
+    Args:
+        config: the machine.
+        opacity: (N, 4) opacities by level.
+        strongest: (N,) the largest among the levels that use the Gaussian, which in some machines is all that is known here.
+    """
+    if opacities_carried(config) > 1:
+        return opacity
+    return np.repeat(strongest[:, None], MAX_LEVELS, axis=1).astype(np.int16)
+
+
 def tile_intersections(
     config: AcceleratorConfig, projected: Projected, opacity: np.ndarray, bound: np.ndarray, registers: FrameRegisters,
     splats: np.ndarray, *, obb: bool = False, rendered: np.ndarray | None = None,
@@ -221,7 +234,7 @@ def tile_intersections(
     Args:
         config: the machine.
         projected: the projection's result.
-        opacity: (N, 4) raw `log2_opacity`.
+        opacity: (N, 4) raw `log2_opacity`, as `tested_opacity` gives them.
         bound: (N,) quality bound m - 1.
         registers: the frame's registers.
         splats: rows of the visible splats in the wanted order: by index for the unit's stream, by depth key for sorted lists.
@@ -267,7 +280,9 @@ def tile_test(
     """
     rendered = np.ones(len(levels), bool) if rendered is None else rendered
     box = np.stack([splats[name] for name in ("first_x", "last_x", "first_y", "last_y")], 1)
-    mean2d, opacity, bound = (np.ascontiguousarray(splats[name]) for name in ("mean2d", "log2_opacity", "bound"))
+    mean2d, bound = (np.ascontiguousarray(splats[name]) for name in ("mean2d", "bound"))
+    opacity = np.ascontiguousarray(np.broadcast_to(
+        splats["log2_opacity"].reshape(len(splats), opacities_carried(config)), (len(splats), MAX_LEVELS)))
     scene = _Scene.of(mean2d, config.formats.conic.to_float(splats["conic"]), box, opacity, bound,
                    np.ascontiguousarray(levels, np.int64), rendered, -(-width // TILE), width, height, obb)
     found = _entries(config, scene, np.arange(len(splats), dtype=np.int32))

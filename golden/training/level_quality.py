@@ -204,6 +204,6 @@ def _tile_counts(model: GaussianModel, camera: Camera, foveation: FoveationMap, 
     registers = frame_registers(config, camera, words, foveation, (0.0, 0.0, 0.0))
     projected = projection.project(config, words, registers)
     order = sort.depth_order(projected.depth_key, projected.reason == projection.VISIBLE)
-    geometry = words.geometry
-    entries = tile_test.tile_intersections(config, projected, geometry["log2_opacity"], geometry["bound"], registers, order)
+    opacity = tile_test.tested_opacity(config, words.geometry["log2_opacity"], words.decoded.opacity)
+    entries = tile_test.tile_intersections(config, projected, opacity, words.geometry["bound"], registers, order)
     return np.diff(entries.start)

@@ -19,7 +19,7 @@ from spec import tables
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, TILE_REACH_MARGIN
 from spec.formats import UQ, Fixed
-from spec.records import gaussian_point
+from spec.records import gaussian_point, opacities_carried
 
 SETTINGS = ("position", "rotation", "near", "depth_scale")
 
@@ -36,13 +36,14 @@ def near_graph(config: AcceleratorConfig) -> Dataflow:
     view = n.view
     position, rotation = g.settings("position", view, 3), g.settings("rotation", view, 9)
     near, depth_scale = g.setting("near", view), g.setting("depth_scale", view)
-    mean = [g.input(f"mean_{i}", n.position) for i in range(3)]
-    opacity = [g.input(f"log2_opacity_{i}", n.log2_opacity) for i in range(MAX_LEVELS)]
-    bound = g.input("bound", unsigned(2))
+    mean, alone = [g.input(f"mean_{i}", n.position) for i in range(3)], opacities_carried(config) == 1
+    names = ["log2_opacity"] if alone else [f"log2_opacity_{i}" for i in range(MAX_LEVELS)]
+    opacity = [g.input(name, n.log2_opacity) for name in names]
+    bound = None if alone else g.input("bound", unsigned(2))
 
     offset = tuple(g.sub(a, b, view) for a, b in zip(mean, position, strict=True))
     z = g.dot3(view, rotation[6:], offset)
-    strongest = g.logic("strongest", n.log2_opacity, _strongest, bound, *opacity)
+    strongest = opacity[0] if alone else g.logic("strongest", n.log2_opacity, _strongest, bound, *opacity)
     faintest, widest = tables.log2_alpha_min(n), tables.support_exponent(config)
     room = g.logic("room", n.log2_opacity.width + 1, lambda x: as_integer(x) - faintest, strongest)
 
@@ -110,8 +111,8 @@ class NearTest(wiring.Component):
         connect_settings(m, self, path)
         point, entry = self.sink.payload, path.sink.payload
         found, left = path.source.payload, self.source.payload
-        for name, value in flatten({"mean": point.mean, "log2_opacity": point.log2_opacity, "bound": point.bound}).items():
-            m.d.comb += entry[name].eq(value)
+        inputs = flatten({"mean": point.mean, "log2_opacity": point.log2_opacity, "bound": point.bound})
+        m.d.comb += [entry[name].eq(value) for name, value in inputs.items() if name in entry.shape().members]
         for name, _ in self._carried:
             m.d.comb += [entry.carried[name].eq(point[name]), left[name].eq(found.carried[name])]
         for name, value in flatten({name: left[name] for name in ("offset", "z", "depth", "limit")}).items():

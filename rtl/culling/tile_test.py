@@ -17,7 +17,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
 from spec.queues import COUNTER_BITS, TILE_TEST_BESIDE
-from spec.records import TILE_BITS, intersection_item, projected_splat, surviving_splat, tile_level
+from spec.records import TILE_BITS, intersection_item, opacities_carried, projected_splat, surviving_splat, tile_level
 
 
 class TileTest(wiring.Component):
@@ -43,8 +43,8 @@ class TileTest(wiring.Component):
             inside.
 
     A splat touches a tile if the ellipse on which the splat is just visible, widened by margins, contains a pixel centre of the
-    tile. The ellipse is that of the largest opacity among the tile's levels that use the Gaussian. With `obb`, the splat
-    touches all tiles of its box. The foveation filter passes the intersection if the tile's level is at most the splat's bound
+    tile. The ellipse is that of the largest opacity among the tile's levels that use the Gaussian, or, in machines where only
+    the strongest opacity passes (`opacities_carried`), of that one. With `obb`, the splat touches all tiles of its box. The foveation filter passes the intersection if the tile's level is at most the splat's bound
     and, with stereo, the tile is rendered. A run is a part of a tile row of a splat's box. It lies within 16 columns, and all
     its tiles have the same level and blend flag (and, with stereo, are all rendered or all not rendered).
 
@@ -127,6 +127,9 @@ class TileTest(wiring.Component):
         run, splat, code = runs.runs.payload, runs.runs.payload.splat, runs.runs.payload.code
         operands, plan = ellipse.sink.payload, ellipse.sink.payload.carried
         blends = code.blend & (splat.bound > code.level)
+        opacity = other = splat.log2_opacity
+        if opacities_carried(self.config) > 1:
+            opacity, other = (splat.log2_opacity[level] for level in (code.level, (code.level + Mux(blends, 1, 0))[:2]))
         passes = (code.level <= splat.bound) & code.rendered if self.config.stereo else code.level <= splat.bound
         m.d.comb += [
             ellipse.sink.valid.eq(runs.runs.valid),
@@ -135,8 +138,8 @@ class TileTest(wiring.Component):
             operands.mean_x.eq(splat.mean2d[0]),
             operands.mean_y.eq(splat.mean2d[1]),
             operands.row.eq(run.row),
-            operands.opacity.eq(splat.log2_opacity[code.level]),
-            operands.other_opacity.eq(splat.log2_opacity[(code.level + Mux(blends, 1, 0))[:2]]),
+            operands.opacity.eq(opacity),
+            operands.other_opacity.eq(other),
             plan.passes.eq(passes),
             plan.level.eq(code.level),
             *(plan[name].eq(run[name]) for name in ("tile", "group", "begin", "stop", "last", "end")),
