@@ -64,7 +64,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
     The time of compiling kernels is in `compile` only; neither a stage nor the total includes it.
     """
     counts = np.diff(frame.entries.start)
-    reason = np.bincount(frame.projected.reason, minlength=4)
+    reason = np.bincount(frame.projected.reason, minlength=projection.UNREAD + 1)
     used = int((np.bincount(frame.entries.splat, minlength=1) > 0).sum())
     culled = {name: int(reason[code]) for code, name in projection.REASONS.items()}
     return {

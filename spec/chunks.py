@@ -1,21 +1,21 @@
 """Chunks of a model: up to 64 Gaussians with a header of one beat, and the test by which the machine skips a whole chunk.
 
-Chunk c holds the Gaussians `first` .. `first + count - 1`, all of the same quality bound. Chunks follow each other without a gap
-between their indices. The headers lie in the region `chunks`, one beat each, in order.
+Chunk c holds the Gaussians `first` .. `first + count - 1`, all of the same quality bound. Chunks follow each other without a
+gap between their indices. The headers lie in the region `chunks`, one beat each, in order.
 
-**The box.** It reaches from `low` to `low` + (`extent` + 1) * 2^(`step` + BOX_SHIFT - STEP_BIAS) along each axis, and contains the
-mean of every Gaussian of the chunk as its words have it.
+**The box.** It reaches from `low` to `low` + (`extent` + 1) * 2^(`step` + BOX_SHIFT - STEP_BIAS) along each axis, and contains
+the mean of every Gaussian of the chunk as its words have it.
 
-**The chunk test** never skips a chunk with a splat that has an intersection. Every number below is a small float: `o` has format
-`view`, all others format `chunk` of `spec.config`, and every operation rounds to the format of its result, HALF_EVEN. A sum of
-three is (a + b) + c. Settings are rounded to `chunk` before they are used, except `position`. i is an axis of the world, k one of
-the camera::
+**The chunk test** never skips a chunk with a splat that has an intersection. Every number below is a small float: `o` has
+format `view`, all others format `chunk` of `spec.config`, and every operation rounds to the format of its result, HALF_EVEN. A
+sum of three is (a + b) + c. cut(x) is x of format `view` in format `chunk`, rounded towards zero: both have the same exponents.
+The settings `rotation`, `near` and `reach` below are cut. i is an axis of the world, k one of the camera::
 
     h[i] = (extent[i] + 1) * 2^(step[i] + BOX_SHIFT - STEP_BIAS - 1)      half of the box; exact
     w[i] = (extent[i] + 2) * 2^(step[i] + BOX_SHIFT - STEP_BIAS - 1)      the same, widened; exact
     o[i] = low[i] - position[i]
-    a[i] = chunk(o[i]) + h[i]                                             the box's centre relative to the camera
-    g[i] = w[i] + |a[i]| * 2^-CENTRE_MARGIN                               the product is exact
+    a[i] = cut(o[i]) + h[i]                                               the box's centre relative to the camera
+    g[i] = w[i] + |a[i]| * 2^-CENTRE_MARGIN                               the product is exact, but below 2^-126 it is 0
     v[k] = rotation[k][0] * a[0] + rotation[k][1] * a[1] + rotation[k][2] * a[2]
     s[k] = |rotation[k][0]| * g[0] + |rotation[k][1]| * g[1] + |rotation[k][2]| * g[2]
     lo[k] = v[k] - s[k],  hi[k] = v[k] + s[k]
@@ -25,32 +25,38 @@ hi[z] <= near. Otherwise::
 
     q0 = 1 / max(lo[z], near)
     q1 = 1 / hi[z]
-    sigma = largest standard deviation of the chunk, see `sigma_format` and SIGMA_FRACTIONS
-    left[k]  = lo[k] * (q1 if lo[k] >= 0 else q0) - reach[k] * (sigma * q0)
-    right[k] = hi[k] * (q0 if hi[k] >= 0 else q1) + reach[k] * (sigma * q0)       for k = x, y
+    sigma = largest standard deviation of the chunk, see `sigma_significands`
+    spread[k] = reach[k] * (sigma * q0)                                           for k = x, y
+    left[k]  = lo[k] * (q1 if lo[k] >= 0 else q0) - spread[k]
+    right[k] = hi[k] * (q0 if hi[k] >= 0 else q1) + spread[k]
 
 `reach` is a setting: by how many pixels a splat with a standard deviation of 1 at z = 1 reaches at most, where the Jacobian is
 clamped (FRUSTUM_MARGIN), times 1 + REACH_MARGIN. Integers follow; floor(x) saturates to PIXEL_BITS bits and a sign::
 
     first[k] = (floor(left[k]) + (centre[k] >> frac_bits) - PAD) >> 4
-    last[k] = (floor(right[k]) + (centre[k] >> frac_bits) + PAD) >> 4
+    last[k] = (floor(right[k]) + (centre[k] >> frac_bits) + PAD + 2) >> 4
 
-These are the first and the last column (row) of tiles that the chunk's splats can touch. The chunk is *outside* where last < 0 or
-first is beyond the frame's last tile. Otherwise both are clamped to the frame.
+These are the first and the last column (row) of tiles that the chunk's splats can touch. Where spread[k] >= WIDE_SPREAD,
+every column (row) is between them, whatever the numbers are. The chunk is *outside* where last < 0 or first is beyond the
+frame's last tile. Otherwise both are clamped to the frame.
 
-For each quality bound b, the machine keeps the *level bounds* of the frame: the smallest and the largest x, y, x + y and x - y of
-all tiles (x, y) that are rendered and whose level is at most b. The chunk is *filtered* where no tile is in the octagon of its
-own bound b that also lies in its box: no such tile exists, or first[x] > x_most, last[x] < x_least, the same for y,
+For each quality bound b, the machine keeps the *level bounds* of the frame: the smallest and the largest x, y, x + y and x - y
+of all tiles (x, y) that are rendered and whose level is at most b. The chunk is *filtered* where no tile is in the octagon of
+its own bound b that also lies in its box: no such tile exists, or first[x] > x_most, last[x] < x_least, the same for y,
 first[x] + first[y] > sum_most, last[x] + last[y] < sum_least, first[x] - last[y] > difference_most, or
 last[x] - first[y] < difference_least.
 
-The chunk is *faint* where its opacity's code is 0. A chunk that is behind, outside, filtered or faint is skipped; its first reason
-in the order behind, faint, outside, filtered counts nowhere: there is one counter for all.
+The chunk is *faint* where its opacity's code is 0, and *empty* where its count is 0. A chunk that is behind, outside, filtered,
+faint or empty is skipped; one counter counts all of them.
 
-**Why no survivor is lost.** Roundings change v by at most 6 * 2^-14 of the sum of |rotation| * |a|, which CENTRE_MARGIN covers,
-and s by 4 * 2^-14 of itself, which the widening of w covers, because an extent has 8 bits. Larger intervals come from the
-roundings of lo[z] and hi[z] in the same way. PAD covers the low-pass filter (3 sigma of LOW_PASS), the roundings of quotients up
-to 8,192 pixels, and the tile test's own margins. tests/golden/msv2_ref/test_chunk_test.py tries it on random models and cameras.
+**Why no survivor is lost.** In units of 2^-14, half an ulp of `chunk`: v differs by at most 8 of the sum of |rotation| * |a|
+from what it is for the centre, because cutting `rotation` and `o` costs 2 each, and four more roundings 1 each; lo and hi are
+rounded once more. CENTRE_MARGIN adds 16, so 7 are left for the quotient, the product and the difference behind them. s is too
+small by at most 6 of itself, and w is larger than h by 64 and more, because an extent has 8 bits. Cut, `near` only becomes
+smaller, and REACH_MARGIN covers what cutting and rounding take from `spread`. Where sums saturate, they do so for each of the
+chunk's splats, too. A mean saturates at 2^14 pixels, from where only a splat with WIDE_SPREAD comes back into a frame of at
+most 8,192 pixels. PAD covers the low-pass filter and the tile test's margins, and the 2 the two floors on the right.
+tests/golden/msv2_ref/test_chunk_test.py tries it on random models and cameras.
 """
 
 from __future__ import annotations
@@ -59,7 +65,8 @@ import math
 
 from spec.compact import OPACITY_BITS
 from spec.config import AcceleratorConfig
-from spec.formats import SQ, Fixed, SmallFloat
+from spec.constants import LOG2E_HALF, LOW_PASS, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
+from spec.formats import SQ, Fixed
 from spec.records import INDEX_BITS, Field, Record, uint
 
 CHUNK = 64
@@ -83,10 +90,6 @@ SCALE_TOP_STEPS = 16
 COUNT_BITS = 7
 """Bits of the number of Gaussians of a chunk."""
 
-SIGMA_FRACTIONS = tuple(math.ceil((1 << 13) * 2 ** (i / SCALE_TOP_STEPS)) for i in range(SCALE_TOP_STEPS))
-"""Significands (14 bits, rounded up) of 2^(i / 16). A chunk's sigma has exponent (scale_top >> 4) - bias of `scale` and the
-significand SIGMA_FRACTIONS[scale_top & 15]."""
-
 CENTRE_MARGIN = 10
 """-log2 of the share of a box's distance by which the box is widened."""
 
@@ -96,8 +99,8 @@ REACH_MARGIN = 2.0**-6
 WIDEST_SIGMA = 4.6
 """Standard deviations at which the largest amplified opacity falls below 1/255, where no support ends a splat before."""
 
-PAD = 6
-"""Pixels by which a chunk's interval is widened."""
+WIDE_SPREAD = 1 << 13
+"""Pixels of `spread` from which on a chunk can touch all columns (rows)."""
 
 PIXEL_BITS = 15
 """Bits of the pixel coordinates of the chunk test, besides the sign."""
@@ -123,19 +126,37 @@ def chunk_header(config: AcceleratorConfig) -> Record:
     ))
 
 
+def header_item(config: AcceleratorConfig) -> Record:
+    """A chunk's header on its way to the chunk test and from there to the reader of Gaussians. A frame ends with an item with
+    `end`, which is no chunk."""
+    return Record("HeaderItem", header_item.__doc__, (
+        *chunk_header(config).fields,
+        Field("end", uint(1), "all chunks of the frame have come; the rest means nothing"),
+    ))
+
+
 def pixel_format() -> Fixed:
     """The format to which the chunk test's pixel coordinates are floored."""
     return SQ(PIXEL_BITS, 0)
 
 
-def sigma_format(config: AcceleratorConfig) -> SmallFloat:
-    """The format of a chunk's sigma: that of the chunk test."""
-    return config.formats.chunk
+def sigma_significands(config: AcceleratorConfig) -> tuple[int, ...]:
+    """Significands of the format `chunk` by the lowest bits of `scale_top`: 2^(i / SCALE_TOP_STEPS), rounded up. The exponent is
+    that of the bits above, less the bias of `scale`. The last one is the largest significand, so that the largest
+    `scale_top` covers every number of the format `scale`."""
+    bits = config.formats.chunk.sig_bits
+    steps = (math.ceil((1 << bits - 1) * 2 ** (i / SCALE_TOP_STEPS)) for i in range(SCALE_TOP_STEPS - 1))
+    return (*steps, (1 << bits) - 1)
 
 
 def support(config: AcceleratorConfig) -> float:
-    """Standard deviations at which a splat of any opacity ends."""
-    return min(config.support_sigma or WIDEST_SIGMA, WIDEST_SIGMA)
+    """Standard deviations at which a splat of any opacity ends, the tile test's margin included."""
+    return math.hypot(min(config.support_sigma or WIDEST_SIGMA, WIDEST_SIGMA), math.sqrt(TILE_REACH_MARGIN / LOG2E_HALF))
 
 
-CHUNK_RECORDS = (chunk_header,)
+def pad(config: AcceleratorConfig) -> int:
+    """PAD, the pixels by which a chunk's interval is widened."""
+    return math.ceil(support(config) * math.sqrt(LOW_PASS) + 2 * TILE_EDGE_MARGIN)
+
+
+CHUNK_RECORDS = (chunk_header, header_item)

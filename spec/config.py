@@ -226,6 +226,9 @@ class AcceleratorConfig:
             raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
         if self.records == "compact" and not self.chunks:
             raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
+        chunk, view = self.formats.chunk, self.formats.view
+        if self.chunks and (chunk.sig_bits > view.sig_bits or chunk != replace(view, sig_bits=chunk.sig_bits)):
+            raise ValueError(f"chunk must be view with the same or fewer significand bits, {view!r}, not {chunk!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma

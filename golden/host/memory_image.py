@@ -17,6 +17,7 @@ import numpy as np
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
+from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
 from spec.formats import SmallFloat
 from spec.memory import (
@@ -35,9 +36,11 @@ from spec.memory import (
 from spec.packing import pack
 from spec.records import gaussian_colour, gaussian_geometry
 
-REGIONS = ("geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
+REGIONS = (
+    "chunks", "geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
 """The regions in the order in which they lie in memory. The host fills those before `views` (the splat records), and the
-machine writes `views` and those after it. A frame of one eye has no region of the target's."""
+machine writes `views` and those after it. Only machines with chunks have their region, and a frame of one eye has no region of
+the target's."""
 
 _SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
 
@@ -131,10 +134,15 @@ def view_shift(*registers: FrameRegisters) -> int:
 
 
 def gaussian_bytes(config: AcceleratorConfig, words: GaussianWords) -> dict[str, np.ndarray]:
-    """The regions `geometry` and `colour`, (beats, BEAT_BYTES) uint8 each; they are the same for all frames of a model."""
+    """The regions `geometry`, `colour` and, for machines with chunks, `chunks`, (beats, BEAT_BYTES) uint8 each; they are the
+    same for all frames of a model."""
+    out = {} if words.chunks is None else {"chunks": pack(chunk_header(config), words.chunks, BEAT_BYTES)}
+    if words.compact is not None:
+        return out | {"geometry": words.compact.geometry_bytes(), "colour": words.compact.colour_bytes()}
     size = BEAT_BYTES * colour_beats(config, words.sh_degree)
     colour = pack(gaussian_colour(config, words.sh_degree), words.colour, size)
-    return {"geometry": pack(gaussian_geometry(config), words.geometry, BEAT_BYTES), "colour": colour.reshape(-1, BEAT_BYTES)}
+    return out | {
+        "geometry": pack(gaussian_geometry(config), words.geometry, BEAT_BYTES), "colour": colour.reshape(-1, BEAT_BYTES)}
 
 
 def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.ndarray | None = None) -> np.ndarray:
@@ -186,6 +194,8 @@ def memory_image(
         **{f"{name}_base": region.base for name, region in regions.items()},
         "entries_beats": entries_beats, "spill_beats": spill_beats,
     }
+    if words.chunks is not None:
+        settings["chunks"] = len(words.chunks)
     if config.stereo:
         settings |= _second_eye(config, second) | settings
     return MemoryImage(config, registers.width, registers.height, regions, settings, contents)

@@ -10,6 +10,7 @@ from golden.host.quantise import GaussianWords
 from golden.kernels import compiled
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import FoveationMap
+from spec.chunks import REACH_MARGIN, support
 from spec.config import AcceleratorConfig
 from spec.constants import (
     DEPTH_FRAME_MARGIN,
@@ -35,6 +36,8 @@ class FrameRegisters:
             more significand bits than its result; otherwise rounding the float64 sum once would not be correct rounding.
         centre: (2,) int64, cx and cy as raw `mean2d`.
         limits: (4,) bounds to which fx x/z (low, high) and fy y/z (low, high) are clamped, pixels.
+        reach: (2,) pixels that a splat with a standard deviation of 1 at z = 1 reaches at most along x, along y; only machines
+            with chunks have this setting (`spec.chunks`).
         near: near plane in world units.
         width, height: size of the frame in pixels.
         depth_scale: reciprocal of the z at which `depth` saturates.
@@ -49,6 +52,7 @@ class FrameRegisters:
     turn: np.ndarray
     centre: np.ndarray
     limits: np.ndarray
+    reach: np.ndarray
     near: float
     width: int
     height: int
@@ -137,12 +141,15 @@ def frame_registers(
     margin = FRUSTUM_MARGIN
     right, below = camera.width - camera.cx, camera.height - camera.cy
     limits = [-margin * camera.cx, margin * right, -margin * camera.cy, margin * below]
+    slopes = np.abs(np.reshape(limits, (2, 2))).max(axis=1)
+    reach = support(config) * (1 + REACH_MARGIN) * np.hypot([camera.fx, camera.fy], slopes)
     in_pixels = camera.rotation * [[camera.fx], [camera.fy], [1.0]]
     level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
     return FrameRegisters(
         position=n.view.round(camera.position - words.origin),
         rotation=n.view.round(in_pixels), turn=n.work.round(in_pixels / EXPONENT_SCALE),
-        centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits), near=float(n.view.round(camera.near)),
+        centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits),
+        reach=n.view.round(reach), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
         depth_scale=float(n.view.round(1 / far)), depth_far=1 / float(n.view.round(1 / far)),
         background=n.colour.quantise(background), header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),

@@ -103,6 +103,22 @@ class Frame:
         return out
 
     @property
+    def read(self) -> np.ndarray:
+        """(N,) bool: the Gaussians that the machine reads; where the chunk test skips a chunk, it reads none of it."""
+        return self.projected.reason != projection.UNREAD
+
+    @property
+    def chunks_read(self) -> int:
+        """The number of chunks whose Gaussians are read; 0 in a machine without chunks."""
+        chunks = self.words.chunks
+        return 0 if chunks is None else int(self.read[chunks["first"][chunks["count"] > 0]].sum())
+
+    @property
+    def chunks_skipped(self) -> int:
+        """The number of chunks that the chunk test skips; 0 in a machine without chunks."""
+        return 0 if self.words.chunks is None else len(self.words.chunks) - self.chunks_read
+
+    @property
     def splats2d(self) -> np.ndarray:
         """(visible,) Splat2D records in index order."""
         p, rows = self.projected, np.flatnonzero(self.projected.reason == projection.VISIBLE)
@@ -184,7 +200,7 @@ def render_frame(
     """
     seconds, clock = {} if seconds is None else seconds, work_clock
     begin = clock()
-    projected = projection.project(config, words, registers)
+    projected = projection.project(config, words, registers, rendered)
     seconds["culling"] = seconds.get("culling", 0.0) + clock() - begin
 
     begin = clock()

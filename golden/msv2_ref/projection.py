@@ -20,21 +20,24 @@ from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.rounding import RoundTo, dot3, operation, pattern, rnd, round_to
 from golden.kernels import compiled
+from golden.msv2_ref.chunk_test import read_chunks, read_points
 from golden.threads import for_slices
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import EXTENT_SHARE, TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
 from spec.records import opacities_carried, projected_splat
 
-VISIBLE, NEAR, FAINT, OUTSIDE = 0, 1, 2, 3
+VISIBLE, NEAR, FAINT, OUTSIDE, UNREAD = 0, 1, 2, 3, 4
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
-"""Why a Gaussian was culled: it lies at or behind the near plane, is too faint for an alpha of 1/255, or is off the frame."""
+"""Why a Gaussian was culled: it lies at or behind the near plane, is too faint for an alpha of 1/255, or is off the frame.
+
+A Gaussian is UNREAD where the chunk test skipped its chunk. No unit sees it, so that no counter counts it."""
 
 class Projected(NamedTuple):
     """The projection's result for each Gaussian.
 
     Attributes:
-        reason: (N,) uint8, VISIBLE or why it was culled.
+        reason: (N,) uint8, VISIBLE or why it was culled, or UNREAD.
         mean2d: (N, 2) int32 raw `mean2d`.
         conic: (N, 3) float64 values of the `conic` format.
         depth, depth_key: (N,) int32 raw.
@@ -270,8 +273,18 @@ def _project(
             depth_key[i] = min(pattern(view_depth[i], k.to_view) - cam.key_near, k.key_max)
 
 
-def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> Projected:
-    """Projects every Gaussian: first the near test, which needs no division, then mean, conic, footprint and depth."""
+def project(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, rendered: np.ndarray | None = None,
+) -> Projected:
+    """Projects every Gaussian that is read: first the near test, which needs no division, then mean, conic, footprint and
+    depth.
+
+    Args:
+        config: the machine.
+        words: the DRAM image.
+        registers: the frame's registers.
+        rendered: (tiles,) bool: tiles that are rendered, which the chunk test asks for; None: all.
+    """
     count, r, k = len(words.geometry), registers, culling_constants(config)
     out = Projected(
         np.zeros(count, np.uint8), np.zeros((count, 2), np.int32), np.zeros((count, 3)),
@@ -283,6 +296,9 @@ def project(config: AcceleratorConfig, words: GaussianWords, registers: FrameReg
     for_slices(_view_depth, count, d.mean, camera, k, view_depth)
     near, faint = ~(view_depth > r.near), d.opacity < k.faintest
     out.reason[faint], out.reason[near] = FAINT, NEAR
+    if words.chunks is not None:
+        read = read_chunks(config, words.chunks, registers, rendered)
+        out.reason[~read_points(words.chunks, read, count)] = UNREAD
     rows = np.flatnonzero(out.reason == VISIBLE)
     for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)
     return out

@@ -50,7 +50,7 @@ def see_golden(shot: Shot) -> Seen:
     frame = pipeline.render(shot.model, shot.camera, config=MACHINE, foveation=shot.foveation, background=shot.background,
                             beta=shot.beta, obb=shot.obb)
     reason, n = frame.projected.reason, MACHINE.formats
-    require(len(reason) == len(shot.model) and (reason <= projection.OUTSIDE).all(), "every point must have a reason")
+    require(len(reason) == len(shot.model) and (reason <= projection.UNREAD).all(), "every point must have a reason")
     require(np.isfinite(frame.projected.conic).all(), "conics must be finite")
     counts = np.diff(frame.entries.start)
     coverage = n.transmittance.to_float(n.transmittance.raw_max) - frame.transmittance

@@ -14,8 +14,8 @@ from types import ModuleType
 import numpy as np
 
 from msv2.document.text import attribute_docs, doc_of, listed_docs, number, one_line, table
-from spec import constants, formats, harmonics, memory, queues, records, stereo, tables
-from spec.config import CONFIGS, DEFAULT, PAPER, AcceleratorConfig, NumberFormats
+from spec import chunks, compact, constants, formats, harmonics, memory, queues, records, stereo, tables
+from spec.config import CONFIGS, DEFAULT, PAPER, V3, AcceleratorConfig, NumberFormats
 from spec.formats import Fixed, Format, SmallFloat
 from spec.paths import DOCS
 
@@ -52,9 +52,9 @@ def field_format(f: records.Field) -> str:
     return f"{f.count} × {one}" if f.count > 1 else one
 
 
-def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[str]:
+def record_section(make: Callable[[AcceleratorConfig], records.Record], config: AcceleratorConfig = PAPER) -> list[str]:
     """One record field by field, lowest bits first."""
-    record = make(PAPER)
+    record = make(config)
     rows, offset = [], 0
     for f in record.fields:
         rows.append([f"{offset + f.width - 1}:{offset}", f"`{f.name}`", field_format(f), one_line(f.doc)])
@@ -64,15 +64,29 @@ def record_section(make: Callable[[AcceleratorConfig], records.Record]) -> list[
         *table(("bits", "field", "format", "holds"), rows)]
 
 
+def chunks_section() -> list[str]:
+    """The records of chunks and of compact Gaussians."""
+    lines = ["## Chunks", "", doc_of(chunks), "", "## Compact records", "", doc_of(compact), "",
+             "## Records of machines with chunks", "", f"Layouts are those of `{V3.name}`.", ""]
+    for make in (*chunks.CHUNK_RECORDS, *compact.COMPACT_RECORDS):
+        lines += record_section(make, V3)
+    return [*lines, *_added_fields(PAPER.with_(order="spatial", chunks=True))]
+
+
 def stereo_section() -> list[str]:
     """The fields and records that only machines with stereo have."""
-    both = PAPER.with_(stereo=True)
-    lines = ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", ""]
+    return ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", "",
+            *_added_fields(PAPER.with_(stereo=True))]
+
+
+def _added_fields(config: AcceleratorConfig) -> list[str]:
+    """What the records of this machine have behind the fields of PAPER's."""
+    lines = []
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
-        plain, record = make(PAPER), make(both)
+        plain, record = make(PAPER), make(config)
         added = record.fields[len(plain.fields):]
         if record.fields[: len(plain.fields)] != plain.fields:
-            raise ValueError(f"{record.name} must begin with the fields of machines without stereo, not {record.fields!r}")
+            raise ValueError(f"{record.name} must begin with the fields of {PAPER.name}, not {record.fields!r}")
         if added:
             offset, rows = plain.width, []
             for f in added:
@@ -99,7 +113,7 @@ def records_section() -> list[str]:
 def constants_section() -> list[str]:
     """Constants with their values and derivations, then the integers derived from them."""
     lines = ["## Constants", ""]
-    for module in (constants, harmonics, tables, records, memory, stereo, queues):
+    for module in (constants, harmonics, tables, records, memory, chunks, compact, stereo, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
         lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
     n = DEFAULT.formats
@@ -117,11 +131,25 @@ def constants_section() -> list[str]:
 def _module_docs(module: ModuleType) -> dict[str, str]:
     """The docstrings of a module's numbers, by name."""
     docs = attribute_docs(inspect.getsource(module))
-    return {name: doc for name, doc in docs.items() if np.issubdtype(np.asarray(getattr(module, name, None)).dtype, np.number)}
+    return {name: doc for name, doc in docs.items() if _is_numbers(getattr(module, name, None))}
+
+
+def _is_numbers(value: object) -> bool:
+    """Whether it is a number, or a tuple of numbers."""
+    values = value if isinstance(value, tuple) else (value,)
+    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in values)
+
+
+_MOST_VALUES = 64
+"""Numbers of a constant that the page shows; of longer tables it shows the first and the last ones."""
 
 
 def _values(value: float | tuple[float, ...]) -> str:
-    return ", ".join(map(number, value)) if isinstance(value, tuple) else number(value)
+    if not isinstance(value, tuple):
+        return number(value)
+    if len(value) > _MOST_VALUES:
+        return f"{_values(value[:4])}, ..., {_values(value[-4:])} ({len(value)} numbers)"
+    return ", ".join(map(number, value))
 
 
 def tables_section() -> list[str]:
@@ -159,7 +187,7 @@ def configurations_section() -> list[str]:
 def page() -> str:
     """The whole page."""
     lines = ["# Formats", "", "Generated by `python -m msv2.document` from `spec/`; a test fails when it is stale.", ""]
-    for section in (formats_section, records_section, stereo_section, constants_section, tables_section,
+    for section in (formats_section, records_section, chunks_section, stereo_section, constants_section, tables_section,
                     configurations_section):
         lines += section()
     return "\n".join(lines).rstrip() + "\n"

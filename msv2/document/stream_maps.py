@@ -16,6 +16,7 @@ from amaranth.lib.wiring import In
 from msv2.document.formats import field_format
 from msv2.document.text import doc_of
 from rtl.shapes import layout
+from spec.chunks import CHUNK_RECORDS
 from spec.config import AcceleratorConfig
 from spec.memory import MEMORY_RECORDS
 from spec.records import RECORDS, Record
@@ -80,7 +81,7 @@ def documented(component: wiring.Component) -> dict[str, str]:
 def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]]:
     """Layouts and their records; those of a machine with stereo too, as some of its units can be made by themselves."""
     configs = (config,) if config.stereo or not config.depth else (config, config.with_(stereo=True))
-    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS)]
+    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
 
 

@@ -64,11 +64,12 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
 def expected_events(frame: Frame) -> dict[str, int]:
     """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
     reason = frame.projected.reason
+    chunks = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
     return {
-        "points": len(reason), "culled_near": int((reason == projection.NEAR).sum()),
+        "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
         "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **frame_saturations(frame)}
+        "pixels": frame.registers.width * frame.registers.height, **chunks, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:

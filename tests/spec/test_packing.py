@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spec.chunks import CHUNK_RECORDS
+from spec.compact import COMPACT_RECORDS
 from spec.config import TINY
 from spec.memory import MEMORY_RECORDS, tile_setting
 from spec.packing import pack, pattern_bytes, unpack
@@ -20,7 +22,7 @@ def random_rows(record: Record, count: int, seed: int = 0) -> np.ndarray:
     return rows
 
 
-@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS], ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *COMPACT_RECORDS], ids=lambda make: make.__name__)
 def test_packing_is_that_of_the_record(make):
     record = make(TINY)
     rows, size = random_rows(record, 40), 8 * (-(-record.width // 64) + 1)
@@ -40,7 +42,7 @@ def test_packing_refuses_what_does_not_fit():
             pack(record, rows[:1], size)
 
 
-@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS], ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", [*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *COMPACT_RECORDS], ids=lambda make: make.__name__)
 def test_patterns_are_as_short_as_the_record(make):
     record = make(TINY)
     rows = random_rows(record, 9)

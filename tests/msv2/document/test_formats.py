@@ -13,7 +13,9 @@ import pytest
 from msv2.document import formats
 from msv2.document.__main__ import check, write
 from spec import constants
-from spec.config import CONFIGS, PAPER, NumberFormats
+from spec.chunks import CHUNK_RECORDS
+from spec.compact import COMPACT_RECORDS
+from spec.config import CONFIGS, PAPER, V3, NumberFormats
 from spec.errors import InputError
 from spec.memory import MEMORY_RECORDS
 from spec.paths import ROOT
@@ -50,6 +52,10 @@ def test_everything_is_on_the_page():
         record = make(PAPER)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
+    for make in (*CHUNK_RECORDS, *COMPACT_RECORDS):
+        record = make(V3)
+        assert f"### {record.name}: {record.width} bits" in page
+        assert all(f"| `{f.name}` |" in page for f in record.fields)
     assert all(f"| `{name}` |" in page for name in vars(constants) if name.isupper())
     assert f"| parameter | {' | '.join(CONFIGS)} |" in page
 
@@ -64,9 +70,9 @@ def test_bit_ranges_of_each_record_are_contiguous():
             assert (ranges[0][1] == 0) == (", besides: " not in section)
             assert all(low == before + 1 for (before, _), (_, low) in itertools.pairwise(ranges))
             assert section.split("\n")[0].removesuffix(" in all").endswith(f": {ranges[-1][0] + 1} bits")
-    makes, both = (*RECORDS, *MEMORY_RECORDS), PAPER.with_(stereo=True)
-    grown = [make for make in makes if make(both) != make(PAPER)]
-    assert checked == len(makes) + len(grown)
+    makes, larger = (*RECORDS, *MEMORY_RECORDS), (PAPER.with_(order="spatial", chunks=True), PAPER.with_(stereo=True))
+    grown = [make for make in makes for config in larger if make(config) != make(PAPER)]
+    assert checked == len(makes) + len(CHUNK_RECORDS) + len(COMPACT_RECORDS) + len(grown)
 
 
 def test_docstrings_are_found_where_they_stand():
