@@ -131,7 +131,8 @@ def _module_docs(module: ModuleType) -> dict[str, str]:
 
 def _is_numbers(value: object) -> bool:
     """Whether it is a number, or a tuple of numbers."""
-    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in (value if isinstance(value, tuple) else (value,)))
+    numbers = value if isinstance(value, tuple) else (value,)
+    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
 
 
 _MOST_VALUES = 64
