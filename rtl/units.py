@@ -12,6 +12,8 @@ from amaranth.lib import wiring
 
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -48,7 +50,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import AcceleratorConfig, NumberFormats
+from spec.config import V3, AcceleratorConfig, NumberFormats
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS
 from spec.stages import STAGES
 
@@ -77,6 +79,11 @@ def _operator(doc: str, make: Callable[[NumberFormats], wiring.Component]) -> Un
     return Unit(lambda config: make(config.formats), doc, "arithmetic")
 
 
+def with_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, with chunks of compact records where it has none."""
+    return config if config.chunks else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
 UNITS: dict[str, Unit] = {
     TOP: Unit(Machine, "the whole machine: AXI4-Lite slave, AXI4 master, interrupt", "machine"),
     "pixel_core": Unit(PixelCore, "one pixel: alpha, transmittance, colour and depth sums"),
@@ -101,6 +108,8 @@ UNITS: dict[str, Unit] = {
     "saturation_counters": Unit(SaturationCounters, "counts values at the limits of their formats", "machine"),
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
+    "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
+    "chunk_test": Unit(lambda config: ChunkTest(with_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
     "table_loader": Unit(TableLoader, "levels of all tiles into the tile test's table"),
     "entry_writer": Unit(IntersectionWriter, "intersections into the pages of their tiles"),
