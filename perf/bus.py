@@ -14,11 +14,14 @@ from perf.kernel import phase, step
 from perf.layout import Layout
 from spec.memory import BEAT_BYTES
 from spec.queues import IN_FLIGHT, READ_DEPTHS
-from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
 
-READERS, WRITERS = len(READ_CLIENTS), len(WRITE_CLIENTS + STEREO_WRITE_CLIENTS)
+READER_NAMES = READ_CLIENTS + CHUNK_READ_CLIENTS
+"""All read clients. Those that a machine lacks never ask, so that they change no turn."""
 
-GEOMETRY, TILES, COLOUR, ENTRIES, SPILL, VIEWS = range(READERS)
+READERS, WRITERS = len(READER_NAMES), len(WRITE_CLIENTS + STEREO_WRITE_CLIENTS)
+
+GEOMETRY, TILES, COLOUR, ENTRIES, SPILL, VIEWS, CHUNKS = range(READERS)
 W_ENTRIES, W_VIEWS, W_SPILL, W_FRAME, W_WARP = range(WRITERS)
 
 QUEUE = 256
@@ -42,7 +45,7 @@ layout.words("""
     write_push write_new write_in write_turn write_out write_comes write_ready""")
 for _name in ("credits", "beats_in", "beats_out", "reads", "writes", "written"):
     layout.ring(_name, 8)  # one place for each client
-layout.ring("lowest_bit", 64)  # a table of the position of a number's lowest set bit
+layout.ring("lowest_bit", 128)  # a table of the position of a number's lowest set bit
 for _name in ("id", "due", "address", "answers"):
     layout.ring(f"read_{_name}", RING)
     layout.ring(f"write_{_name}", RING)
@@ -58,8 +61,8 @@ def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> 
     s.turn_at = -1
     s.write_ready = 1
     s.read_answers[:] = s.write_answers[:] = s.client_answers[:] = -NEVER
-    s.lowest_bit[:] = [(x & -x).bit_length() - 1 for x in range(64)]
-    for place, name in enumerate(READ_CLIENTS):
+    s.lowest_bit[:] = [(x & -x).bit_length() - 1 for x in range(128)]
+    for place, name in enumerate(READER_NAMES):
         s.credits[place] = READ_DEPTHS[name]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spec.chunks import TEST_INTERVAL
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import BEAT_BYTES, colour_beats
@@ -45,6 +46,16 @@ SETUP_LATENCY = 15
 """LATENCY of `rtl.vrc_array.setup`: the registers of the setup unit's pipeline and its output buffer."""
 
 
+CHUNK_TEST = 60
+"""The length of the schedule of the chunk test (`rtl.chunks.chunk_test`)."""
+
+DECODE_STAGES = 2
+"""Registers of the decode unit of compact geometry (`rtl.chunks.geometry_decode`)."""
+
+CHUNKS_IN_FLIGHT = 8
+"""Most chunks whose beats are requested and have not all come."""
+
+
 @dataclass(frozen=True)
 class Timing:
     """A datapath. A slot can enter once in `interval` cycles and reaches the output register after `length` + 1 cycles.
@@ -66,6 +77,8 @@ class Culling:
     projection: Timing
     ellipse: Timing
     colour: Timing
+    chunk_test: Timing
+    decode: Timing
 
     @property
     def colour_waiting(self) -> int:
@@ -78,7 +91,9 @@ def culling(config: AcceleratorConfig) -> Culling:
     if config.sh_degree in HARMONICS:
         colour = HARMONICS[config.sh_degree][config.culling_units]
     point, splat = config.point_interval, max(LEAST_COLOUR_INTERVAL, config.colour_interval)
-    return Culling(Timing(near, point), Timing(projection, point), Timing(ellipse, point), Timing(colour, splat))
+    return Culling(
+        Timing(near, point), Timing(projection, point), Timing(ellipse, point), Timing(colour, splat),
+        Timing(CHUNK_TEST, TEST_INTERVAL), Timing(DECODE_STAGES, 1))
 
 
 def terms(sh_degree: int) -> int:
@@ -95,6 +110,8 @@ def colour_steps(config: AcceleratorConfig, sh_degree: int) -> np.ndarray:
     n, beat = config.formats, 8 * BEAT_BYTES
     interval = max(LEAST_COLOUR_INTERVAL, config.colour_interval)
     lanes, count = max(1, -(-terms(config.sh_degree) // interval)), terms(sh_degree)
+    if config.compact:
+        return np.array([(0, colour_beats(config, sh_degree))] * max(1, -(-count // lanes)), np.int64)
 
     def place(term: int) -> int:
         return 3 * (MAX_LEVELS * n.sh_dc.width + term * n.sh_rest.width)

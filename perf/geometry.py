@@ -7,30 +7,21 @@ its consumer is stepped.
 
 from __future__ import annotations
 
-from perf import bus, memory
+from perf import bus, chunk_units, memory
 from perf.bus import COLOUR, GEOMETRY, TILES, W_ENTRIES, W_VIEWS
+from perf.datapath import DECODE, ELLIPSE, HARMONICS, MASK, NEAR, PROJECTION, RING, accepts, enter, fetch
 from perf.kernel import phase, step
 from perf.layout import Layout
 
-NEAR_CULLED, OUTSIDE, VISIBLE = range(3)
-"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected."""
+NEAR_CULLED, OUTSIDE, VISIBLE, UNREAD = range(4)
+"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected; UNREAD lie
+in a chunk that is skipped."""
 
 NOT_LAST, CLOSES, ENDS = range(3)
 """Kinds of runs of tiles: others of the same splat follow; the last one of its splat; the end of the frame."""
 
-layout = Layout(memory.layout)
-_RING = 128
-_MASK = _RING - 1
-
-layout.counters("geometry", "projection", "tile_test", "colour", "entry_write")
-
-# The state of each datapath, by its number: length and interval, slots entered and fetched, free rows, whether the output
-# register
-# is full, and the cycles in which the slots inside are finished.
-NEAR, PROJECTION, ELLIPSE, HARMONICS = range(4)
-for _name in ("length", "interval", "in", "out", "free", "full"):
-    layout.ring(f"path_{_name}", 4)
-layout.ring("path_times", 4, _RING)
+layout = Layout(chunk_units.layout)
+layout.counters("projection", "tile_test", "colour", "entry_write")
 
 layout.words("""
     points asked near_point passed visible_at splat_left step walking walked cut cut_left run_full kept kept_room run clipped
@@ -41,35 +32,7 @@ layout.words("""
     colour_left colour_splat colour_beats colour_in colour_wait_out colour_waiting colour_number colour_place colour_count
     colour_lasts colour_sum colour_views colour_view colour_write colour_left_at colour_inside colour_ending colour_finished
     colour_ended colour_settled""")
-layout.ring("colour_waits", _RING)
-
-
-def set_path(s, p, length, interval, rows):
-    """Initialises datapath number `p`, which is empty."""
-    s.path_length[p], s.path_interval[p], s.path_free[p] = length, interval, rows
-
-
-@step
-def _fetch(s, p, t):
-    """Moves a finished slot into the output register if that is free."""
-    if s.path_full[p] == 0:
-        at = s.path_out[p]
-        if at != s.path_in[p] and s.path_times[p, at & _MASK] <= t:
-            s.path_out[p], s.path_full[p] = at + 1, 1
-            s.path_free[p] += 1
-
-
-@step
-def _accepts(s, p, t):
-    return s.path_free[p] != 0 and (s.path_interval[p] == 1 or t % s.path_interval[p] == 0)
-
-
-@step
-def _enter(s, p, t):
-    at = s.path_in[p]
-    s.path_times[p, at & _MASK] = t + s.path_length[p] + 1
-    s.path_in[p] = at + 1
-    s.path_free[p] -= 1
+layout.ring("colour_waits", RING)
 
 
 @step
@@ -122,12 +85,12 @@ def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of)
     """Steps ColourUnit."""
     _write_views(s, granted_write, views, view_of)
     at = s.colour_wait_out
-    waits = at != s.colour_in and s.colour_waits[at & _MASK] <= t
+    waits = at != s.colour_in and s.colour_waits[at & MASK] <= t
     if s.path_length[HARMONICS]:
         _sum_colour(s, t, steps)
-        _fetch(s, HARMONICS, t)
-        if waits and _accepts(s, HARMONICS, t):
-            _enter(s, HARMONICS, t)
+        fetch(s, HARMONICS, t)
+        if waits and accepts(s, HARMONICS, t):
+            enter(s, HARMONICS, t)
             s.colour_wait_out = at + 1
     else:
         s.path_full[HARMONICS] = waits
@@ -145,7 +108,7 @@ def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of)
         if s.survivors == 0 and s.survivor_end:
             s.colour_ending, s.colour_ended = 1, 1
             return
-        s.colour_waits[s.colour_in & _MASK] = t + 2
+        s.colour_waits[s.colour_in & MASK] = t + 2
         s.colour_splat = s.colour_in
         s.colour_in += 1
         s.colour_left = s.colour_beats
@@ -237,8 +200,8 @@ def _expand(s, t, run_entries, run_closes, survivors_before, entries_ready):
 @step
 def _walk(s, t, step_runs, splat_steps):
     """Steps TileRuns, which cuts the boxes of the splats, one after the other, into runs for the ellipse test."""
-    if s.run_full and _accepts(s, ELLIPSE, t):
-        _enter(s, ELLIPSE, t)
+    if s.run_full and accepts(s, ELLIPSE, t):
+        enter(s, ELLIPSE, t)
         s.run_full = 0
     if s.run_full == 0 and s.cut:
         s.run_full = 1
@@ -272,21 +235,30 @@ def _project(s, t, point_class, passed_class, splat_steps):
             s.kept += 1
         else:
             s.blocked_tile_test += 1
-    _fetch(s, PROJECTION, t)
+    fetch(s, PROJECTION, t)
     if s.path_full[NEAR]:
         if point_class[s.near_point] == NEAR_CULLED:
             s.path_full[NEAR] = 0
             s.near_point += 1
-        elif _accepts(s, PROJECTION, t):
-            _enter(s, PROJECTION, t)
+        elif accepts(s, PROJECTION, t):
+            enter(s, PROJECTION, t)
             s.path_full[NEAR] = 0
             s.near_point += 1
-    _fetch(s, NEAR, t)
+    fetch(s, NEAR, t)
+    if s.chunked:
+        if s.path_full[DECODE]:
+            if accepts(s, NEAR, t):
+                enter(s, NEAR, t)
+                s.busy_projection += 1
+                s.path_full[DECODE] = 0
+            else:
+                s.blocked_projection += 1
+        return
     points, entered = s.points, s.path_in[NEAR]
     ends = entered == points
     if ends or (entered < points and bus.offered(s, GEOMETRY, t)):
-        if _accepts(s, NEAR, t):
-            _enter(s, NEAR, t)
+        if accepts(s, NEAR, t):
+            enter(s, NEAR, t)
             s.busy_projection += 1
             if not ends:
                 bus.take(s, GEOMETRY)
@@ -299,13 +271,16 @@ def _project(s, t, point_class, passed_class, splat_steps):
 @phase
 def geometry_phase(
     s, point_class, passed_class, splat_steps, step_runs, run_entries, run_closes, views, view_of, colour_of, geometry_base,
-    begins, entry_writes, colour_step, limit,
+    begins, entry_writes, colour_step, header_base, chunk_read, chunk_first, chunk_points, limit,
 ):
     """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last intersection was in memory."""
     points, t, counted = s.points, 0, -1
     while t < limit:
         asked = s.asked
-        asking = (1 << GEOMETRY) if asked < points and s.credits[GEOMETRY] else 0
+        if s.chunked:
+            asking = chunk_units.chunk_requests(s)
+        else:
+            asking = (1 << GEOMETRY) if asked < points and s.credits[GEOMETRY] else 0
         if s.colour_left and s.credits[COLOUR]:
             asking |= 1 << COLOUR
         reader = bus.grant_read(s, t, asking)
@@ -329,10 +304,12 @@ def geometry_phase(
             if advance:
                 s.writer_slot, s.writer_first = s.writer_first, given
                 s.writer_end |= given == 2
-        _fetch(s, ELLIPSE, t)
+        fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps)
-        if reader == GEOMETRY:
+        if s.chunked:
+            chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points)
+        elif reader == GEOMETRY:
             bus.read(s, GEOMETRY, geometry_base + asked)
             s.asked = asked + 1
         memory.end_cycle(s, t)

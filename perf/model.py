@@ -7,8 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from golden.kernels import work_clock
-from perf import bus, chunks, constants, dram, geometry, render, warp
+from perf import bus, chunk_units, chunks, constants, datapath, dram, geometry, render, warp
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -22,6 +23,7 @@ from perf.plan import (
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
+from spec.lpddr3 import Lpddr3, check_clock
 from spec.memory import (
     BEAT_BYTES,
     BUS_BYTES_PER_CYCLE,
@@ -32,7 +34,7 @@ from spec.memory import (
 )
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_tiles
-from spec.registers import READ_CLIENTS, STEREO_WRITE_CLIENTS, WRITE_CLIENTS
+from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
 
@@ -45,36 +47,41 @@ RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 _TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
 
 
-MEMORIES = ("ideal", "lpddr3")
-"""Kinds of `MemoryModel`."""
-
-
 @dataclass(frozen=True)
 class MemoryModel:
     """The memory that answers the machine's reads and writes.
 
     Attributes:
-        kind: "ideal" for the RTL bench's memory, which answers in order with a latency and a bandwidth; "lpddr3" for four
-            channels of DRAM (`perf.dram`).
+        kind: one of `golden.host.run_options.MEMORIES`: "ideal" for a memory that answers in order with a latency and a
+            bandwidth; "lpddr3" for four channels of DRAM (`perf.dram`). The RTL's bench has both.
         latency: the latency of "ideal" in cycles.
         bytes_per_cycle: the bandwidth of "ideal", for reads and writes together; None for a beat read and a beat written in
             every cycle.
         device: the timing of "lpddr3".
+        clock_ns: the period of the machine's clock in nanoseconds, 0.01..1000, rounded to picoseconds. It matters to "lpddr3"
+            alone, whose timing is in nanoseconds.
     """
 
-    kind: str = "ideal"
+    kind: str = IDEAL
     latency: int = 100
     bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
-    device: dram.Lpddr3 = field(default_factory=dram.Lpddr3)
+    device: Lpddr3 = field(default_factory=Lpddr3)
+    clock_ns: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.kind not in ("ideal", "lpddr3"):
-            raise ValueError(f"kind must be 'ideal' or 'lpddr3', not {self.kind!r}")
+        if self.kind not in MEMORIES:
+            raise ValueError(f"kind must be one of {', '.join(MEMORIES)}, not {self.kind!r}")
+        check_clock(self.clock_ns)
         if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
             raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
         if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= BUS_BYTES_PER_CYCLE:
             raise ValueError(f"bytes_per_cycle must be None or in 0.01..{BUS_BYTES_PER_CYCLE}, which the bus moves at most, "
                              f"not {self.bytes_per_cycle!r}")
+
+    @property
+    def peak(self) -> float:
+        """The most bytes that DRAM moves in a cycle of the machine; for "ideal" those of the paper's memory and clock."""
+        return DRAM_BYTES_PER_CYCLE * (self.clock_ns if self.kind == LPDDR3 else 1)
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ class FrameCycles:
         activates, refreshes: commands of the LPDDR3 channels in all phases but TABLE; 0 with other memories. A read or write
             command is one burst, that is, one beat.
         utilisation: for the array, the share of the rendering phase's cycles in which it takes an entry or issues an operation,
-            whichever is more; for the memory, the share of DRAM_BYTES_PER_CYCLE that is used over the frame.
+            whichever is more; for the memory, the share of `MemoryModel.peak` that is used over the frame.
         timeline: (stage, eye, group, first cycle, last cycle); group -1 stands for a whole phase.
         seconds: the time that the simulation took.
     """
@@ -170,7 +177,7 @@ def simulate(
 
     Raises:
         ValueError: the frame has two eyes, and the machine has no stereo or `display` is False; or the frame needs a higher SH
-            degree than the machine has.
+            degree than the machine has; or only one of them has chunks.
     """
     memory = memory or MemoryModel()
     if pipeline is not None:
@@ -180,6 +187,9 @@ def simulate(
         raise ValueError(f"config must be a machine with stereo, not {config.name!r}")
     if two and display is False:
         raise ValueError(f"display must be True in a frame of two eyes, not {display!r}")
+    if config.chunks != trace.chunked:
+        raise ValueError(f"config must be a machine {'with' if trace.chunked else 'without'} chunks, like the trace, "
+                         f"not {config.name!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     display, beta, begin = bool(two or display), (beta if merge else 0), work_clock()
@@ -190,7 +200,7 @@ def simulate(
     passes = []
     for number, (eye, made, plan) in enumerate(zip(trace.eyes, written, plans, strict=True)):
         passes.append(_eye(trace, eye, number, config, memory, beta, display, made, plan, where))
-    return _together(trace, config, passes, plans, work_clock() - begin)
+    return _together(trace, config, memory, passes, plans, work_clock() - begin)
 
 
 _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row
@@ -209,8 +219,8 @@ def _finished(phase: str, cycles: int) -> int:
 
 def _memory(s: np.record, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
-    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
-    dram.prepare(s, memory.device)
+    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3)
+    dram.prepare(s, memory.device, memory.clock_ns)
 
 
 def _eye(
@@ -257,18 +267,20 @@ def _geometry(
     s = geometry.layout.new()
     _memory(s, memory)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
-    for place, path in ((geometry.NEAR, paths.near), (geometry.PROJECTION, paths.projection),
-                        (geometry.ELLIPSE, paths.ellipse), (geometry.HARMONICS, paths.colour)):
-        geometry.set_path(s, place, path.length, path.interval, path.rows)
+    for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
+                        (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
+        datapath.set_path(s, place, path.length, path.interval, path.rows)
     s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
+    chunk_arrays = chunk_units.prepare(s, eye.chunk_count, eye.chunk_read, config, paths)
+    classes = eye.point_class[eye.point_class != geometry.UNREAD]
     s.colour_waiting, s.colour_beats = paths.colour_waiting, beats
     writes = np.where(written.writes < 0, where.directory - 1 - written.writes, where.entries + written.writes)
     survivor = np.append(eye.survivor, 0).astype(np.int64)
     cycles, counted = geometry.geometry_phase(
-        s, eye.point_class, eye.point_class[eye.point_class != geometry.NEAR_CULLED], eye.splat_steps, eye.step_runs,
+        s, classes, classes[classes != geometry.NEAR_CULLED], eye.splat_steps, eye.step_runs,
         eye.run_entries, eye.run_closes, np.append(eye.views, 0).astype(np.uint8), where.views + (survivor << trace.view_shift),
         where.colour + survivor * beats, where.geometry, written.begins, writes,
-        constants.colour_steps(config, trace.sh_degree), LIMIT)
+        constants.colour_steps(config, trace.sh_degree), where.chunks, *chunk_arrays, LIMIT)
     return _Pass(
         {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, GEOMETRY_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
@@ -358,7 +370,8 @@ def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list
 
 
 def _together(
-    trace: FrameTrace, config: AcceleratorConfig, passes: list[_Pass], plans: list[RenderPlan], seconds: float,
+    trace: FrameTrace, config: AcceleratorConfig, memory: MemoryModel, passes: list[_Pass], plans: list[RenderPlan],
+    seconds: float,
 ) -> FrameCycles:
     """Adds up the numbers of all passes, as the machine counts them."""
     phases = {name: sum(p.cycles[name] for p in passes) for name in passes[0].cycles}
@@ -369,7 +382,7 @@ def _together(
             continue
         busy, blocked = (int(sum(p.stages[name][i] for p in passes)) for i in range(2))
         stages[name] = Stage(busy, blocked, total - busy - blocked)
-    reads = {name: BEAT_BYTES * int(sum(p.reads[i] for p in passes)) for i, name in enumerate(READ_CLIENTS)}
+    reads = {name: BEAT_BYTES * int(sum(p.reads[i] for p in passes)) for i, name in enumerate(read_clients(config))}
     clients = WRITE_CLIENTS + (STEREO_WRITE_CLIENTS if config.stereo else ())
     writes = {name: BEAT_BYTES * int(sum(p.writes[i] for p in passes)) for i, name in enumerate(clients)}
     events = {name: sum(p.events[name] for p in passes) for name in passes[0].events}
@@ -378,7 +391,7 @@ def _together(
         timeline += [(stage, eye, group, first + at, last + at) for stage, group, first, last in p.timeline]
         at += sum(p.cycles.values())
     utilisation = {"array": max(trace.entries, events["ops"]) / max(1, phases["render"]),
-                   "memory": (sum(reads.values()) + sum(writes.values())) / (DRAM_BYTES_PER_CYCLE * total)}
+                   "memory": (sum(reads.values()) + sum(writes.values())) / (memory.peak * total)}
     return FrameCycles(
         total, phases, tuple(p.cycles for p in passes), stages, reads, writes, trace.entries,
         sum(int(plan.groups[-1]) + 1 for plan in plans), utilisation=utilisation, timeline=timeline, seconds=seconds, **events)

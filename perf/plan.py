@@ -32,6 +32,7 @@ from spec.queues import CACHE_WAYS
 class MemoryMap:
     """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
 
+    chunks: int
     geometry: int
     colour: int
     tiles: int
@@ -48,7 +49,8 @@ def memory_map(trace: FrameTrace, config: AcceleratorConfig, display: bool, entr
     """The memory regions of a frame, without gaps."""
     tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     table, frame = -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), -(-trace.width * trace.height * pixel // BEAT_BYTES)
-    sizes = (trace.points, trace.points * colour_beats(config, trace.sh_degree), table, table,
+    geometry = -(-trace.points // 2) if config.compact else trace.points
+    sizes = (len(trace.eyes[0].chunk_count), geometry, trace.points * colour_beats(config, trace.sh_degree), table, table,
              trace.points << trace.view_shift, tiles * DIRECTORY_BEATS, entries_beats, spill_beats, frame, frame)
     return MemoryMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
 

@@ -30,7 +30,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.sources import fingerprint, sources_of
 
-VERSION = 1
+VERSION = 2
 """Version of the trace files; files of other versions are made again."""
 
 
@@ -51,6 +51,8 @@ class EyeTrace:
         rank: (intersections,) int32, in rendering order: the place in the tile's list in memory.
         stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
         filtered: (1,) the number of (splat, tile) pairs that the tile test dropped.
+        chunk_count: (chunks,) uint8, the Gaussians of each chunk of the model; empty where the model has no chunks.
+        chunk_read: (chunks,) bool, whether the chunk test lets the chunk be read.
     """
 
     point_class: np.ndarray
@@ -70,6 +72,8 @@ class EyeTrace:
     rank: np.ndarray
     stop: np.ndarray
     filtered: np.ndarray
+    chunk_count: np.ndarray
+    chunk_read: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,7 @@ class FrameTrace:
         golden_seconds: the time that rendering and tracing took when the trace was made.
         record: the request as JSON-ready values.
         source_right: for a frame of two eyes, whether the right eye is the source, which is rendered as a whole.
+        chunked: whether the frame is of a machine that reads its model in chunks.
     """
 
     width: int
@@ -96,6 +101,7 @@ class FrameTrace:
     golden_seconds: float
     record: dict[str, object]
     source_right: bool = False
+    chunked: bool = False
 
     @property
     def tiles_x(self) -> int:
@@ -119,6 +125,7 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
     classes = np.full(len(reason) + 1, geometry.VISIBLE, np.uint8)
     classes[:-1][reason != projection.VISIBLE] = geometry.NEAR_CULLED
     classes[:-1][reason == projection.OUTSIDE] = geometry.OUTSIDE
+    classes[:-1][reason == projection.UNREAD] = geometry.UNREAD
 
     counts = np.diff(e.start)
     tile_of = np.repeat(np.arange(tiles, dtype=np.int32), counts)
@@ -138,7 +145,17 @@ def eye_trace(frame: pipeline.Frame) -> EyeTrace:
     return EyeTrace(
         classes, *runs, survivor.astype(np.int32), mask[survivor], tile_of[arrival], counts.astype(np.int32), rendered,
         header[:, 1] != 0, header[:, 0].astype(np.uint8), e.splat.astype(np.int32), e.use, rank, stop_entries(frame),
-        np.array([e.filtered]))
+        np.array([e.filtered]), *_chunks(frame))
+
+
+def _chunks(frame: pipeline.Frame) -> tuple[np.ndarray, np.ndarray]:
+    """`chunk_count` and `chunk_read` of a frame's trace."""
+    chunks = frame.words.chunks
+    if chunks is None:
+        return np.zeros(0, np.uint8), np.zeros(0, bool)
+    read = chunks["count"] > 0
+    read[read] = frame.projected.reason[chunks["first"][read]] != projection.UNREAD
+    return chunks["count"].astype(np.uint8), read
 
 
 def trace_of(
@@ -155,7 +172,7 @@ def trace_of(
         holes, right = (frame.warped.origin == FILLED).astype(np.uint8), bool(frame.registers.source_right)
     return FrameTrace(
         r.width, r.height, len(source.words.geometry), source.words.sh_degree, shift, traces, holes,
-        seconds + work_clock() - begin, dict(record or {}), right)
+        seconds + work_clock() - begin, dict(record or {}), right, source.words.chunks is not None)
 
 
 def trace_request(
@@ -205,7 +222,8 @@ def trace_key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
     files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns)
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
-               config.support_sigma, config.row_width, config.warp_columns, config.warp_fill, config.warp_veiled)
+               config.support_sigma, config.row_width, config.warp_columns, config.warp_fill, config.warp_veiled,
+               config.order, config.chunks, config.records)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 

@@ -12,7 +12,10 @@ from amaranth.lib import wiring
 
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
+from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.geometry_decode import GeometryDecode
+from rtl.chunks.header_reader import ChunkHeaderReader
 from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
@@ -51,7 +54,7 @@ from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
 from spec.config import V3, AcceleratorConfig, NumberFormats
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS
+from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import STAGES
 
 TOP = "msv2_top"
@@ -79,9 +82,14 @@ def _operator(doc: str, make: Callable[[NumberFormats], wiring.Component]) -> Un
     return Unit(lambda config: make(config.formats), doc, "arithmetic")
 
 
-def with_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, with chunks of compact records where it has none."""
+def _of_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where it reads no chunks the same one that does, with V3's records."""
     return config if config.chunks else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
+def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where its records are wide the same one with V3's."""
+    return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
 
 
 UNITS: dict[str, Unit] = {
@@ -102,6 +110,12 @@ UNITS: dict[str, Unit] = {
     "float_sqrt": _operator("sqrt(a)", lambda n: FloatSqrt(a=n.work, result=n.extent)),
     "float_to_fixed": _operator("a small float to fixed point", lambda n: FloatToFixed(a=n.view, result=n.mean2d)),
     "fixed_to_float": _operator("fixed point to a small float", lambda n: FixedToFloat(a=n.quaternion, result=n.work)),
+    "chunk_header_reader": Unit(lambda config: ChunkHeaderReader(_of_chunks(config)),
+                                "headers of chunks from memory to their test"),
+    "chunk_reader": Unit(lambda config: ChunkReader(_of_chunks(config)),
+                         "Gaussians of tested chunks from memory to projection"),
+    "geometry_decode": Unit(lambda config: GeometryDecode(_of_compact(config)),
+                            "compact geometry to the words of Gaussians"),
     "near_test": Unit(NearTest, "drops points in front of the near plane and faint ones"),
     "projection": Unit(Projection, "a Gaussian to a splat: mean, conic, depth, box of tiles"),
     "projection_unit": Unit(ProjectionUnit, "near test and projection together"),
@@ -109,7 +123,7 @@ UNITS: dict[str, Unit] = {
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
     "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
-    "chunk_test": Unit(lambda config: ChunkTest(with_chunks(config)), "drops chunks of which nothing can be seen"),
+    "chunk_test": Unit(lambda config: ChunkTest(_of_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
     "table_loader": Unit(TableLoader, "levels of all tiles into the tile test's table"),
     "entry_writer": Unit(IntersectionWriter, "intersections into the pages of their tiles"),
@@ -126,7 +140,7 @@ UNITS: dict[str, Unit] = {
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
                       "the source eye's pixels to the target eye's frame"),
-    "axi_master": Unit(lambda config: AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS)),
+    "axi_master": Unit(lambda config: AxiMaster(config, len(read_clients(config)), len(WRITE_CLIENTS)),
                        "read and write clients to one AXI4 master", "machine"),
     "register_file": Unit(RegisterFile, "the host's registers behind AXI4-Lite", "machine"),
     "frame_controller": Unit(FrameController, "the phases of a frame, and the way out of a failed one", "machine"),

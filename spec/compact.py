@@ -1,5 +1,5 @@
-"""Compact records: a Gaussian in 16 bytes for the geometry phase, 32 with the opacities and base colours of all its levels, and 32
-more for its harmonics.
+"""Compact records: a Gaussian in 16 bytes for the geometry phase, 32 with the opacities and base colours of all its levels,
+and 32 more for its harmonics.
 
 Three records, each relative to the header of the Gaussian's chunk (`spec.chunks`):
 
@@ -8,8 +8,8 @@ Three records, each relative to the header of the Gaussian's chunk (`spec.chunks
     SH   CompactHarmonics, one beat after R where the model has harmonics, whatever their degree
 
 A decode unit turns them into the words of `spec.records`, so that what follows does not depend on the format. R and SH lie
-together, at beat `colour_base + index * beats`. Gaussians of quality bound 3, which have four levels, get *coarse* fields, because
-R would not hold four levels otherwise; all others get *fine* ones. G has the same values as R, bit for bit.
+together, at beat `colour_base + index * beats`. Gaussians of quality bound 3, which have four levels, get *coarse* fields,
+because R would not hold four levels otherwise; all others get *fine* ones. G has the same values as R, bit for bit.
 
 **Decoding.** Below, `>>` and `<<` shift integers, and rs(x, n) = (x + 2^(n-1)) >> n.
 
@@ -44,7 +44,7 @@ import math
 
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
-from spec.formats import SQ
+from spec.formats import SQ, Fixed, SmallFloat
 from spec.records import Field, Record, uint
 
 POSITION_BITS = 16
@@ -112,6 +112,17 @@ COARSE_BOUND = MAX_LEVELS - 1
 """The quality bound whose records are coarse."""
 
 
+def check_formats(config: AcceleratorConfig) -> None:
+    """Raises ValueError where the words that compact records decode to have other formats than the encodings above assume."""
+    n = config.formats
+    wanted: dict[str, Fixed | SmallFloat] = {
+        "scale": SmallFloat(12, 6, n.scale.bias, signed=False), "quaternion": SQ(0, 13), "log2_opacity": SQ(4, 10),
+        "sh_dc": SQ(2, 11), "sh_rest": SQ(1, 10)}
+    for name, number in wanted.items():
+        if getattr(n, name) != number:
+            raise ValueError(f"{name} must be {number} with compact records, not {getattr(n, name)}")
+
+
 def scale_bits(coarse: bool) -> int:
     """Bits of a scale's code."""
     return 10 if coarse else 11
@@ -155,8 +166,8 @@ def compact_geometry_coarse(config: AcceleratorConfig) -> Record:
 
 
 def compact_colour(config: AcceleratorConfig, coarse: bool = False) -> Record:
-    """R: a Gaussian with the opacities and base colours of its levels, one beat. A coarse record is that of a Gaussian with four
-    levels."""
+    """R: a Gaussian with the opacities and base colours of its levels, one beat. A coarse record is that of a Gaussian with
+    four levels."""
     levels = levels_held(coarse)
     return Record("CompactColour" + "Coarse" * coarse, compact_colour.__doc__, (
         *_geometry(coarse),

@@ -108,6 +108,10 @@ RECORDS = ("wide", "compact")
 MOST_CULLING_UNITS = 8
 """Culling units with which a Gaussian enters in every cycle. More would change nothing but the number."""
 
+COLOUR_CYCLES = {"wide": 4, "compact": 2}
+"""Cycles of a splat in the colour unit of a machine with 8 culling units, by the format of records. Compact records come in two
+beats, and in a model in spatial order survivors come close together."""
+
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
@@ -222,9 +226,6 @@ class AcceleratorConfig:
             raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
         if self.records == "compact" and not self.chunks:
             raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
-        chunk, view = self.formats.chunk, self.formats.view
-        if self.chunks and (chunk.sig_bits > view.sig_bits or chunk != replace(view, sig_bits=chunk.sig_bits)):
-            raise ValueError(f"chunk must be view with the same or fewer significand bits, {view!r}, not {chunk!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -234,6 +235,9 @@ class AcceleratorConfig:
             raise ValueError(f"support_sigma must be None or in 0.5..8, not {sigma!r}")
         if not isinstance(self.formats, NumberFormats):
             raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
+        chunk, view = self.formats.chunk, self.formats.view
+        if self.chunks and (chunk.sig_bits > view.sig_bits or chunk != replace(view, sig_bits=chunk.sig_bits)):
+            raise ValueError(f"chunk must be view with the same or fewer significand bits, {view!r}, not {chunk!r}")
         for name, to in _NO_LONGER:
             number, limit = getattr(self.formats, name), getattr(self.formats, to)
             if number.sig_bits > limit.sig_bits:
@@ -275,8 +279,8 @@ class AcceleratorConfig:
 
     @property
     def colour_interval(self) -> int:
-        """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
-        return 4 * MOST_CULLING_UNITS // self.culling_units
+        """Cycles that a splat takes in the colour unit: with one culling unit 32, or 16 with compact records."""
+        return COLOUR_CYCLES[self.records] * MOST_CULLING_UNITS // self.culling_units
 
     @property
     def compact(self) -> bool:

@@ -54,7 +54,7 @@ SPEED = (
 ORDER = _views("640x360", None, *MODELS)
 """Frames whose order of splats is compared with the exact order."""
 
-ENERGY = (View(EMBEDDED, "640x360", "320,180"), View("garden_large", "1920x1080", "960,540"))
+ENERGY = (*_views("640x360", "320,180", *MODELS), *_views("1920x1080", "960,540", *MODELS))
 """Frames whose energy is computed with the cycle model, in addition to those of reports/machine.json."""
 
 BENCH = _views("640x360", None, EMBEDDED, "truck")

@@ -128,7 +128,7 @@ def culled(trace: FrameTrace, points: int) -> FrameTrace:
         **nothing, "point_class": classes, "splat_steps": np.ones(1, np.int32), "step_runs": np.ones(1, np.uint8),
         "run_entries": np.zeros(1, np.uint8), "run_closes": np.full(1, 2, np.uint8), "counts": np.zeros(tiles, np.int32),
         "rendered": np.ones(tiles, bool), "blend": eye.blend, "level": eye.level, "stop": np.full((tiles, 2), -1, np.int32),
-        "filtered": np.zeros(1, np.int64)})
+        "filtered": np.zeros(1, np.int64), "chunk_count": eye.chunk_count, "chunk_read": eye.chunk_read})
     return FrameTrace(trace.width, trace.height, points, trace.sh_degree, trace.view_shift, (empty,), trace.holes, 0.0, {})
 
 

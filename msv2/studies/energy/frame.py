@@ -1,5 +1,5 @@
-"""The energy of a frame: operations times their measured energies, cycles times clock energy, time times leakage, and the bits
-that memory moves.
+"""The energy of a frame: operations times their measured energies, cycles times clock energy, time times leakage, and what
+memory takes for its commands, its bits and its standby.
 
     trace, cycles = trace_request(...), simulate(...)
     report = frame_energy(model_counts(trace, cycles), cycles.total, config, load_table())
@@ -16,16 +16,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
+from msv2.studies.energy.dram import GROUPS, LPDDR3, Dram
 from msv2.studies.energy.memories import configured
-from msv2.studies.energy.sources import (
-    LPDDR3,
-    SRAM_LEAKAGE_SHARE,
-    SRAM_NODE,
-    SRAM_SCALING,
-    SRAM_SOURCE,
-    Dram,
-    sram_access_pj,
-)
+from msv2.studies.energy.sources import SRAM_LEAKAGE_SHARE, SRAM_NODE, SRAM_SCALING, SRAM_SOURCE, sram_access_pj
 from msv2.studies.energy.table import Table, Unit, load_table
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES
@@ -42,6 +35,12 @@ PARTS = ("dynamic", "clock", "leakage", "sram", "dram", "assumed")
 CHIP = ("dynamic", "clock", "leakage", "sram")
 """The kinds of rows that belong to the chip itself."""
 
+DRAM_COMMANDS = ("activates", "refreshes")
+"""The counts that only a memory with rows has."""
+
+DRAM_UNIT = "dram: "
+"""What the units of DRAM's rows begin with; one of `msv2.studies.energy.dram.GROUPS` follows."""
+
 WIRE_SHARE = 0.5
 """Assumption: the load of wires relative to that of the pins at their ends."""
 
@@ -49,6 +48,7 @@ CLOCK_TREE_SHARE = 0.5
 """Assumption: the energy of the tree in front of the clock pins relative to that of the pins and the cells behind them."""
 
 PJ_TO_MJ = 1e-9
+NOT_SCALED = "none: not of the chip's node"
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,8 @@ class WorkCounts:
         points, survivors, entries, spilled_entries, ops, pixels, warped: events that `spec.registers` defines.
         tiles: entries of the tile table, which is read once per pass.
         read_beats, write_beats: beats of memory.
+        activates, refreshes: commands of the DRAM's channels. None where they are not known, because the frame ran with the
+            ideal memory, which has no rows; they are not counted then.
     """
 
     points: int = 0
@@ -71,9 +73,13 @@ class WorkCounts:
     tiles: int = 0
     read_beats: int = 0
     write_beats: int = 0
+    activates: int | None = None
+    refreshes: int | None = None
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
+            if value is None and name in DRAM_COMMANDS:
+                continue
             if not isinstance(value, int) or isinstance(value, bool) or value < 0:
                 raise ValueError(f"{name} must be an integer, 0 or more, not {value!r}")
 
@@ -85,9 +91,14 @@ class WorkCounts:
             return self.read_beats + self.write_beats
         if operation == "cycles":
             return 0
-        if operation not in {f.name for f in fields(self)}:
+        if operation not in {f.name for f in fields(self)} - set(DRAM_COMMANDS):
             raise ValueError(f"operation must be a count of a frame, not {operation!r}")
         return getattr(self, operation)
+
+    @property
+    def not_counted(self) -> tuple[str, ...]:
+        """Names of the commands that are not known."""
+        return tuple(name for name in DRAM_COMMANDS if getattr(self, name) is None)
 
 
 @dataclass(frozen=True)
@@ -95,7 +106,7 @@ class EnergyRow:
     """A part of a frame's energy.
 
     Attributes:
-        unit: a unit of the machine, or "dram", or the name of an assumption.
+        unit: a unit of the machine, or a part of DRAM's energy (DRAM_UNIT), or the name of an assumption.
         part: one of PARTS.
         value_mj: the energy per frame.
         operations, operation: the number of operations, and what they are.
@@ -143,6 +154,14 @@ class EnergyReport:
         """The energy of all rows."""
         return self.sum_mj()
 
+    def by_dram(self) -> dict[str, float]:
+        """The energy of DRAM in mJ by what it is for; 0 where it is not counted."""
+        found = dict.fromkeys(GROUPS, 0.0)
+        for row in self.rows:
+            if row.part == "dram":
+                found[row.unit.removeprefix(DRAM_UNIT)] += row.value_mj
+        return found
+
     def by_unit(self) -> dict[str, dict[str, float]]:
         """The energy in mJ by unit and part."""
         found: dict[str, dict[str, float]] = defaultdict(lambda: dict.fromkeys(PARTS, 0.0))
@@ -159,23 +178,28 @@ class EnergyReport:
             "milliseconds": 1e3 * self.cycles / self.clock_hz, "frames_per_s": self.clock_hz / max(self.cycles, 1),
             "chip_mw": self.chip_mj * self.clock_hz / max(self.cycles, 1),
             "by_part_mj": {part: self.sum_mj(part) for part in PARTS}, "by_unit_mj": self.by_unit(),
+            "by_dram_mj": self.by_dram(), "dram_not_counted": list(self.counts.not_counted),
             "pj_per_entry": {unit: sum(parts.values()) / PJ_TO_MJ / entries for unit, parts in self.by_unit().items()},
             "counts": asdict(self.counts), "rows": [asdict(row) for row in self.rows]}
 
 
 def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
-    """The operations of a frame from the cycle model."""
+    """The operations of a frame from the cycle model. The commands of DRAM are known if LPDDR3 was simulated."""
+    commands = {"activates": cycles.activates, "refreshes": cycles.refreshes} if cycles.activates else {}
     warped = trace.width * trace.height if len(trace.eyes) > 1 else 0
     covered = sum(int(eye.rendered.sum()) for eye in trace.eyes) / max(len(trace.eyes[0].rendered), 1)
     return WorkCounts(
         points=trace.points * len(trace.eyes), survivors=sum(len(eye.survivor) for eye in trace.eyes), entries=cycles.entries,
         spilled_entries=cycles.spilled_entries, ops=cycles.ops, pixels=round(covered * trace.width * trace.height),
         warped=warped, tiles=sum(len(eye.counts) for eye in trace.eyes),
-        read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES)
+        read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES, **commands)
 
 
 def counter_counts(frame: Mapping[str, object]) -> WorkCounts:
-    """The operations of a frame through the RTL, from its counters in the frame.json of `python -m tb.frame`."""
+    """The operations of a frame through the RTL, from its counters in the frame.json of `python -m tb.frame`.
+
+    The machine has no counters of DRAM's activates and refreshes, so they are not known.
+    """
     events, dram = frame["events"], frame["dram_bytes"]
     return WorkCounts(
         **{name: events.get(name, 0) for name in (
@@ -258,8 +282,6 @@ def _work(unit: Unit, config: AcceleratorConfig, table: Table) -> float:
 
 
 def _dram_rows(counts: WorkCounts, seconds: float, dram: Dram) -> list[EnergyRow]:
-    bits, made = 8 * BEAT_BYTES, (dram.name, dram.source, "none: not of the chip's node")
-    return [
-        _row("dram", "dram", bits * counts.read_beats, "bits read", dram.read_pj_per_bit, *made),
-        _row("dram", "dram", bits * counts.write_beats, "bits written", dram.write_pj_per_bit, *made),
-        _row("dram", "dram", seconds * 1e9, "ns of standby", dram.standby_mw, *made)]
+    parts = dram.parts(seconds, counts.read_beats, counts.write_beats, counts.activates, counts.refreshes)
+    return [_row(DRAM_UNIT + part.group, "dram", part.count, part.name, part.pj, dram.name, part.source, NOT_SCALED)
+            for part in parts]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, WIRE_SHARE
+from msv2.studies.energy.dram import GROUPS
+from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, DRAM_UNIT, WIRE_SHARE
 from msv2.studies.energy.table import Table
+from msv2.studies.memory import MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.picture import find_pyplot, save_figure
+from spec.memory import BEAT_BYTES
 
 OTHERS = (
     {"design": "129FPS (2026)", "node": "28 nm, 800 MHz", "frame": "1920x1080", "mj_per_frame": 0.219 / 129 * 1e3,
@@ -15,6 +18,9 @@ OTHERS = (
      "differs": "node; a model compressed 51.6 times (-0.74 dB); a chip, with wires and a clock tree"},
 )
 """Published energies of a frame, with the reasons why they are not like for like."""
+
+_BOUND = ("The ideal memory is a bound: it has no rows, no refresh and no turns of its bus, so that a frame takes fewer "
+          "cycles. DRAM's energy with it lacks activates and refreshes, which are not counted.")
 
 _COLUMNS = (*CHIP, "dram", "assumed")
 _SHOWN = 9
@@ -26,17 +32,21 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "
         "What the columns are: [docs/energy.md](../docs/energy.md).", "",
-        table(("frame", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ", "DRAM, mJ", "assumed, mJ",
-               "all, mJ", "chip, mW", "frames/s"), map(_summary, content["frames"]), left=3)]
-    lines += ["", f"Assumed: wires are {WIRE_SHARE:g} of the load that pins are, a clock tree takes {CLOCK_TREE_SHARE:g} of "
-              "what its pins take; no placement is made.", "",
+        table(("frame", "memory", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ", "DRAM, mJ",
+               "assumed, mJ", "all, mJ", "chip, mW", "frames/s"), map(_summary, content["frames"]), left=4), "", _BOUND, "",
+        "## DRAM by what it does", "",
+        table(("frame", "memory", "work by", *(f"{name}, mJ" for name in GROUPS), "all, mJ", "pJ a bit"),
+              map(_dram, content["frames"]), left=3)]
+    lines += ["", "## Assumed and published", "",
+              f"Assumed: wires are {WIRE_SHARE:g} of the load that pins are, a clock tree takes {CLOCK_TREE_SHARE:g} of what "
+              "its pins take; no placement is made.", "",
               "Published, not like for like:", "",
               table(("design", "node", "frame", "mJ", "from", "differs"),
                     [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
                      for o in content["others"]], left=3, words=("from", "differs"))]
-    for frame in content["frames"]:
+    for frame in (frame for frame in content["frames"] if frame["memory"] == content["frames"][0]["memory"]):
         ordered = sorted(frame["by_unit_mj"].items(), key=lambda item: -sum(item[1].values()))
-        lines += ["", f"## {_name(frame)}", "",
+        lines += ["", f"## {_name(frame)}, {MEMORY_NAMES[frame['memory']]}", "",
                   table(("unit", *(f"{name}, µJ" for name in _COLUMNS), "all, µJ", "pJ an entry"),
                         [(unit, *(f"{1e3 * parts[part]:.2f}" if parts[part] else "" for part in _COLUMNS),
                           f"{1e3 * sum(parts.values()):.2f}", f"{frame['pj_per_entry'][unit]:.1f}")
@@ -57,10 +67,20 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
     return "\n".join([*lines, table(head, cells, left=1, words=head[2:])]) + "\n"
 
 
+def _dram(frame: dict[str, object]) -> tuple[str, ...]:
+    counts, absent = frame["counts"], {"activates": "activates", "refreshes": "refresh"}
+    unknown = {absent[name] for name in frame["dram_not_counted"]}
+    bits = 8 * BEAT_BYTES * (counts["read_beats"] + counts["write_beats"])
+    return (_name(frame), MEMORY_NAMES[frame["memory"]], frame["work"],
+            *("not counted" if name in unknown else f"{frame['by_dram_mj'][name]:.3f}" for name in GROUPS),
+            f"{frame['dram_mj']:.3f}", f"{1e9 * frame['dram_mj'] / max(bits, 1):.1f}")
+
+
 def _summary(frame: dict[str, object]) -> tuple[str, ...]:
     counts = frame["counts"]
-    return (_name(frame), frame["work"], frame["config"], *(f"{counts[key]:,}" for key in ("points", "entries", "ops")),
-            f"{frame['cycles']:,}", *(f"{frame[key]:.3f}" for key in ("chip_mj", "dram_mj", "assumed_mj", "total_mj")),
+    return (_name(frame), MEMORY_NAMES[frame["memory"]], frame["work"], frame["config"],
+            *(f"{counts[key]:,}" for key in ("points", "entries", "ops")), f"{frame['cycles']:,}",
+            *(f"{frame[key]:.3f}" for key in ("chip_mj", "dram_mj", "assumed_mj", "total_mj")),
             f"{frame['chip_mw']:.0f}", f"{frame['frames_per_s']:.0f}")
 
 
@@ -70,27 +90,32 @@ def _name(frame: dict[str, object]) -> str:
 
 
 def plot(frames: list[dict[str, object]], path: Path) -> bool:
-    """Draws bars of the frames' energies by part, and of the chip's by unit. Returns False without matplotlib."""
+    """Draws bars of the frames' energies by part, of DRAM's by what it does, and of the chip's by unit. Returns False without
+    matplotlib."""
     pyplot = find_pyplot()
     if pyplot is None:
         return False
-    chip = [{unit: sum(parts[part] for part in CHIP) for unit, parts in frame["by_unit_mj"].items()} for frame in frames]
+    chip = [{unit: sum(parts[part] for part in CHIP) for unit, parts in frame["by_unit_mj"].items()
+             if not unit.startswith(DRAM_UNIT)} for frame in frames]
     largest = sorted(chip[0], key=lambda unit: -sum(one.get(unit, 0.0) / sum(one.values()) for one in chip))[:_SHOWN]
     shares = [{unit: one.get(unit, 0.0) / sum(one.values()) for unit in largest} for one in chip]
     shares = [{**one, "others": 1 - sum(one.values())} for one in shares]
-    figure, axes = pyplot.subplots(1, 2, figsize=(12, max(3.2, 1.8 + 0.5 * len(frames))))
-    labels = [f"{_name(frame)}\n{frame['work']}" for frame in frames]
+    figure, axes = pyplot.subplots(1, 3, figsize=(15, max(3.2, 1.8 + 0.5 * len(frames))))
+    labels = [f"{_name(frame)}\n{frame['work']}, {MEMORY_NAMES[frame['memory']]}" for frame in frames]
     for axis, rows, title in ((axes[0], [frame["by_part_mj"] for frame in frames], "mJ a frame, 16 nm; DRAM as it is"),
-                              (axes[1], shares, "share of the chip's energy, without what is assumed")):
+                              (axes[1], [frame["by_dram_mj"] for frame in frames], "DRAM, mJ a frame"),
+                              (axes[2], shares, "share of the chip's energy, without what is assumed")):
         left = [0.0] * len(frames)
         for number, name in enumerate(rows[0]):
             widths = [row[name] for row in rows]
             axis.barh(labels, widths, left=left, label=name, color=pyplot.get_cmap("tab20")(number))
             left = [a + b for a, b in zip(left, widths, strict=True)]
+        axis.margins(y=0.01)
         axis.invert_yaxis()
         axis.set_title(title)
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
-    axes[1].set_yticks([])
+    for axis in axes[1:]:
+        axis.set_yticks([])
     figure.tight_layout()
     save_figure(figure, path)
     return True

@@ -1,12 +1,13 @@
 """`msv2 study run energy`: the energy of frames by unit, with its sources, for reports/energy.{json,md,png}.
 
-The operations and cycles of a frame come from the cycle model or from the RTL's own counters. The counters are read from a
+The operations and cycles of a frame come from the cycle model, with LPDDR3 and beside it with the ideal memory as a bound, or
+from the RTL's own counters, with the memory that the RTL was simulated with. The counters are read from a
 frame.json that `python -m tb.frame` wrote, and from the frames in reports/machine.json. The energies of operations are in
 reports/energy_per_operation.json, which `msv2 study run energy_per_operation` measures.
 
 examples:
-  msv2 study run energy                                     the embedded scene, garden_large if MSV2_DATA has it,
-                                                            and the frames of reports/machine.json
+  msv2 study run energy                                     the embedded scene and those of MSV2_DATA, and the frames of
+                                                            reports/machine.json
   msv2 study run energy truck.splat --size 1280x720         one frame
   msv2 study run energy --frame build/frame/frame.json      a frame through the RTL
 """
@@ -24,6 +25,7 @@ from golden.scenes.request import add_request_arguments, add_stereo_arguments, m
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
+from msv2.studies.memory import IDEAL, MEMORY_NAMES, memory_arguments
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
@@ -35,9 +37,6 @@ from spec.overrides import add_config_arguments, config_from, recorded_config
 from spec.paths import REPORTS, ROOT, cache_folder
 
 CACHE = cache_folder("traces")
-FRAMES = (("embedded", "640x360", "320,180"), ("garden_large", "1920x1080", "960,540"))
-"""Scene, size and gaze of the frames that are modelled if no scene is named. A scene that MSV2_DATA lacks is left out."""
-
 MACHINE = REPORTS / "machine.json"
 """The report of frames through the RTL with its counters (`make results`)."""
 
@@ -49,8 +48,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_stereo_arguments(parser)
     add_config_arguments(parser, "paper", ", which is measured")
     parser.add_argument("--clock-mhz", type=float, default=1000.0, help="clock frequency in MHz (default: 1000)")
-    parser.add_argument("--memory", default="ideal", choices=("ideal", "lpddr3"),
-                        help="memory of the cycle model (default: ideal)")
+    parser.add_argument("--memory", default="both", choices=(*MEMORY_NAMES, "both"),
+                        help="memory of the cycle model (default: both, LPDDR3 first)")
     parser.add_argument("--frame", type=Path, metavar="FILE",
                         help="frame.json of a frame that the RTL rendered, instead of a scene")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE",
@@ -60,24 +59,29 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def modelled(args: argparse.Namespace, table: Table) -> dict[str, object]:
-    """The energy of a frame by the cycle model, with a description of the frame."""
+def modelled(args: argparse.Namespace, table: Table) -> list[dict[str, object]]:
+    """The energy of a frame by the cycle model with each memory that is asked for, with a description of the frame."""
     from perf.model import MemoryModel, simulate  # imported here because the kernels are compiled at first use
     from perf.trace import trace_request
 
     config = config_from(args)
     config = config.with_(stereo=args.stereo or config.stereo)
     trace = trace_request(args, config, cache=CACHE)
-    cycles = simulate(trace, config, memory=MemoryModel(args.memory), display=True)
-    report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
-    return _frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", config.name, report)
+    found = []
+    for memory in MEMORY_NAMES if args.memory == "both" else (args.memory,):
+        cycles = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True)
+        report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
+        found.append(_frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", memory, config.name,
+                            report))
+    return found
 
 
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
-    """The energy of a frame through the RTL, by its counters."""
+    """The energy of a frame through the RTL, by its counters. DRAM's activates and refreshes, which the machine does not count,
+    are not in it."""
     counts, config = counter_counts(frame), recorded_config(frame)
     report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
-    return _frame(frame["scene"], frame["size"], frame, "RTL counters", config.name, report)
+    return _frame(frame["scene"], frame["size"], frame, "RTL counters", str(frame.get("memory", IDEAL)), config.name, report)
 
 
 def counted_cycles(frame: Mapping[str, object]) -> int:
@@ -103,10 +107,10 @@ def read_frames(path: Path) -> list[dict[str, object]]:
 
 
 def _frame(
-    scene: str, size: list[int], record: dict[str, object], source: str, config: str, report: EnergyReport,
+    scene: str, size: list[int], record: dict[str, object], source: str, memory: str, config: str, report: EnergyReport,
 ) -> dict[str, object]:
     return {"scene": Path(scene).stem, "size": size, "gaze": record.get("gaze"), "levels": record.get("levels"),
-            "config": config, "work": source, **report.as_json()}
+            "config": config, "work": source, "memory": memory, **report.as_json()}
 
 
 def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
@@ -127,7 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     take_stereo_arguments(args)
     table = load_table(args.table)
     files = [args.frame] if args.frame else [MACHINE] if args.scene is None and MACHINE.is_file() else []
-    frames = [modelled(request, table) for request in requests(args) if not args.frame]
+    frames = [frame for request in requests(args) if not args.frame for frame in modelled(request, table)]
     frames += [counted(frame, table, args.clock_mhz) for path in files for frame in read_frames(path)]
     print("\n".join(map(summary, frames)), flush=True)
     make_folder(args.out)
@@ -156,7 +160,8 @@ def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
 def summary(frame: dict[str, object]) -> str:
     """The line of a frame in the printed report."""
     width, height = frame["size"]
+    memory = MEMORY_NAMES[frame["memory"]]
     energies = ", ".join(f"{name} {frame[key]:.3f} mJ" for name, key in (
         ("chip", "chip_mj"), ("DRAM", "dram_mj"), ("assumed", "assumed_mj")))
-    return (f"{frame['scene']} {width}x{height}, {frame['work']}: {energies}; {frame['frames_per_s']:.0f} frames/s "
+    return (f"{frame['scene']} {width}x{height}, {frame['work']}, {memory}: {energies}; {frame['frames_per_s']:.0f} frames/s "
             f"at {frame['clock_hz'] / 1e6:.0f} MHz")

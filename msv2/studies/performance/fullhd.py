@@ -8,8 +8,9 @@ from pathlib import Path
 
 from golden.scenes.load import EMBEDDED
 from msv2.studies.energy.frame import frame_energy, load_table, model_counts
+from msv2.studies.memory import ALL_NAMES, memory_arguments
 from msv2.studies.performance.frames import TRAINED, request, scene_file
-from msv2.studies.performance.machines import BANDWIDTHS, CLOCK_HZ, floor_cycles
+from msv2.studies.performance.machines import CLOCK_HZ, PEAK, floor_cycles
 from msv2.studies.scenes import FULL_HD
 from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
@@ -18,26 +19,24 @@ from spec.memory import BEAT_BYTES, colour_beats
 from spec.paths import ROOT, cache_folder
 
 SIZE = "1920x1080"
-SCENES = (EMBEDDED, "garden_large", "bonsai")
 CACHE = cache_folder("traces")
 
 
 def full_hd(scenes: tuple[str, ...] = FULL_HD) -> Iterator[dict[str, object]]:
-    """A row for each scene that is present, with the paper's memory, with unlimited memory, and with LPDDR3-1600."""
+    """A row for each scene that is present and each memory, LPDDR3 first."""
     for scene in scenes:
         if scene != EMBEDDED and scene_file(scene) is None:
             continue
         trace = trace_request(request(scene, SIZE), PAPER, cache=CACHE)
         stored = trace.points * BEAT_BYTES * (1 + colour_beats(PAPER, trace.sh_degree))
-        for kind, bandwidth in (*(("ideal", b) for b in BANDWIDTHS), ("lpddr3", BANDWIDTHS[0])):
-            frame = simulate(trace, PAPER, memory=MemoryModel(kind, bytes_per_cycle=bandwidth), display=True)
+        for memory, name in ALL_NAMES.items():
+            frame = simulate(trace, PAPER, memory=MemoryModel(**memory_arguments(memory)), display=True)
             energy = frame_energy(model_counts(trace, frame), frame.total, PAPER, load_table(), clock_hz=CLOCK_HZ)
-            name = "4 x LPDDR3-1600" if kind == "lpddr3" else "unlimited" if bandwidth is None else f"{bandwidth:g} B a cycle"
             yield {"frame": scene, "memory": name, "size": SIZE, "points": trace.points, "entries": trace.entries,
                    "model_mb": stored / 1e6, "quality": quality(scene), "cycles": frame.total, "phases": frame.phases,
                    "frames_per_s": CLOCK_HZ / frame.total, "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram"),
                    "assumed_mj": energy.sum_mj("assumed"), "dram_bytes": frame.dram_bytes["read"] + frame.dram_bytes["write"],
-                   "over_floor": frame.total / floor_cycles(trace, frame, PAPER, bandwidth)}
+                   "over_floor": frame.total / floor_cycles(trace, frame, PAPER, PEAK[memory])}
 
 
 def quality(scene: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from functools import cache
 
 from msv2.studies.energy.frame import Table, frame_energy, load_table, model_counts
+from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED, memory_arguments
 from msv2.studies.performance.frames import Compared
 from msv2.studies.performance.gpu import gpu_frame
 from perf.gscore import GscoreConfig, gscore_cycles
@@ -16,11 +17,14 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.memory import DRAM_BYTES_PER_CYCLE
 
 CLOCK_HZ = 1e9
-BANDWIDTHS = (DRAM_BYTES_PER_CYCLE, None)
-"""Bandwidths of memory in bytes per cycle: the paper's at 1 GHz, and None for a beat read and a beat written in every cycle."""
+MEMORIES = tuple(ALL_NAMES)
+"""The memories with which every frame is simulated, LPDDR3 first; the ideal ones beside it are bounds."""
 
 UNLIMITED_BYTES = 64
 """Bytes per cycle of other machines where ours reads a beat and writes a beat in every cycle."""
+
+PEAK = {LPDDR3: DRAM_BYTES_PER_CYCLE, IDEAL: DRAM_BYTES_PER_CYCLE, UNLIMITED: None}
+"""The most bytes per cycle that a memory moves; None for a beat read and a beat written in every cycle."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,8 @@ class Run:
 
     Attributes:
         machine: the machine's name.
-        bytes_per_cycle: the bandwidth of memory; None if it is unlimited.
+        memory: one of MEMORIES. The GPU has a memory of its own, and is compared with ours beside each of them.
+        bytes_per_cycle: the most bytes that the memory moves in a cycle; None if it is unlimited.
         eyes: the number of eyes of the frame.
         cycles, geometry, render: the cycles of the frame and of its two phases; None where the machine has no such number.
         frames_per_s: the frame rate at `clock_hz`.
@@ -60,6 +65,7 @@ class Run:
     """
 
     machine: str
+    memory: str
     bytes_per_cycle: float | None
     eyes: int
     cycles: float
@@ -98,60 +104,79 @@ def floor_cycles(trace: FrameTrace, f: FrameCycles, config: AcceleratorConfig, b
 
 
 def run_ours(
-    name: str, traces: Iterable[FrameTrace], config: AcceleratorConfig, bytes_per_cycle: float | None, *, merge: bool,
-    beta: int | None = None,
+    name: str, traces: Iterable[FrameTrace], config: AcceleratorConfig, memory: str, *, merge: bool, beta: int | None = None,
+    bandwidth: float | None = None,
 ) -> tuple[Run, list[FrameCycles]]:
-    """One or more frames, one after the other, on one of our machines."""
-    traces = tuple(traces)
-    frames = [simulate(trace, config, memory=MemoryModel(bytes_per_cycle=bytes_per_cycle), merge=merge, beta=beta, display=True)
-              for trace in traces]
+    """One or more frames, one after the other, on one of our machines. `bandwidth` is one for the ideal memory, other than the
+    paper's."""
+    traces, peak = tuple(traces), bandwidth or PEAK[memory]
+    model = MemoryModel(**memory_arguments(memory) | ({"bytes_per_cycle": bandwidth} if bandwidth else {}))
+    frames = [simulate(trace, config, memory=model, merge=merge, beta=beta, display=True) for trace in traces]
     energy = [frame_energy(model_counts(trace, frame), frame.total, config, _table(), clock_hz=CLOCK_HZ)
               for trace, frame in zip(traces, frames, strict=True)]
     cycles, render = sum(f.total for f in frames), sum(f.phases["render"] for f in frames)
     return Run(
-        name, bytes_per_cycle, sum(len(trace.eyes) for trace in traces), cycles, sum(f.phases["geometry"] for f in frames),
+        name, memory, peak, sum(len(trace.eyes) for trace in traces), cycles, sum(f.phases["geometry"] for f in frames),
         render, CLOCK_HZ / cycles, CLOCK_HZ, sum(sum(f.reads.values()) + sum(f.writes.values()) for f in frames),
         chip_mj=sum(e.chip_mj for e in energy), dram_mj=sum(e.sum_mj("dram") for e in energy),
-        floor=sum(floor_cycles(t, f, config, bytes_per_cycle) for t, f in zip(traces, frames, strict=True)),
+        floor=sum(floor_cycles(t, f, config, peak) for t, f in zip(traces, frames, strict=True)),
         array=sum(max(f.entries, f.ops) for f in frames) / max(1, render)), frames
 
 
-def run_gscore(frame: Compared, bytes_per_cycle: float | None, factor: float = 1.0, name: str = GSCORE) -> Run:
-    """A frame on the GSCore-like machine with `factor` times the published units. Its energy is not modelled."""
-    machine = GscoreConfig(bytes_per_cycle=bytes_per_cycle or UNLIMITED_BYTES).scaled(factor)
-    c = gscore_cycles(frame.gscore, machine)
-    return Run(name, bytes_per_cycle, 1, c.total, c.geometry, c.render, CLOCK_HZ / c.total, CLOCK_HZ, c.dram_bytes)
+def run_gscore(
+    frame: Compared, memory: str, factor: float = 1.0, name: str = GSCORE, *, rate: float | None = None,
+) -> Run:
+    """A frame on the GSCore-like machine with `factor` times the published units. Its energy is not modelled.
+
+    Its accesses to the rows of DRAM are not modelled, either. With LPDDR3 it is assumed to get as many bytes in a cycle as our
+    machine does in the same frame: `rate`, which is else a bandwidth other than the memory's own.
+
+    Raises:
+        ValueError: there is no rate with LPDDR3.
+    """
+    if memory == LPDDR3 and rate is None:
+        raise ValueError("rate must be a number with LPDDR3, not None")
+    peak = rate or PEAK[memory]
+    c = gscore_cycles(frame.gscore, GscoreConfig(bytes_per_cycle=peak or UNLIMITED_BYTES).scaled(factor))
+    return Run(name, memory, peak, 1, c.total, c.geometry, c.render, CLOCK_HZ / c.total, CLOCK_HZ, c.dram_bytes)
 
 
-def run_gpu(frame: Compared, ops: int) -> Run:
+def rate_for_gscore(ours: Run) -> float | None:
+    """The bytes in a cycle that the GSCore-like machine gets with the memory of our run; None for the memory's own."""
+    return ours.dram_bytes / ours.cycles if ours.memory == LPDDR3 else None
+
+
+def run_gpu(frame: Compared, memory: str, ops: int) -> Run:
     """A frame on the mobile GPU, by its roofline; the cycles are those of its own clock."""
     g = gpu_frame(frame.frame, ops)
-    return Run(GPU, g.bytes_per_cycle, 1, g.seconds * g.clock_hz, None, None, 1 / g.seconds, g.clock_hz, g.dram_bytes)
+    return Run(GPU, memory, g.bytes_per_cycle, 1, g.seconds * g.clock_hz, None, None, 1 / g.seconds, g.clock_hz, g.dram_bytes)
 
 
 def run_all(frame: Compared) -> tuple[list[Run], FrameCycles]:
-    """A frame on all machines at both bandwidths, and its cycles on the full machine at the paper's bandwidth."""
+    """A frame on all machines with each memory, and its cycles on the full machine with LPDDR3."""
     runs, kept = [], None
-    for bandwidth in BANDWIDTHS:
+    for memory in MEMORIES:
         for m in MACHINES:
-            run, cycles = run_ours(m.name, [frame.frame], PAPER.with_(incremental=m.pipeline), bandwidth, merge=m.merge)
+            run, cycles = run_ours(m.name, [frame.frame], PAPER.with_(incremental=m.pipeline), memory, merge=m.merge)
             runs.append(run)
         kept = kept or cycles[0]
         eyes = (frame.frame, frame.other)
-        runs.append(run_ours(TWO_BASE, eyes, PAPER.with_(incremental=False), bandwidth, merge=False)[0])
-        runs.append(run_ours(TWO_BOTH, eyes, PAPER, bandwidth, merge=True)[0])
-        runs.append(run_ours(WARPING, [frame.warped], PAPER.with_(stereo=True), bandwidth, merge=True)[0])
-        runs.append(run_gscore(frame, bandwidth))
-    return [*runs, run_gpu(frame, kept.ops)], kept
+        runs.append(run_ours(TWO_BASE, eyes, PAPER.with_(incremental=False), memory, merge=False)[0])
+        runs.append(run_ours(TWO_BOTH, eyes, PAPER, memory, merge=True)[0])
+        runs.append(run_ours(WARPING, [frame.warped], PAPER.with_(stereo=True), memory, merge=True)[0])
+        ours = next(r for r in runs if (r.machine, r.memory) == (BOTH.name, memory))
+        runs.append(run_gscore(frame, memory, rate=rate_for_gscore(ours)))
+        runs.append(run_gpu(frame, memory, kept.ops))
+    return runs, kept
 
 
 def rows(runs: Iterable[Run]) -> list[dict[str, object]]:
     """The runs as JSON-ready rows, with each machine's speedup over the base machine with as many eyes."""
     runs = list(runs)
-    base = {(r.eyes, r.bytes_per_cycle): r for r in runs if r.machine in (BASE.name, TWO_BASE)}
+    base = {(r.eyes, r.memory): r for r in runs if r.machine in (BASE.name, TWO_BASE)}
     out = []
     for r in runs:
-        b = base.get((r.eyes, r.bytes_per_cycle)) or base[r.eyes, BANDWIDTHS[0]]  # the GPU has another memory
+        b = base[r.eyes, r.memory]
         speedups = {"speedup": r.frames_per_s / b.frames_per_s, "speedup_render": b.render / r.render if r.render else None,
                     "energy_ratio": None if r.chip_mj is None else (b.chip_mj + b.dram_mj) / (r.chip_mj + r.dram_mj),
                     "energy_ratio_chip": None if r.chip_mj is None else b.chip_mj / r.chip_mj}

@@ -6,10 +6,13 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from msv2.studies import page as pages
-from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, GPU, GSCORE, MACHINES, TWO_BASE, TWO_BOTH, WARPING
-from msv2.studies.performance.summary import geomean
+from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED
+from msv2.studies.performance.machines import BASE, BOTH, GPU, GSCORE, MACHINES, MEMORIES, TWO_BASE, TWO_BOTH, WARPING
+from msv2.studies.performance.summary import SAME_RATE, geomean
 
 table = partial(pages.table, left=1)
+
+_SAME_RATE = SAME_RATE[0].upper() + SAME_RATE[1:]
 
 COLUMNS = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
@@ -34,16 +37,16 @@ def _picture(name: str, pictures: Sequence[str]) -> str:
     return f"\n\n![{name}](performance_{name}.png)" if name in pictures else ""
 
 
-def _where(bandwidth: float | None) -> str:
-    return "unlimited" if bandwidth is None else f"{bandwidth:g} B"
+def _where(row: Mapping) -> str:
+    return ALL_NAMES[row["memory"]]
 
 
 def _number(value: float | None, digits: int = 2) -> str:
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
-def _run(frame: Mapping, machine: str, bandwidth: float | None) -> Mapping:
-    return next(r for r in frame["runs"] if r["machine"] == machine and (machine == GPU or r["bytes_per_cycle"] == bandwidth))
+def _run(frame: Mapping, machine: str, memory: str) -> Mapping:
+    return next(r for r in frame["runs"] if (r["machine"], r["memory"]) == (machine, memory))
 
 
 def _intro(content: Mapping) -> str:
@@ -54,16 +57,17 @@ def _intro(content: Mapping) -> str:
     return (
         f"Commit {content['commit']}; machine `{content['config']}`, {content['clock_hz'] / 1e9:g} GHz; written by "
         f"`{content['command']}`. How it is found, what is modelled and what is assumed: [reports.md](../docs/reports.md). "
-        f"Frames are {content['size']}, {content['levels']} levels, the gaze in the centre, by the cycle model, a memory of "
-        f"{_where(BANDWIDTHS[0])} a cycle (the paper's) and an unlimited one (a beat read and a beat written in a cycle)."
+        f"Frames are {content['size']}, {content['levels']} levels, the gaze in the centre, by the cycle model, with "
+        f"{ALL_NAMES[LPDDR3]} (the paper's memory). Two ideal memories stand beside it as bounds: one of the same bandwidth "
+        f"({ALL_NAMES[IDEAL]}), and one that moves a beat read and a beat written in a cycle ({ALL_NAMES[UNLIMITED]})."
         f"{checked} Levels of {', '.join(content['trained']) or 'no scene'} are trained, of the others random nested subsets."
         f"{missing}")
 
 
 def _paper(content: Mapping) -> str:
-    rows = [(r["what"], _number(r["paper"]), _number(r["ours"]["paper_bandwidth"]), _number(r["ours"]["unlimited"]), r["why"])
+    rows = [(r["what"], _number(r["paper"]), *(_number(r["ours"][memory]) for memory in MEMORIES), r["why"])
             for r in content["beside_paper"]]
-    head = ("geomean", "paper", f"ours, {_where(BANDWIDTHS[0])} a cycle", "ours, unlimited", "why they differ")
+    head = ("geomean", "paper", *(f"ours, {ALL_NAMES[memory]}" for memory in MEMORIES), "why they differ")
     return table(head, rows, words=head[-1:])
 
 
@@ -76,21 +80,22 @@ def _goals(content: Mapping) -> str:
 def _speeds(content: Mapping, key: str) -> str:
     shown = COLUMNS if key == "speedup" else COLUMNS[:-1]
     rows = []
-    for bandwidth in BANDWIDTHS:
+    for memory, name in ALL_NAMES.items():
         for frame in content["frames"]:
-            rows.append((frame["name"], _where(bandwidth), *(_number(_run(frame, m, bandwidth)[key], 3) for m in shown)))
-        means = [next(r for r in content["means"] if r["machine"] == m and r["bytes_per_cycle"] == bandwidth) for m in shown]
-        rows.append(("**geomean**", _where(bandwidth), *(f"**{_number(r[key], 3)}**" for r in means)))
-    return table(("frame", "memory", *shown), rows, left=2) + "\n\nWith warping: two eyes over base with two rendered eyes."
+            rows.append((frame["name"], name, *(_number(_run(frame, m, memory)[key], 3) for m in shown)))
+        means = [next(r for r in content["means"] if r["machine"] == m and r["memory"] == memory) for m in shown]
+        rows.append(("**geomean**", name, *(f"**{_number(r[key], 3)}**" for r in means)))
+    return table(("frame", "memory", *shown), rows, left=2) + (
+        f"\n\nWith warping: two eyes over base with two rendered eyes. {_SAME_RATE}.")
 
 
 def _frames(content: Mapping) -> str:
     rows = []
     for frame in content["frames"]:
-        for bandwidth in BANDWIDTHS:
+        for memory in MEMORIES:
             for machine in (BASE.name, BOTH.name):
-                r = _run(frame, machine, bandwidth)
-                rows.append((frame["name"], _where(bandwidth), machine, f"{frame['points']:,}", f"{frame['entries']:,}",
+                r = _run(frame, machine, memory)
+                rows.append((frame["name"], ALL_NAMES[memory], machine, f"{frame['points']:,}", f"{frame['entries']:,}",
                              f"{r['cycles']:,}", f"{r['geometry']:,}", f"{r['render']:,}", _number(r["cycles"] / r["floor"]),
                              f"{100 * r['array']:.0f} %", f"{r['dram_bytes'] / 1e6:.2f}", f"{r['frames_per_s']:,.0f}"))
     head = ("frame", "memory", "machine", "points", "entries", "cycles", "geometry", "rendering", "over floor", "array busy",
@@ -103,9 +108,9 @@ def _frames(content: Mapping) -> str:
 def _two_eyes(content: Mapping) -> str:
     rows = []
     for frame in content["frames"]:
-        for bandwidth in BANDWIDTHS:
-            base, both, warp = (_run(frame, m, bandwidth) for m in (TWO_BASE, TWO_BOTH, WARPING))
-            rows.append((frame["name"], _where(bandwidth), f"{100 * frame['target_rendered']:.0f} %", f"{base['cycles']:,}",
+        for memory in MEMORIES:
+            base, both, warp = (_run(frame, m, memory) for m in (TWO_BASE, TWO_BOTH, WARPING))
+            rows.append((frame["name"], ALL_NAMES[memory], f"{100 * frame['target_rendered']:.0f} %", f"{base['cycles']:,}",
                          f"{both['cycles']:,}", f"{warp['cycles']:,}", _number(warp["speedup"], 3),
                          _number(both["cycles"] / warp["cycles"], 3), _number(warp["cycles"] / warp["floor"]),
                          _number(warp["energy_ratio"], 3)))
@@ -118,19 +123,20 @@ def _gscore(content: Mapping) -> str:
     if not content["equal_area"]:
         return ("No reports/area.json is there (`make report-area`), so areas are not known; at the published size the machine "
                 "is in the tables of speed.")
-    rows = [(e["frame"], _where(e["bytes_per_cycle"]), f"{e['ours_cycles']:,}", f"{e['gscore_cycles']:,}",
+    rows = [(e["frame"], _where(e), f"{e['ours_cycles']:,}", f"{e['gscore_cycles']:,}",
              _number(e["speedup"]), _number(e["speedup_render"]), _number(e["speedup_over_large"]),
              *(f"{e[key] / 1e6:.2f}" for key in ("ours_dram_bytes", "gscore_dram_bytes")))
             for e in content["equal_area"]]
     first, means = content["equal_area"][0], []
-    for bandwidth in BANDWIDTHS:
-        mine = [e for e in content["equal_area"] if e["bytes_per_cycle"] == bandwidth]
+    for memory in MEMORIES:
+        mine = [e for e in content["equal_area"] if e["memory"] == memory]
         frame, render, large = (geomean(e[key] for e in mine) for key in ("speedup", "speedup_render", "speedup_over_large"))
-        means.append(f"{_where(bandwidth)}: {frame:.2f}, in rendering {render:.2f}, over the large one {large:.2f}")
+        means.append(f"{ALL_NAMES[memory]}: {frame:.2f}, in rendering {render:.2f}, over the large one {large:.2f}")
     return table(("frame", "memory", "ours, cycles", "GSCore-like", "speedup", "in rendering",
                   f"over GSCore-like of {first['large_mm2_16nm']:g} mm²", "ours, MB", "GSCore-like, MB"),
                  rows, left=2) + (
-        f"\n\nGeomeans, {'; '.join(means)}.\n\n"
+        f"\n\nGeomeans, {'; '.join(means)}. {_SAME_RATE}; if it got all that the wires can move, ours were "
+        f"{geomean(e['speedup_bound'] for e in content['equal_area'] if e['memory'] == LPDDR3):.2f} times as fast.\n\n"
         f"Ours for one eye takes {first['mm2_16nm']:.3f} mm² at 16 nm ({content['area_source']}); GSCore is scaled to that, "
         f"{first['factor']:.2f} times the published units. Scaled machines of ours are of the report's groups: array with "
         "cores, culling and colour with units, all else and memories as they are; an array larger than a tile is not modelled, "
@@ -140,7 +146,7 @@ def _gscore(content: Mapping) -> str:
 def _gpu(content: Mapping) -> str:
     rows = []
     for frame in content["frames"]:
-        gpu, ours = _run(frame, GPU, None), _run(frame, BOTH.name, BANDWIDTHS[0])
+        gpu, ours = _run(frame, GPU, LPDDR3), _run(frame, BOTH.name, LPDDR3)
         rows.append((frame["name"], _number(gpu["frames_per_s"], 0), _number(ours["frames_per_s"], 0),
                      _number(ours["frames_per_s"] / gpu["frames_per_s"])))
     published = [(p["what"], _number(p["fps"], 1), p["source"]) for p in content["gpu_published"]]
@@ -152,12 +158,13 @@ def _gpu(content: Mapping) -> str:
 def _energy(content: Mapping) -> str:
     rows = []
     for frame in content["frames"]:
-        cells = [_run(frame, m, BANDWIDTHS[0]) for m in (BASE.name, BOTH.name, TWO_BASE, WARPING)]
-        rows.append((frame["name"], *(f"{r['chip_mj']:.3f} + {r['dram_mj']:.3f}" for r in cells),
-                     _number(cells[1]["energy_ratio"], 3), _number(cells[3]["energy_ratio"], 3)))
-    head = ("frame", BASE.name, BOTH.name, TWO_BASE, WARPING, "base over both", "two eyes: base over warping")
-    return (f"mJ a frame, chip at 16 nm + memory, {_where(BANDWIDTHS[0])} a cycle (docs/energy.md). Wires and clock tree are "
-            "not in it.\n\n" + table(head, rows))
+        for memory in (LPDDR3, IDEAL):
+            cells = [_run(frame, m, memory) for m in (BASE.name, BOTH.name, TWO_BASE, WARPING)]
+            rows.append((frame["name"], ALL_NAMES[memory], *(f"{r['chip_mj']:.3f} + {r['dram_mj']:.3f}" for r in cells),
+                         _number(cells[1]["energy_ratio"], 3), _number(cells[3]["energy_ratio"], 3)))
+    head = ("frame", "memory", BASE.name, BOTH.name, TWO_BASE, WARPING, "base over both", "two eyes: base over warping")
+    return ("mJ a frame, chip at 16 nm + memory (docs/energy.md). Wires and clock tree are not in it; with the ideal memory, "
+            "activates and refreshes are not, either.\n\n" + table(head, rows, left=2))
 
 
 def _full_hd(content: Mapping) -> str:
@@ -194,22 +201,28 @@ def _tiles(content: Mapping) -> str:
 def _timeline(content: Mapping) -> str:
     rows = [(t["machine"], f"{t['groups']:,}", f"{t['render']:,}") for t in content["timeline"]["machines"]]
     return table(("machine", "groups", "cycles of rendering"), rows) + (
-        f"\n\n{content['timeline']['frame']}, {_where(content['timeline']['bytes_per_cycle'])} a cycle; as traces for "
+        f"\n\n{content['timeline']['frame']}, {_where(content['timeline'])}; as traces for "
         f"ui.perfetto.dev in {content['timeline']['folder']}.")
 
 
 def _memory(content: Mapping) -> str:
-    rows = [(r["frame"], r["sweep"], _where(r["value"]), f"{r['cycles']:,}", f"{r['render']:,}", f"{r['dram_bytes'] / 1e6:.2f}")
+    rows = [(r["frame"], r["sweep"], _of(r), f"{r['cycles']:,}", f"{r['render']:,}", f"{r['dram_bytes'] / 1e6:.2f}")
             for r in content["bandwidth"]]
-    return table(("frame", "machine", "memory, a cycle", "cycles", "rendering", "MB"), rows, left=3)
+    return table(("frame", "machine", "memory", "cycles", "rendering", "MB"), rows, left=3)
+
+
+def _of(row: Mapping) -> str:
+    """The memory of a row in which the ideal memory has a bandwidth of its own."""
+    return f"ideal, {row['value']:g} B a cycle" if row["memory"] == IDEAL else _where(row)
 
 
 def _sweeps(content: Mapping) -> str:
     by = {}
     for r in content["sweeps"]:
-        by.setdefault((r["frame"], r["sweep"], r["value"]), {})[r["bytes_per_cycle"]] = r
+        by.setdefault((r["frame"], r["sweep"], r["value"]), {})[r["memory"]] = r
     rows = [(frame, sweep, "automatic" if value is None else f"{value:,}",
-             *(f"{found[b][key]:,}" for b in BANDWIDTHS for key in ("cycles", "render")))
+             *(f"{found[memory][key]:,}" for memory in MEMORIES for key in ("cycles", "render")))
             for (frame, sweep, value), found in by.items()]
-    head = ("frame", "what", "value", *(f"{name}, {_where(b)}" for b in BANDWIDTHS for name in ("cycles", "rendering")))
+    head = ("frame", "what", "value",
+            *(f"{name}, {where}" for where in ALL_NAMES.values() for name in ("cycles", "rendering")))
     return table(head, rows, left=3)

@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from msv2.studies.performance.machines import BANDWIDTHS, BOTH, GPU, GSCORE, MACHINES, WARPING
+from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED
+from msv2.studies.performance.machines import BOTH, GPU, GSCORE, MACHINES, MEMORIES, WARPING
 from msv2.studies.picture import find_pyplot, save_figure
 from perf.model import FrameCycles
 from spec.stages import StagePhase, watched
 
 STAGES = tuple(name for name in watched(StagePhase.RENDERING) if name != "list_read")
 """The rows of the timeline."""
+
+STYLES = {LPDDR3: "-", IDEAL: ":", UNLIMITED: "--"}
+"""The lines of the memories."""
 
 SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
 
@@ -87,24 +91,23 @@ def _timeline(pyplot, timelines: Mapping[str, FrameCycles]):
 def _bars(pyplot, content: Mapping):
     """Speedup and energy relative to the base machine, for every frame and for the geometric mean."""
     names = [frame["name"] for frame in content["frames"]] + ["geomean"]
-    figure, axes = pyplot.subplots(
-        2, len(BANDWIDTHS), figsize=(5.5 * len(BANDWIDTHS), 7.5), squeeze=False, layout="constrained")
-    for column, bandwidth in enumerate(BANDWIDTHS):
+    figure, axes = pyplot.subplots(2, 2, figsize=(11, 7.5), squeeze=False, layout="constrained")
+    for column, memory in enumerate((LPDDR3, UNLIMITED)):
         for axis, key, shown, label in ((axes[0, column], "speedup", SHOWN, "speed over base"),
                                         (axes[1, column], "energy_ratio", SHOWN[: len(MACHINES) + 1],
                                          "energy, base's over it")):
             for i, machine in enumerate(shown):
                 values = [run[key] for frame in content["frames"] for run in frame["runs"]
-                          if run["machine"] == machine and (machine == GPU or run["bytes_per_cycle"] == bandwidth)]
+                          if (run["machine"], run["memory"]) == (machine, memory)]
                 values.append(next(row[key] for row in content["means"]
-                                   if row["machine"] == machine and row["bytes_per_cycle"] == bandwidth))
+                                   if row["machine"] == machine and row["memory"] == memory))
                 width = 0.8 / len(shown)
                 axis.bar(np.arange(len(names)) + (i - len(shown) / 2) * width, values, width, label=machine,
                          hatch="//" if machine == GPU else None)
             axis.axhline(1, color="black", linewidth=0.5)
             _name_ticks(axis, range(len(names)), names)
             axis.set_ylabel(label)
-            axis.set_title("unlimited memory" if bandwidth is None else f"{bandwidth:g} B a cycle")
+            axis.set_title(f"memory: {ALL_NAMES[memory]}")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, ncols=4, loc="outside upper center")
     return figure
 
@@ -123,12 +126,11 @@ def _area(pyplot, content: Mapping):
     figure, axes = pyplot.subplots(
         1, len(frames), figsize=(max(6, 3.8 * len(frames)), 4.5), squeeze=False, layout="constrained")
     for axis, frame in zip(axes[0], frames, strict=True):
-        for bandwidth in BANDWIDTHS:
-            for machine, colour in ((BOTH.name, "tab:blue"), (GSCORE, "tab:red")):
-                found = [r for r in rows if (r["frame"], r["machine"], r["bytes_per_cycle"]) == (frame, machine, bandwidth)]
-                memory = "unlimited" if bandwidth is None else f"{bandwidth:g} B a cycle"
-                _lines(axis, found, "mm2_16nm", "frames_per_s", f"{machine}, {memory}", color=colour,
-                       linestyle="--" if bandwidth is None else "-")
+        for machine, colour in ((BOTH.name, "tab:blue"), (GSCORE, "tab:red")):
+            for memory in MEMORIES:
+                found = [r for r in rows if (r["frame"], r["machine"], r["memory"]) == (frame, machine, memory)]
+                _lines(axis, found, "mm2_16nm", "frames_per_s", f"{machine}, {ALL_NAMES[memory]}", color=colour,
+                       linestyle=STYLES[memory])
         axis.set_title(frame)
         axis.set_xlabel("mm² at 16 nm")
     axes[0, 0].set_ylabel("frames a second at 1 GHz")
@@ -143,10 +145,15 @@ def _bandwidth(pyplot, content: Mapping):
     figure, axes = pyplot.subplots(
         1, len(frames) + 1, figsize=(max(8, 3 * len(frames) + 3), 4), squeeze=False, layout="constrained")
     machines = list(dict.fromkeys(row["sweep"] for row in rows))
+    colours = {machine: f"C{i}" for i, machine in enumerate(machines)}
     for axis, frame in zip(axes[0], frames, strict=False):
         for machine in machines:
-            found = [row for row in rows if row["frame"] == frame and row["sweep"] == machine]
-            _lines(axis, found, "value", "cycles", machine)
+            mine = [row for row in rows if row["frame"] == frame and row["sweep"] == machine]
+            _lines(axis, [row for row in mine if row["memory"] != LPDDR3], "value", "cycles", f"{machine}, ideal memory",
+                   color=colours[machine])
+            real = next(row for row in mine if row["memory"] == LPDDR3)
+            axis.plot(real["value"], real["cycles"], "*", markersize=14, color=colours[machine], linestyle="none",
+                      label=f"{machine}, {ALL_NAMES[LPDDR3]}")
         axis.set_title(frame)
         axis.set_xlabel("bytes of memory a cycle")
         axis.set_ylabel("cycles of a frame")
@@ -161,8 +168,8 @@ def _bandwidth(pyplot, content: Mapping):
 
 
 def _sweeps(pyplot, content: Mapping):
-    """Cycles relative to the paper's machine with automatic beta, with a colour per frame; dashed lines are for unlimited
-    memory.
+    """Cycles relative to the paper's machine with automatic beta, with a colour per frame; full lines are for LPDDR3, dashed
+    ones for unlimited memory.
 
     The cycles are those of the rendering phase, or of the whole frame where the geometry phase depends on what is changed.
     """
@@ -171,17 +178,17 @@ def _sweeps(pyplot, content: Mapping):
     lines = -(-(len(names) + 1) // 3)
     figure, grid = pyplot.subplots(lines, 3, figsize=(11, 3.6 * lines), layout="constrained", squeeze=False)
     axes, rest = grid.flat[: len(names)], grid.flat[len(names):]
-    whole = {(r["frame"], r["bytes_per_cycle"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
+    whole = {(r["frame"], r["memory"]): r for r in rows if r["sweep"] == "beta, line buffers" and r["value"] is None}
     for axis, name in zip(axes, names, strict=True):
         key = "cycles" if "units" in name else "render"
         for colour, frame in enumerate(dict.fromkeys(row["frame"] for row in rows)):
             for sweep in dict.fromkeys((name, name.replace("line buffers", "double buffers"))):
-                for bandwidth, style in zip(BANDWIDTHS, ("-", "--"), strict=True):
-                    found = [dict(r, value=max(1, r["value"]), shown=r[key] / whole[frame, bandwidth][key])
+                for memory in (LPDDR3, UNLIMITED):
+                    found = [dict(r, value=max(1, r["value"]), shown=r[key] / whole[frame, memory][key])
                              for r in rows if r["value"] is not None
-                             and (r["frame"], r["sweep"], r["bytes_per_cycle"]) == (frame, sweep, bandwidth)]
-                    label = ", ".join((frame, *["double buffers"] * ("double" in sweep), *["unlimited"] * (bandwidth is None)))
-                    _lines(axis, found, "value", "shown", label, linestyle=style, color=f"C{colour}",
+                             and (r["frame"], r["sweep"], r["memory"]) == (frame, sweep, memory)]
+                    label = ", ".join((frame, *["double buffers"] * ("double" in sweep), memory))
+                    _lines(axis, found, "value", "shown", label, linestyle=STYLES[memory], color=f"C{colour}",
                            markersize=3 if "double" in sweep else 6)
         axis.set_xscale("log", base=2)
         axis.set_xlabel(name.partition(",")[0] + " in entries (none as 1)" if name.startswith("beta") else name)

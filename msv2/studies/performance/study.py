@@ -20,18 +20,19 @@ import numpy as np
 
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
+from msv2.studies.memory import ALL_NAMES, memory_arguments
 from msv2.studies.page import write_page
 from msv2.studies.performance import area, gpu, summary
 from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scene_file, scenes_here
 from msv2.studies.performance.fullhd import full_hd
-from msv2.studies.performance.machines import BANDWIDTHS, BASE, BOTH, CLOCK_HZ, MACHINES, Run, rows, run_all
+from msv2.studies.performance.machines import BASE, BOTH, CLOCK_HZ, MACHINES, MEMORIES, PEAK, Run, rows, run_all
 from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
 from msv2.studies.progress import Progress
 from msv2.studies.record import command, commit, write_report
-from perf.model import FrameCycles, simulate
+from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from spec.command_line import command_parser
 from spec.config import PAPER
@@ -81,20 +82,22 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
     """The numbers of a frame."""
     counts = frame.frame.eyes[0].counts
     quartiles = np.percentile(counts, (0, 25, 50, 75, 100))
-    base = next(r for r in runs if (r.machine, r.bytes_per_cycle) == (BASE.name, BANDWIDTHS[0]))
+    base = {r.memory: r for r in runs if r.machine == BASE.name}
     return {
         "name": frame.name, "scene": frame.scene, "trained": frame.trained, "subject": {**frame.subject, "scene": frame.scene},
         "points": frame.frame.points, "entries": frame.frame.entries, "runs": rows(runs),
         "target_rendered": float(frame.warped.eyes[1].rendered.mean()),
-        "memory_share": base.dram_bytes / (BANDWIDTHS[0] * base.cycles), "tile_granular": tile_granular(frame.frame.eyes[0]),
+        "memory_share": {memory: r.dram_bytes / (PEAK[memory] * r.cycles) for memory, r in base.items() if PEAK[memory]},
+        "tile_granular": tile_granular(frame.frame.eyes[0]),
         "tiles": dict(zip(("least", "quarter", "median", "three_quarters", "most"), quartiles.tolist(), strict=True))
         | {"mean": float(counts.mean()), "across": frame.frame.tiles_x, "counts": counts.tolist()}}
 
 
 def timelines(frame: Compared) -> dict[str, FrameCycles]:
-    """A frame's cycles on the base machine, with merging, and on the full machine, at the paper's bandwidth."""
-    shown = [m for m in MACHINES if m.merge or m is BASE]
-    return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), merge=m.merge, display=True) for m in shown}
+    """A frame's cycles on the base machine, with merging, and on the full machine, with LPDDR3."""
+    shown, memory = [m for m in MACHINES if m.merge or m is BASE], MemoryModel(**memory_arguments(MEMORIES[0]))
+    return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), memory=memory, merge=m.merge, display=True)
+            for m in shown}
 
 
 def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[dict[str, object], dict[str, FrameCycles]]:
@@ -134,7 +137,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
         "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, equal),
         "goals": summary.goals(found, means, equal), "equal_area": equal,
         **over, "area_source": build and f"build `{build[0]}` of reports/area.json, commit {build[1].get('commit')}",
-        "timeline": {"frame": swept[0].name, "bytes_per_cycle": BANDWIDTHS[0], "folder": str(folder.relative_to(ROOT)),
+        "timeline": {"frame": swept[0].name, "memory": MEMORIES[0], "folder": str(folder.relative_to(ROOT)),
                      "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
                                   for name, f in shown.items()]},
         "full_hd": large, "chip_129": summary.CHIP_129,
@@ -142,7 +145,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
         "reached_ghz": areas["builds"]["1ghz"].get("clock_ghz_zero_slack") if areas else None, "gpu_published": gpu.PUBLISHED,
         "gpu_model": f"{gpu.CORES} cores at {gpu.CLOCK_HZ / 1e9:g} GHz, {gpu.BYTES_PER_S / 1e9:g} GB/s, {gpu.PAIR_FLOPS} "
                      f"operations a pixel and splat, {gpu.POINT_FLOPS} a point; kernels in turn, each at its bound. Its memory "
-                     f"is {gpu.BYTES_PER_S / (BANDWIDTHS[0] * CLOCK_HZ):.2f} times as fast as ours",
+                     f"is {gpu.BYTES_PER_S / (PEAK[MEMORIES[0]] * CLOCK_HZ):.2f} times as fast as ours",
     }, shown
 
 
@@ -161,9 +164,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures = draw(content, shown, out)
     write_page(out / "performance.md", page(content, pictures))
     for row in content["beside_paper"]:
-        ours = row["ours"]
-        print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours['paper_bandwidth']:.3f} at {BANDWIDTHS[0]:g} B a cycle, "
-              f"{ours['unlimited']:.3f} unlimited")
+        ours = ", ".join(f"{value:.3f} with {ALL_NAMES[memory]}" for memory, value in row["ours"].items())
+        print(f"{row['what']}: paper {row['paper']:.2f}, ours {ours}")
     print(f"wrote {out / 'performance.json'}, performance.md, "
           + (f"{len(pictures)} pictures" if pictures else f"no pictures without matplotlib; {how_to_get('matplotlib')}"))
     return 0

@@ -23,6 +23,7 @@ from pathlib import Path
 from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
+from msv2.studies.memory import LPDDR3
 from msv2.studies.page import write_page
 from msv2.studies.progress import Progress
 from msv2.studies.record import write_report
@@ -32,7 +33,6 @@ from msv2.studies.web.maker import write_html
 from spec.command_line import command_parser
 from spec.config import CONFIGS
 from spec.errors import InputError
-from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import config_record
 from spec.paths import REPORTS, ROOT
 
@@ -100,15 +100,14 @@ def read(path: Path) -> dict | None:
 def summary(performance: Mapping, energy: Mapping, area: Mapping | None, model: Mapping | None) -> dict[str, object]:
     """The content of report.json: numbers of the three reports, and where they come from."""
     build = area["builds"]["1ghz"] if area else {}
-    frames = [{"scene": f["scene"], "size": f["size"], "work": f["work"], "energy_mj_per_frame": f["chip_mj"],
-               "dram_mj_per_frame": f["dram_mj"]} for f in energy["frames"]]
+    frames = [{"scene": f["scene"], "size": f["size"], "work": f["work"], "memory": f["memory"],
+               "energy_mj_per_frame": f["chip_mj"], "dram_mj_per_frame": f["dram_mj"]} for f in energy["frames"]]
     speedup, mj = {}, {}
     for row in performance["means"]:
-        memory = "unlimited" if row["bytes_per_cycle"] is None else f"{row['bytes_per_cycle']:g}"
-        speedup.setdefault(row["machine"], {})[memory] = {"frame": row["speedup"], "render": row["speedup_render"]}
+        speedup.setdefault(row["machine"], {})[row["memory"]] = {"frame": row["speedup"], "render": row["speedup_render"]}
     for frame in performance["frames"]:
         mj[frame["name"]] = {run["machine"]: run["chip_mj"] for run in frame["runs"]
-                             if run["chip_mj"] is not None and run["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE}
+                             if run["chip_mj"] is not None and run["memory"] == LPDDR3}
     return {
         "commit": git("rev-parse", "HEAD"), "changed": bool(git("status", "--porcelain", "--", *SOURCES)),
         "config": config_record(CONFIGS[performance["config"]]), "clock_hz": performance["clock_hz"],

@@ -59,34 +59,59 @@ def content(frame, areas):
         "bandwidth": sweeps.bandwidth_rows(frame), "sweeps": sweeps.sweeps(frame), "full_hd": [],
         "scaled_clock": 0.5, "reached_ghz": 0.7,
         "chip_129": summary.CHIP_129, "gpu_published": gpu.PUBLISHED, "gpu_model": "stated",
-        "timeline": {"frame": "random", "bytes_per_cycle": 25.6, "folder": "build", "machines": [
+        "timeline": {"frame": "random", "memory": "lpddr3", "folder": "build", "machines": [
             {"machine": "base", "groups": kept.groups, "render": kept.phases["render"]}]}}
 
 
-def runs_of(content, machine, bandwidth):
-    return next(r for r in content["frames"][0]["runs"] if r["machine"] == machine and r["bytes_per_cycle"] == bandwidth)
+def runs_of(content, machine, memory):
+    return next(r for r in content["frames"][0]["runs"] if (r["machine"], r["memory"]) == (machine, memory))
 
 
-def test_every_machine_at_every_bandwidth_over_its_own_base(content):
-    names = [(r["machine"], r["bytes_per_cycle"]) for r in content["frames"][0]["runs"]]
-    assert len(names) == len(set(names)) == 2 * 8 + 1
-    for bandwidth in machines.BANDWIDTHS:
-        base, two = (runs_of(content, name, bandwidth) for name in (machines.BASE.name, machines.TWO_BASE))
+def test_every_machine_with_every_memory_over_its_own_base(content):
+    names = [(r["machine"], r["memory"]) for r in content["frames"][0]["runs"]]
+    assert len(names) == len(set(names)) == 3 * 9 and machines.MEMORIES == ("lpddr3", "ideal", "unlimited")
+    for memory in machines.MEMORIES:
+        base, two = (runs_of(content, name, memory) for name in (machines.BASE.name, machines.TWO_BASE))
         assert base["speedup"] == two["speedup"] == base["energy_ratio"] == 1 and (base["eyes"], two["eyes"]) == (1, 2)
-        warping = runs_of(content, machines.WARPING, bandwidth)
+        warping = runs_of(content, machines.WARPING, memory)
         assert warping["speedup"] == pytest.approx(two["cycles"] / warping["cycles"]) and warping["eyes"] == 2
         for r in content["frames"][0]["runs"]:
             assert r["floor"] is None or 0 < r["floor"] <= r["cycles"]
 
 
-def test_memory_without_a_limit_is_never_slower(content):
+def test_ideal_memories_are_bounds(content):
     for machine in (machines.BASE.name, machines.BOTH.name, machines.WARPING, machines.GSCORE):
-        limited, free = (runs_of(content, machine, bandwidth) for bandwidth in machines.BANDWIDTHS)
-        assert free["cycles"] <= limited["cycles"] and free["dram_bytes"] == limited["dram_bytes"]
+        real, limited, free = (runs_of(content, machine, memory) for memory in machines.MEMORIES)
+        assert free["cycles"] <= limited["cycles"] < real["cycles"]
+        assert free["dram_bytes"] == limited["dram_bytes"] == real["dram_bytes"]
+        if machine != machines.GSCORE:
+            assert real["dram_mj"] > limited["dram_mj"]
+
+
+def test_lpddr3_comes_first(content):
+    """In every table that has a memory, and in every table of means."""
+    text = page.page(content, [])
+    assert all(list(row["ours"]) == list(machines.MEMORIES) for row in content["beside_paper"])
+    for block in text.split("\n\n"):
+        rows = [[cell.strip() for cell in line.split("|")] for line in block.splitlines() if line.startswith("| ")]
+        if rows and "memory" in rows[0]:
+            assert rows[2][rows[0].index("memory")] == "4 x LPDDR3-1600", block
+    head = next(line for line in text.splitlines() if line.startswith("| geomean"))
+    assert head.index("ours, 4 x LPDDR3-1600") < head.index("ours, ideal") < head.index("ours, unlimited")
+
+
+def test_the_other_machine_gets_our_share_of_lpddr3(content):
+    ours, other = (runs_of(content, name, "lpddr3") for name in (machines.BOTH.name, machines.GSCORE))
+    assert other["bytes_per_cycle"] == pytest.approx(ours["dram_bytes"] / ours["cycles"])
+    (real,) = [e for e in content["equal_area"] if e["memory"] == "lpddr3"]
+    assert real["speedup_bound"] < real["speedup"]
+    assert all(e["speedup_bound"] == e["speedup"] for e in content["equal_area"] if e["memory"] != "lpddr3")
+    with pytest.raises(ValueError, match="rate must be a number with LPDDR3"):
+        machines.run_gscore(None, "lpddr3")
 
 
 def test_resources_that_are_less_are_slower_and_smaller(content):
-    found = [r for r in content["iso_area"] if r["bytes_per_cycle"] is None]
+    found = [r for r in content["iso_area"] if r["memory"] == "unlimited"]
     for machine in (machines.BOTH.name, machines.GSCORE):
         mine = [(r["mm2_16nm"], r["frames_per_s"]) for r in found if r["machine"] == machine]
         assert mine == sorted(mine) and mine[0][0] < mine[-1][0] and mine[0][1] < mine[-1][1]
@@ -132,7 +157,7 @@ def test_means_are_geometric():
 
 
 def test_goals_say_what_is_missed(content):
-    assert len(content["goals"]) == 6
+    assert len(content["goals"]) == 9
     for goal in content["goals"]:
         assert goal["reached"] == (goal["found"] >= goal["wanted"]) and math.isfinite(goal["found"])
     missed = "| **no** |" in page.page(content, [])
@@ -162,11 +187,11 @@ def test_words_of_the_page_in_html():
 
 
 def test_the_whole_report(content, areas):
-    energy = {"frames": [{"scene": "s", "size": [1, 1], "work": "w", "chip_mj": 0.1, "dram_mj": 0.2}]}
+    energy = {"frames": [{"scene": "s", "size": [1, 1], "work": "w", "memory": "lpddr3", "chip_mj": 0.1, "dram_mj": 0.2}]}
     found = together(content, energy, areas, {"summary": {"model_error_total": 0.01}})
     assert found["area_mm2_16nm"] == 0.44 and found["model_error_total"] == 0.01
-    assert found["speedup"][machines.BASE.name] == {"25.6": {"frame": pytest.approx(1), "render": pytest.approx(1)},
-                                                    "unlimited": {"frame": pytest.approx(1), "render": pytest.approx(1)}}
+    assert found["speedup"][machines.BASE.name] == {
+        memory: {"frame": pytest.approx(1), "render": pytest.approx(1)} for memory in machines.MEMORIES}
     assert found["energy_mj_per_frame"]["random"][machines.BOTH.name] > 0
     found["frame"] = {"scene": "random", "points": 250, "levels": 4, "trained": False}
     text = overview.markdown(found, content, {"performance": "# Performance"})

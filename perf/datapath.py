@@ -1,0 +1,51 @@
+"""The datapaths of the geometry phase, stepped cycle by cycle: a slot enters once in an interval, is finished after a fixed number
+of cycles, and then waits for the output register (rtl/culling/datapath.py)."""
+
+from __future__ import annotations
+
+from perf import memory
+from perf.kernel import step
+from perf.layout import Layout
+
+NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST, DECODE = range(6)
+"""The datapaths, by the numbers under which their state is kept."""
+
+layout = Layout(memory.layout)
+RING = 128  # slots, more than any datapath holds
+MASK = RING - 1
+
+# Length and interval, slots entered and fetched, free rows, whether the output register is full, and the cycles in which the slots
+# inside are finished.
+for _name in ("length", "interval", "in", "out", "free", "full"):
+    layout.ring(f"path_{_name}", 8)
+layout.ring("path_times", 8, RING)
+
+
+def set_path(s, p, length, interval, rows):
+    """Initialises datapath number `p`, which is empty."""
+    s.path_length[p], s.path_interval[p], s.path_free[p] = length, interval, rows
+
+
+@step
+def fetch(s, p, t):
+    """Moves a finished slot into the output register if that is free."""
+    if s.path_full[p] == 0:
+        at = s.path_out[p]
+        if at != s.path_in[p] and s.path_times[p, at & MASK] <= t:
+            s.path_out[p], s.path_full[p] = at + 1, 1
+            s.path_free[p] += 1
+
+
+@step
+def accepts(s, p, t):
+    """Whether a slot can enter."""
+    return s.path_free[p] != 0 and (s.path_interval[p] == 1 or t % s.path_interval[p] == 0)
+
+
+@step
+def enter(s, p, t):
+    """Enters a slot."""
+    at = s.path_in[p]
+    s.path_times[p, at & MASK] = t + s.path_length[p] + 1
+    s.path_in[p] = at + 1
+    s.path_free[p] -= 1
