@@ -1,9 +1,10 @@
 """Decoders of compact geometry (`spec.compact`) as combinational logic: functions of Amaranth Values, which hold no register.
 Those that use a value more than once take `let`, which names it (`rtl.float.number.Let`).
 
-The codes of a coarse record are brought to the width of those of a fine one (`geometry_codes`), so that one decoder serves both.
-Operands of positions, scales and the components of a quaternion follow. The largest component is a root, too long for one
-cycle: `rtl.chunks.geometry_decode` puts registers between its parts. Opacities and base colours are decoded in `decode_colour`.
+`geometry_codes` brings the codes of a coarse record to the width of those of a fine one, so that one decoder serves both. The
+other functions give the operands of positions, the scales, and the components of a quaternion. The largest component is a
+root, too long for one cycle: `rtl.chunks.geometry_decode` puts registers between its parts. `decode_colour` decodes opacities
+and base colours.
 """
 
 from __future__ import annotations

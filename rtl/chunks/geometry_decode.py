@@ -71,8 +71,9 @@ class GeometryDecode(wiring.Component):
         for adder in adders:
             m.d.comb += [adder.valid.eq(valid.at(1)), adder.advance.eq(moves), adder.subtract.eq(0)]
         found = self._words(m, p, adders)
-        m.d.comb += [points.valid.eq(valid.at(self.latency)),
-                     *(Value.cast(points.payload[name]).eq(Value.cast(value.at(self.latency))) for name, value in found.items())]
+        m.d.comb += points.valid.eq(valid.at(self.latency))
+        for name, value in found.items():
+            m.d.comb += Value.cast(points.payload[name]).eq(Value.cast(value.at(self.latency)))
         return m
 
     def _words(self, m: Module, p: Pipeline, adders: list[FloatAdd]) -> dict[str, Staged]:
