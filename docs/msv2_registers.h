@@ -4,12 +4,12 @@
 #define MSV2_REGISTERS_H
 
 #define MSV2_MAGIC 0x4D535632u
-#define MSV2_VERSION_MAJOR_EXPECTED 2
+#define MSV2_VERSION_MAJOR_EXPECTED 3
 #define MSV2_SETTINGS_BASE 0x100u
 #define MSV2_SETTINGS_COUNT 51
-#define MSV2_STEREO_SETTINGS_COUNT 59
 #define MSV2_COUNTERS_BASE 0x400u
 #define MSV2_READ_CLIENTS 6
+#define MSV2_CHUNKS_READ_CLIENTS 7
 #define MSV2_WRITE_CLIENTS 4
 #define MSV2_STEREO_WRITE_CLIENTS 5
 
@@ -48,6 +48,10 @@
 #define MSV2_MACHINE_ARRAY_SH_DEGREE_MASK 0x03000000u
 #define MSV2_MACHINE_ARRAY_BLEND_SHIFT 26
 #define MSV2_MACHINE_ARRAY_BLEND_MASK 0x04000000u
+#define MSV2_MACHINE_ARRAY_CHUNKS_SHIFT 27
+#define MSV2_MACHINE_ARRAY_CHUNKS_MASK 0x08000000u
+#define MSV2_MACHINE_ARRAY_COMPACT_SHIFT 28
+#define MSV2_MACHINE_ARRAY_COMPACT_MASK 0x10000000u
 
 /* parameters of the units around the array (read) */
 #define MSV2_MACHINE_UNITS 0x010u
@@ -109,7 +113,7 @@
 /* clients whose accesses memory answered with an error (read) */
 #define MSV2_ERROR_CLIENTS 0x030u
 #define MSV2_ERROR_CLIENTS_READ_SHIFT 0
-#define MSV2_ERROR_CLIENTS_READ_MASK 0x0000003Fu
+#define MSV2_ERROR_CLIENTS_READ_MASK 0x0000007Fu
 #define MSV2_ERROR_CLIENTS_WRITE_SHIFT 16
 #define MSV2_ERROR_CLIENTS_WRITE_MASK 0x001F0000u
 
@@ -305,34 +309,50 @@
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_FRAME_BASE 0x1C8u
 
+/* number of chunks of the model (only with chunks) (read, write): 24-bit unsigned */
+#define MSV2_CHUNKS 0x1CCu
+
+/* beat address (only with chunks) (read, write): 27-bit unsigned */
+#define MSV2_CHUNKS_BASE 0x1D0u
+
+/* pixels that a standard deviation of 1 at z = 1 reaches, along x, along y (`spec.chunks`), number
+   0 of 2 (only with chunks) (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19
+   fraction bits; exponent 0 is zero */
+#define MSV2_REACH_0 0x1D4u
+
+/* pixels that a standard deviation of 1 at z = 1 reaches, along x, along y (`spec.chunks`), number
+   1 of 2 (only with chunks) (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19
+   fraction bits; exponent 0 is zero */
+#define MSV2_REACH_1 0x1D8u
+
 /* 1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below (only with
    stereo) (read, write): 1-bit unsigned */
-#define MSV2_STEREO 0x1CCu
+#define MSV2_STEREO 0x1DCu
 
 /* 1: the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
-#define MSV2_SOURCE_RIGHT 0x1D0u
+#define MSV2_SOURCE_RIGHT 0x1E0u
 
 /* the target eye's centre relative to the model's origin, number 0 of 3 (only with stereo) (read,
    write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_TARGET_POSITION_0 0x1D4u
+#define MSV2_TARGET_POSITION_0 0x1E4u
 
 /* the target eye's centre relative to the model's origin, number 1 of 3 (only with stereo) (read,
    write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_TARGET_POSITION_1 0x1D8u
+#define MSV2_TARGET_POSITION_1 0x1E8u
 
 /* the target eye's centre relative to the model's origin, number 2 of 3 (only with stereo) (read,
    write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
-#define MSV2_TARGET_POSITION_2 0x1DCu
+#define MSV2_TARGET_POSITION_2 0x1ECu
 
 /* disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)
    (only with stereo) (read, write): 24-bit unsigned */
-#define MSV2_DISPARITY_SCALE 0x1E0u
+#define MSV2_DISPARITY_SCALE 0x1F0u
 
 /* beat address (only with stereo) (read, write): 27-bit unsigned */
-#define MSV2_TARGET_TILES_BASE 0x1E4u
+#define MSV2_TARGET_TILES_BASE 0x1F4u
 
 /* beat address (only with stereo) (read, write): 27-bit unsigned */
-#define MSV2_TARGET_FRAME_BASE 0x1E8u
+#define MSV2_TARGET_FRAME_BASE 0x1F8u
 
 /* Counters */
 
@@ -540,36 +560,45 @@
 /* pixels written (read) */
 #define MSV2_PIXELS 0x50Cu
 
+/* of these by read client chunks (only with chunks) (read) */
+#define MSV2_READ_BEATS_CHUNKS 0x510u
+
+/* chunks whose Gaussians were read (only with chunks) (read) */
+#define MSV2_CHUNKS_READ 0x514u
+
+/* chunks that the chunk test skipped (only with chunks) (read) */
+#define MSV2_CHUNKS_SKIPPED 0x518u
+
 /* cycles of the target eye's pass, lower half (only with stereo) (read) */
-#define MSV2_CYCLES_TARGET_LOW 0x510u
+#define MSV2_CYCLES_TARGET_LOW 0x51Cu
 
 /* cycles of the target eye's pass, upper half (only with stereo) (read) */
-#define MSV2_CYCLES_TARGET_HIGH 0x514u
+#define MSV2_CYCLES_TARGET_HIGH 0x520u
 
 /* of these by write client warp (only with stereo) (read) */
-#define MSV2_WRITE_BEATS_WARP 0x518u
+#define MSV2_WRITE_BEATS_WARP 0x524u
 
 /* busy cycles in which stage warp took an item (only with stereo) (read) */
-#define MSV2_WARP_BUSY 0x51Cu
+#define MSV2_WARP_BUSY 0x528u
 
 /* busy cycles in which stage warp had none to take (only with stereo) (read) */
-#define MSV2_WARP_STARVED 0x520u
+#define MSV2_WARP_STARVED 0x52Cu
 
 /* busy cycles in which stage warp had one but could not take it (only with stereo) (read) */
-#define MSV2_WARP_BLOCKED 0x524u
+#define MSV2_WARP_BLOCKED 0x530u
 
 /* pixels of the target eye to which a pixel of the source eye was warped, background included (only
    with stereo) (read) */
-#define MSV2_WARPED 0x528u
+#define MSV2_WARPED 0x534u
 
 /* holes of the target eye filled from their neighbours (only with stereo) (read) */
-#define MSV2_FILLED 0x52Cu
+#define MSV2_FILLED 0x538u
 
 /* tiles of the target eye with a hole that was not filled (only with stereo) (read) */
-#define MSV2_INVALID_TILES 0x530u
+#define MSV2_INVALID_TILES 0x53Cu
 
 /* tiles of the target eye that were rendered (only with stereo) (read) */
-#define MSV2_TARGET_TILES 0x534u
+#define MSV2_TARGET_TILES 0x540u
 
 /* splats whose projected mean has a coordinate at its least or largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
@@ -608,7 +637,7 @@ enum msv2_error {
 };
 
 /* number of each client in ERROR_CLIENTS */
-enum { MSV2_READ_CLIENT_GEOMETRY = 0, MSV2_READ_CLIENT_TILES = 1, MSV2_READ_CLIENT_COLOUR = 2, MSV2_READ_CLIENT_ENTRIES = 3, MSV2_READ_CLIENT_SPILL = 4, MSV2_READ_CLIENT_VIEWS = 5 };
+enum { MSV2_READ_CLIENT_GEOMETRY = 0, MSV2_READ_CLIENT_TILES = 1, MSV2_READ_CLIENT_COLOUR = 2, MSV2_READ_CLIENT_ENTRIES = 3, MSV2_READ_CLIENT_SPILL = 4, MSV2_READ_CLIENT_VIEWS = 5, MSV2_READ_CLIENT_CHUNKS = 6 };
 enum { MSV2_WRITE_CLIENT_ENTRIES = 0, MSV2_WRITE_CLIENT_VIEWS = 1, MSV2_WRITE_CLIENT_SPILL = 2, MSV2_WRITE_CLIENT_FRAME = 3, MSV2_WRITE_CLIENT_WARP = 4 };
 
 #endif

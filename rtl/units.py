@@ -49,7 +49,7 @@ from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
 from spec.config import AcceleratorConfig, NumberFormats
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS
+from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import STAGES
 
 TOP = "msv2_top"
@@ -117,7 +117,7 @@ UNITS: dict[str, Unit] = {
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
                       "the source eye's pixels to the target eye's frame"),
-    "axi_master": Unit(lambda config: AxiMaster(config, len(READ_CLIENTS), len(WRITE_CLIENTS)),
+    "axi_master": Unit(lambda config: AxiMaster(config, len(read_clients(config)), len(WRITE_CLIENTS)),
                        "read and write clients to one AXI4 master", "machine"),
     "register_file": Unit(RegisterFile, "the host's registers behind AXI4-Lite", "machine"),
     "frame_controller": Unit(FrameController, "the phases of a frame, and the way out of a failed one", "machine"),

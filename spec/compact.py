@@ -1,5 +1,5 @@
-"""Compact records: a Gaussian in 16 bytes for the geometry phase, 32 with the opacities and base colours of all its levels, and 32
-more for its harmonics.
+"""Compact records: a Gaussian in 16 bytes for the geometry phase, 32 with the opacities and base colours of all its levels,
+and 32 more for its harmonics.
 
 Three records, each relative to the header of the Gaussian's chunk (`spec.chunks`):
 
@@ -8,8 +8,8 @@ Three records, each relative to the header of the Gaussian's chunk (`spec.chunks
     SH   CompactHarmonics, one beat after R where the model has harmonics, whatever their degree
 
 A decode unit turns them into the words of `spec.records`, so that what follows does not depend on the format. R and SH lie
-together, at beat `colour_base + index * beats`. Gaussians of quality bound 3, which have four levels, get *coarse* fields, because
-R would not hold four levels otherwise; all others get *fine* ones. G has the same values as R, bit for bit.
+together, at beat `colour_base + index * beats`. Gaussians of quality bound 3, which have four levels, get *coarse* fields,
+because R would not hold four levels otherwise; all others get *fine* ones. G has the same values as R, bit for bit.
 
 **Decoding.** Below, `>>` and `<<` shift integers, and rs(x, n) = (x + 2^(n-1)) >> n.
 
@@ -155,8 +155,8 @@ def compact_geometry_coarse(config: AcceleratorConfig) -> Record:
 
 
 def compact_colour(config: AcceleratorConfig, coarse: bool = False) -> Record:
-    """R: a Gaussian with the opacities and base colours of its levels, one beat. A coarse record is that of a Gaussian with four
-    levels."""
+    """R: a Gaussian with the opacities and base colours of its levels, one beat. A coarse record is that of a Gaussian with
+    four levels."""
     levels = levels_held(coarse)
     return Record("CompactColour" + "Coarse" * coarse, compact_colour.__doc__, (
         *_geometry(coarse),

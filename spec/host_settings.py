@@ -12,8 +12,8 @@ from spec.records import Field
 
 @dataclass(frozen=True)
 class Setting:
-    """One number of the frame's settings: `field[index]`, or the field itself where it has only one; `number` counts them
-    all."""
+    """One number of the frame's settings: `field[index]`, or the field itself where it has only one; `number` counts those of
+    a machine that has them all."""
 
     field: Field
     index: int
@@ -47,10 +47,17 @@ class Limit:
         return self.low <= pattern <= self.high
 
 
+def with_every_register(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine with chunks and stereo, too: it has the registers of all machines with the same number formats."""
+    return config.with_(order="spatial", chunks=True, depth=True, stereo=True)
+
+
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
-    """Every number of the frame's settings; the register of setting `number` lies at SETTINGS_BASE + 4 * number."""
-    numbers = [(f, i) for f in frame_settings(config).fields for i in range(f.count)]
-    found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers))
+    """Every number of the frame's settings; the register of setting `number` lies at SETTINGS_BASE + 4 * number. A setting has
+    the same number in all machines that have it."""
+    own = {f.name for f in frame_settings(config).fields}
+    numbers = [(f, i) for f in frame_settings(with_every_register(config)).fields for i in range(f.count)]
+    found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers) if f.name in own)
     for setting in found:
         if setting.field.format.width > 32:
             raise ValueError(f"{setting.name} must fit a register of 32 bits, not {setting.field.format.width!r}")

@@ -9,6 +9,9 @@ write to a read-only register, and any access to an address without a register, 
     0x400  counters
     0x600  counters of saturated values
 
+A register has the same address in all machines that have it. Where a machine has no chunks or no stereo, the addresses of their
+registers are empty.
+
 **A frame.** The host writes the settings, then `control.start`. The machine checks the settings, takes a copy of all of them
 and is busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error`
 and a code. `start` is ignored while the machine is busy.
@@ -30,7 +33,7 @@ from enum import Enum, IntEnum
 
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed, Format, SmallFloat
-from spec.host_settings import limits, settings
+from spec.host_settings import limits, settings, with_every_register
 from spec.saturations import SATURATIONS
 from spec.stages import StagePhase, watched
 
@@ -42,9 +45,9 @@ MAGIC = 0x4D535632
 
 VERSION_MAJOR, VERSION_MINOR = 3, 0
 """Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. Version 2 had
-no machines with chunks, whose settings and counters stand before those of stereo. Version 1 had
-a field `sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters
-of saturated values."""
+no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
+`sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters of
+saturated values."""
 
 CONTROL_BASE = 0x020
 """Byte address of the first control register."""
@@ -246,7 +249,8 @@ def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
 
 def events(config: AcceleratorConfig) -> dict[str, str]:
     """Events that the units of a machine report when a frame ends: by name, what is counted."""
-    return EVENTS | (CHUNK_EVENTS if config.chunks else {}) | (STEREO_EVENTS if config.stereo else {}) | {s.name: s.doc for s in SATURATIONS}
+    chunks, stereo = CHUNK_EVENTS if config.chunks else {}, STEREO_EVENTS if config.stereo else {}
+    return EVENTS | chunks | stereo | {s.name: s.doc for s in SATURATIONS}
 
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
@@ -363,12 +367,13 @@ def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
 
 
 def _counter_registers(config: AcceleratorConfig) -> Iterator[Register]:
-    offset = COUNTERS_BASE
-    for counter in counters(config):
+    own, offset = {counter.name for counter in counters(config)}, COUNTERS_BASE
+    for counter in counters(with_every_register(config)):
         offset = SATURATIONS_BASE if counter.name == SATURATIONS[0].name else offset
         halves = {"": ""} if counter.width == 32 else {"_low": ", lower half", "_high": ", upper half"}
         for half, words in halves.items():
-            yield Register(counter.name + half, offset, Access.READ_ONLY, counter.doc + words)
+            if counter.name in own:
+                yield Register(counter.name + half, offset, Access.READ_ONLY, counter.doc + words)
             offset += 4
 
 

@@ -3,7 +3,7 @@
     python examples/driver/frame_image.py --size 64x64 --out build/driver/frame.img
     python examples/driver/frame_image.py truck.splat --config paper --size 640x360 --gaze 320,180 --levels 4 --out truck.img
 
-The file holds little-endian words of 32 bits: a head of ten words, the settings in the order of their registers, a table of
+The file holds little-endian words of 32 bits: a head of ten words, the settings (offset and value of each register), a table of
 segments (address, bytes, place in the file), and the contents. msv2_driver.c explains the head. Addresses count from 0; the
 driver adds the address at which the image lies in memory. The file fits one machine: its head has that machine's fingerprint.
 """
@@ -25,23 +25,24 @@ from spec.memory import BEAT_BYTES
 from spec.overrides import add_config_arguments, config_from
 from spec.registers import fingerprint
 from tb.top.check import frame_run
-from tb.top.player import setting_writes
+from tb.top.player import Map, setting_writes
 
-MAGIC, VERSION = 0x3249534D, 1
+MAGIC, VERSION = 0x3249534D, 2
 DEFAULT_OUT = Path("build/driver/frame.img")
 
 
 def image_bytes(image: MemoryImage) -> bytes:
     """The file's contents for a frame's memory image."""
-    settings = list(setting_writes(image.config, image, {}).values())
+    registers = Map(image.config)
+    settings = [(registers[name], value) for name, value in setting_writes(image.config, image, {}).items()]
     segments = {name: rows for name, rows in image.contents.items() if len(rows)}
     head = [MAGIC, VERSION, fingerprint(image.config), len(settings), len(segments), image.width, image.height,
             image.pixel_bytes, BEAT_BYTES * image.regions["frame"].base, BEAT_BYTES * image.beats]
-    place, table = 4 * (len(head) + len(settings) + 3 * len(segments)), []
+    place, table = 4 * (len(head) + 2 * len(settings) + 3 * len(segments)), []
     for name, rows in segments.items():
         table += [BEAT_BYTES * image.regions[name].base, rows.nbytes, place]
         place += rows.nbytes
-    words = np.array([*head, *settings, *table], "<u4")
+    words = np.array([*head, *(word for pair in settings for word in pair), *table], "<u4")
     return words.tobytes() + b"".join(rows.tobytes() for rows in segments.values())
 
 

@@ -7,15 +7,16 @@
 
 /* A frame image, in little-endian words of 32 bits (frame_image.py writes it):
  *
- *     word  0  magic               5  width in pixels     settings   one word for each register from MSV2_SETTINGS_BASE on
+ *     word  0  magic               5  width in pixels     settings   offset of the register and its value, for each
  *           1  version             6  height in pixels    segments   address, bytes, and where they begin in the file, for each
  *           2  fingerprint         7  bytes of a pixel    contents
  *           3  settings            8  address of the frame
  *           4  segments            9  bytes of memory
  */
 #define IMAGE_MAGIC 0x3249534Du /* "MSI2" */
-#define IMAGE_VERSION 1u
+#define IMAGE_VERSION 2u
 #define IMAGE_WORDS 10u
+#define SETTING_BYTES 8u
 #define SEGMENT_BYTES 12u
 #define BEAT_BYTES 32u
 
@@ -25,7 +26,8 @@
 /* Settings that hold addresses in beats. Images are made for memory that begins at 0. */
 static const uint32_t bases[] = {
     MSV2_GEOMETRY_BASE, MSV2_COLOUR_BASE, MSV2_TILES_BASE, MSV2_VIEWS_BASE, MSV2_DIRECTORY_BASE,
-    MSV2_ENTRIES_BASE, MSV2_SPILL_BASE, MSV2_FRAME_BASE, MSV2_TARGET_TILES_BASE, MSV2_TARGET_FRAME_BASE,
+    MSV2_ENTRIES_BASE, MSV2_SPILL_BASE, MSV2_FRAME_BASE, MSV2_CHUNKS_BASE, MSV2_TARGET_TILES_BASE,
+    MSV2_TARGET_FRAME_BASE,
 };
 
 static uint32_t word_at(const uint8_t *bytes, uint32_t number)
@@ -56,6 +58,8 @@ enum msv2_result msv2_probe(void *port, struct msv2_machine *machine)
     machine->cores_y = part(array, MSV2_MACHINE_ARRAY_CORES_Y_MASK, MSV2_MACHINE_ARRAY_CORES_Y_SHIFT);
     machine->levels = part(array, MSV2_MACHINE_ARRAY_LEVELS_MASK, MSV2_MACHINE_ARRAY_LEVELS_SHIFT);
     machine->stereo = (array & MSV2_MACHINE_ARRAY_STEREO_MASK) != 0;
+    machine->chunks = (array & MSV2_MACHINE_ARRAY_CHUNKS_MASK) != 0;
+    machine->compact = (array & MSV2_MACHINE_ARRAY_COMPACT_MASK) != 0;
     machine->counters = (array & MSV2_MACHINE_ARRAY_COUNTERS_MASK) != 0;
     machine->row_width = part(msv2_read(port, MSV2_MACHINE_FRAME), MSV2_MACHINE_FRAME_ROW_WIDTH_MASK,
                               MSV2_MACHINE_FRAME_ROW_WIDTH_SHIFT);
@@ -78,12 +82,19 @@ enum msv2_result msv2_image_open(struct msv2_image *image, const uint8_t *bytes,
     image->pixel_bytes = word_at(bytes, 7);
     image->frame = word_at(bytes, 8);
     image->memory = word_at(bytes, 9);
-    if (image->setting_count != MSV2_SETTINGS_COUNT && image->setting_count != MSV2_STEREO_SETTINGS_COUNT)
+    if (image->setting_count < MSV2_SETTINGS_COUNT || left / (SETTING_BYTES / 4u) < image->setting_count)
         return MSV2_BAD_IMAGE;
-    if (left < image->setting_count || (left - image->setting_count) / (SEGMENT_BYTES / 4u) < image->segment_count)
+    left -= SETTING_BYTES / 4u * image->setting_count;
+    if (left / (SEGMENT_BYTES / 4u) < image->segment_count)
         return MSV2_BAD_IMAGE;
     image->settings = bytes + 4u * IMAGE_WORDS;
-    image->segments = image->settings + 4u * (size_t)image->setting_count;
+    image->segments = image->settings + SETTING_BYTES * (size_t)image->setting_count;
+    for (number = 0; number < image->setting_count; number++) {
+        uint32_t offset = word_at(image->settings, 2u * number);
+
+        if (offset < MSV2_SETTINGS_BASE || offset >= MSV2_COUNTERS_BASE || offset % 4u != 0u)
+            return MSV2_BAD_IMAGE;
+    }
     for (number = 0; number < image->segment_count; number++) {
         uint32_t address = word_at(image->segments, 3u * number), count = word_at(image->segments, 3u * number + 1u);
         uint32_t place = word_at(image->segments, 3u * number + 2u);
@@ -116,7 +127,7 @@ void msv2_set_frame(void *port, const struct msv2_image *image, uint32_t dram)
     size_t place;
 
     for (number = 0; number < image->setting_count; number++) {
-        uint32_t offset = MSV2_SETTINGS_BASE + 4u * number, value = word_at(image->settings, number);
+        uint32_t offset = word_at(image->settings, 2u * number), value = word_at(image->settings, 2u * number + 1u);
 
         for (place = 0; place < sizeof bases / sizeof bases[0]; place++)
             if (offset == bases[place])

@@ -60,6 +60,8 @@ struct msv2_machine {
     uint32_t levels;    /* levels of foveation */
     uint32_t row_width; /* widest frame in pixels */
     int stereo;         /* whether it renders frames of two eyes */
+    int chunks;         /* whether it reads Gaussians in chunks */
+    int compact;        /* whether it reads compact records */
     int counters;       /* whether it has counters; without them all counts are 0 */
 };
 

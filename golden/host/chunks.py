@@ -20,12 +20,12 @@ from spec.constants import MAX_LEVELS
 from spec.tables import log2_alpha_min
 
 WIDEST = 2.0 ** (POSITION_BITS - 1 + (1 << STEP_BITS) - 1 - STEP_BIAS)
-"""World units that the means of a chunk extend along an axis at most. The grid with the largest step is twice as wide, so that a
-step can still be widened."""
+"""World units that the means of a chunk extend along an axis at most. The grid with the largest step is twice as wide, so that
+a step can still be widened."""
 
 SIZE_SPAN = 8 * SCALE_TOP_STEPS
-"""Most steps of SCALE_TOP_STEPS an octave between the largest scales of two splats of a chunk. A compact scale reaches 16 octaves
-below the chunk's largest, so each splat has 8 octaves and more below its own largest scale."""
+"""Most steps, SCALE_TOP_STEPS in an octave, between the largest scales of two splats of a chunk. A compact scale reaches 16
+octaves below the chunk's largest, so each splat has 8 octaves and more below its own largest scale."""
 
 _NO_SIZE = -1  # of a splat without any size, which fits every chunk
 
@@ -37,7 +37,8 @@ def sixteenths(config: AcceleratorConfig, scale: np.ndarray) -> np.ndarray:
     """
     value = config.formats.scale.to_float(scale)
     mantissa, exponent = np.frexp(value)
-    steps = (exponent + config.formats.scale.bias) * SCALE_TOP_STEPS + np.ceil(SCALE_TOP_STEPS * np.log2(np.where(value > 0, mantissa, 1.0)))
+    inside = np.ceil(SCALE_TOP_STEPS * np.log2(np.where(value > 0, mantissa, 1.0)))
+    steps = (exponent + config.formats.scale.bias) * SCALE_TOP_STEPS + inside
     return np.where(value > 0, steps, _NO_SIZE).astype(np.int64)
 
 
@@ -94,8 +95,8 @@ def position_codes(low: np.ndarray, step: np.ndarray, mean: np.ndarray) -> np.nd
 
 
 def _grids(config: AcceleratorConfig, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(step, extent), int64, of the finest grids from `low` (any shape) on that hold `high`, with boxes that contain both `high`
-    and what its code decodes to."""
+    """(step, extent), int64, of the finest grids from `low` (any shape) on that hold `high`. Their boxes contain both `high` and
+    what its code decodes to."""
     most, boxes = (1 << POSITION_BITS) - 1, 1 << EXTENT_BITS
     size = _above(high, low)
     step = np.where(size > 0, np.frexp(size)[1] - POSITION_BITS + STEP_BIAS, 0)  # this or the next is enough before rounding
@@ -128,11 +129,11 @@ def strongest(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
 
 
 def cut_chunks(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
-    """(C,) headers, records of `chunk_header`, of a model's chunks.
+    """(C,) headers, records of `chunk_header`, of a model's chunks, without their opacities.
 
     A chunk begins where the one before is full, where the bound changes, where the means would not fit a grid (WIDEST), and
-    where sizes would span too much (SIZE_SPAN). Everything in the header is of the words given; `log2_opacity`'s code is rounded
-    up.
+    where sizes would span too much (SIZE_SPAN). `opacity` stays 0 (`golden.host.quantise.with_opacities`), because with compact
+    records it is known only after encoding.
 
     Args:
         config: the machine.
@@ -150,7 +151,6 @@ def cut_chunks(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
     step, extent = _grids(config, low, np.maximum.reduceat(mean, first))
     chunks["low"], chunks["step"], chunks["extent"] = n.position.quantise(low), step, extent
     chunks["scale_top"] = np.maximum(np.maximum.reduceat(size, first), 0)
-    chunks["opacity"] = np.maximum.reduceat(opacity_code_above(config, strongest(config, geometry)), first)
     chunks["bound"], chunks["first"] = bound[first], first
     chunks["count"] = np.diff(np.append(first, len(geometry)))
     return chunks

@@ -13,6 +13,7 @@ import numpy as np
 from golden.host.chunks import chunk_of, place, position_codes, strongest
 from spec.compact import (
     BAND_BITS,
+    BAND_EXPONENT_MOST,
     BANDS,
     COARSE_BOUND,
     DC_COARSE_SHIFT,
@@ -149,24 +150,24 @@ def _encode_dc(dc: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return best, codes
 
 
-def _encode_harmonics(config: AcceleratorConfig, rest: np.ndarray) -> np.ndarray:
-    """(N,) records of `compact_harmonics` of raw `sh_rest` (N, K); each band's exponent is the smallest that fits."""
-    out = np.zeros(len(rest), compact_harmonics(config).dtype)
-    for band, (terms, bits) in enumerate(zip(BANDS, BAND_BITS, strict=True)):
+def _encode_harmonics(config: AcceleratorConfig, rest: np.ndarray) -> tuple[np.ndarray, int]:
+    """(N,) records of `compact_harmonics` of raw `sh_rest` (N, K), each band with the smallest exponent that fits, and how many
+    coefficients lie beyond the codes of the largest exponent."""
+    out, clipped = np.zeros(len(rest), compact_harmonics(config).dtype), 0
+    for band, (terms, bits, most) in enumerate(zip(BANDS, BAND_BITS, BAND_EXPONENT_MOST, strict=True)):
         raw = rest[:, 3 * terms.start : 3 * terms.stop].astype(np.int64)
         if not raw.shape[1]:
             continue
-        low, high = raw.min(axis=1), raw.max(axis=1)
+        low, high = -(1 << bits - 1), (1 << bits - 1) - 1
         exponent = np.zeros(len(raw), np.int64)
-        while True:
+        for _ in range(most):
             step = 1 << exponent
-            wide = (np.rint(high / step) > (1 << bits - 1) - 1) | (np.rint(low / step) < -(1 << bits - 1))
-            if not wide.any():
-                break
-            exponent += wide
+            exponent += (np.rint(raw.max(axis=1) / step) > high) | (np.rint(raw.min(axis=1) / step) < low)
+        code = np.rint(raw / (1 << exponent)[:, None])
         out["exponent"][:, band] = exponent
-        out[f"degree_{band + 1}"] = np.rint(raw / (1 << exponent)[:, None])
-    return out
+        out[f"degree_{band + 1}"] = np.clip(code, low, high)
+        clipped += int(((code < low) | (code > high)).sum())
+    return out, clipped
 
 
 def encode(
@@ -184,7 +185,8 @@ def encode(
 
     Returns:
         The records, and by field: `scale_floor`, standard deviations above 0 and below the smallest code, which become the
-        smallest or 0; `quaternion`, components that round up to the root of 1/2.
+        smallest or 0; `quaternion`, components that round up to the root of 1/2; `harmonics`, coefficients near the end of
+        their format.
     """
     n, chunk, coarse = config.formats, chunk_of(chunks), _coarse(chunks)
     of = chunks[chunk]
@@ -206,8 +208,9 @@ def encode(
     c["dc_range"], c["dc"] = _encode_dc(dc, column)
     c["opacity"][~coarse, FINE_LEVELS:] = 0
     c["dc"][~coarse, 3 * FINE_LEVELS :] = 0
-    harmonics = _encode_harmonics(config, colour["rest"]) if sh_degree else None
-    return CompactWords(config, coarse, g, c, harmonics), {"scale_floor": floor, "quaternion": clipped}
+    harmonics, beyond = _encode_harmonics(config, colour["rest"]) if sh_degree else (None, 0)
+    return CompactWords(config, coarse, g, c, harmonics), {
+        "scale_floor": floor, "quaternion": clipped, "harmonics": beyond}
 
 
 # Decoding
@@ -289,15 +292,16 @@ def decode(config: AcceleratorConfig, chunks: np.ndarray, words: CompactWords, s
     dc = np.minimum((code << r + np.where(coarse, DC_COARSE_SHIFT, 0)[:, None]) - (DC_LOW << r), n.sh_dc.raw_max)
     colour["dc"] = _levels(dc.reshape(-1, MAX_LEVELS, 3), coarse).reshape(-1, 3 * MAX_LEVELS)
     for band, terms in enumerate(BANDS[:sh_degree]):
-        exponent = words.harmonics["exponent"][:, band].astype(np.int64)[:, None]
+        exponent = np.minimum(words.harmonics["exponent"][:, band].astype(np.int64)[:, None], BAND_EXPONENT_MOST[band])
         codes = words.harmonics[f"degree_{band + 1}"].astype(np.int64)
-        colour["rest"][:, 3 * terms.start : 3 * terms.stop] = np.minimum(codes << exponent, n.sh_rest.raw_max)
+        colour["rest"][:, 3 * terms.start : 3 * terms.stop] = codes << exponent
     return geometry, colour
 
 
-def with_sh_degree(words: CompactWords, degree: int) -> CompactWords:
-    """The records with harmonics of a degree: bands beyond it are dropped, missing ones are 0."""
-    if not degree:
+def with_sh_degree(words: CompactWords, degree: int, present: bool) -> CompactWords:
+    """The records with no harmonics above a degree, which is at most the model's; with `present`, there are harmonics even of
+    degree 0, which are 0."""
+    if not present:
         return replace(words, harmonics=None)
     harmonics = np.zeros(len(words.coarse), compact_harmonics(words.config).dtype)
     if words.harmonics is not None:
@@ -305,3 +309,13 @@ def with_sh_degree(words: CompactWords, degree: int) -> CompactWords:
         for band in range(1, degree + 1):
             harmonics[f"degree_{band}"] = words.harmonics[f"degree_{band}"]
     return replace(words, harmonics=harmonics)
+
+
+def with_first_level(words: CompactWords) -> CompactWords:
+    """The records with the opacity and the base colour of the first level for all levels that they hold."""
+    geometry, colour = words.geometry.copy(), words.colour.copy()
+    held = np.where(words.coarse, MAX_LEVELS, FINE_LEVELS)[:, None] > np.arange(MAX_LEVELS)
+    geometry["opacity"] = colour["opacity"][:, 0]
+    colour["opacity"] = np.where(held, colour["opacity"][:, :1], 0)
+    colour["dc"] = np.where(np.repeat(held, 3, axis=1), np.tile(colour["dc"][:, :3], (1, MAX_LEVELS)), 0)
+    return replace(words, geometry=geometry, colour=colour)

@@ -47,7 +47,8 @@ CANDIDATES = {
 SPATIAL = CANDIDATES["level+big+morton"]
 """The candidate that machines with `order = "spatial"` have."""
 
-_SPREAD = ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249))
+_SPREAD = (
+    (32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249))
 
 
 def contracted(mean: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from golden.host import compact
-from golden.host.chunks import cut_chunks, largest_scale, strongest
+from golden.host.chunks import cut_chunks, largest_scale, opacity_code_above, strongest
 from golden.host.compact import CompactWords
 from golden.host.order import SPATIAL, Candidate, memory_order
 from golden.scenes.model import GaussianModel
@@ -115,15 +115,24 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel, *, order: Ca
 
 def in_chunks(words: GaussianWords) -> GaussianWords:
     """The words cut into chunks, and packed where the machine's records are compact. Neither changes their order."""
-    config, saturated = words.config, dict(words.saturated)
+    config = words.config
     chunks = cut_chunks(config, words.geometry)
     if not config.compact:
-        return replace(words, chunks=chunks)
+        return with_opacities(replace(words, chunks=chunks))
     packed, lost = compact.encode(config, chunks, words.geometry, words.colour, words.sh_degree)
-    if len(chunks):
-        chunks["opacity"] = np.maximum.reduceat(packed.geometry["opacity"], chunks["first"])
     geometry, colour = compact.decode(config, chunks, packed, words.sh_degree)
-    return replace(words, geometry=geometry, colour=colour, saturated=saturated | lost, chunks=chunks, compact=packed)
+    return with_opacities(replace(
+        words, geometry=geometry, colour=colour, saturated=words.saturated | lost, chunks=chunks, compact=packed))
+
+
+def with_opacities(words: GaussianWords) -> GaussianWords:
+    """The words with the strongest opacity of their Gaussians in the headers of chunks."""
+    chunks = words.chunks.copy()
+    if len(chunks):
+        codes = (opacity_code_above(words.config, strongest(words.config, words.geometry)) if words.compact is None
+                 else words.compact.geometry["opacity"])
+        chunks["opacity"] = np.maximum.reduceat(codes, chunks["first"])
+    return replace(words, chunks=chunks)
 
 
 def _wide_words(

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from golden.host.quantise import GaussianWords, quantise_model
+from golden.host import compact
+from golden.host.quantise import GaussianWords, quantise_model, with_opacities
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import StereoFrame, render_stereo
@@ -20,6 +21,7 @@ from golden.scenes.gaze import FoveationMap
 from golden.scenes.probe import probe
 from golden.scenes.request import Request
 from golden.scenes.stereo import stereo_pair
+from spec.compact import COARSE_BOUND, FINE_LEVELS
 from spec.config import AcceleratorConfig
 from spec.constants import IPD_METRES, MAX_LEVELS
 from spec.effects import EffectPlan
@@ -38,7 +40,8 @@ def with_sh_degree(words: GaussianWords, degree: int) -> GaussianWords:
     if degree and words.sh_degree:
         count = min(colour["rest"].shape[1], words.colour["rest"].shape[1])
         colour["rest"][:, :count] = words.colour["rest"][:, :count]
-    return replace(words, colour=colour, sh_degree=degree)
+    packed = words.compact and compact.with_sh_degree(words.compact, min(degree, words.sh_degree), present=bool(degree))
+    return replace(words, colour=colour, sh_degree=degree, compact=packed)
 
 
 def prepare(
@@ -83,11 +86,20 @@ def prepare_foveation(plan: EffectPlan, config: AcceleratorConfig, foveation: Fo
 
 
 def _all_levels(words: GaussianWords, levels: int) -> GaussianWords:
+    """The words with all levels like the first. In compact records Gaussians keep the width of their fields, which their bound
+    decides: those with a bound below the highest get the highest bound of fine fields, more than the frame's tiles use."""
     geometry, colour = words.geometry.copy(), words.colour.copy()
     geometry["log2_opacity"] = geometry["log2_opacity"][:, :1]
-    geometry["bound"] = MAX_LEVELS - 1
     colour["dc"] = np.tile(colour["dc"][:, :3], (1, MAX_LEVELS))
-    return replace(words, geometry=geometry, colour=colour, levels=levels)
+    if words.chunks is None:
+        geometry["bound"] = MAX_LEVELS - 1
+        return replace(words, geometry=geometry, colour=colour, levels=levels)
+    coarse, chunks = words.chunks["bound"] == COARSE_BOUND, words.chunks.copy()
+    chunks["bound"] = np.where(coarse | (words.compact is None), COARSE_BOUND, FINE_LEVELS - 1)
+    geometry["bound"] = np.repeat(chunks["bound"], chunks["count"])
+    return with_opacities(replace(
+        words, geometry=geometry, colour=colour, levels=levels, chunks=chunks,
+        compact=words.compact and compact.with_first_level(words.compact)))
 
 
 @dataclass(frozen=True)

@@ -70,18 +70,23 @@ def chunks_section() -> list[str]:
              "## Records of machines with chunks", "", f"Layouts are those of `{V3.name}`.", ""]
     for make in (*chunks.CHUNK_RECORDS, *compact.COMPACT_RECORDS):
         lines += record_section(make, V3)
-    return lines
+    return [*lines, *_added_fields(PAPER.with_(order="spatial", chunks=True))]
 
 
 def stereo_section() -> list[str]:
     """The fields and records that only machines with stereo have."""
-    both = PAPER.with_(stereo=True)
-    lines = ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", ""]
+    return ["## Records of machines with stereo", "", f"Layouts are those of `{PAPER.name}` with `stereo`.", "",
+            *_added_fields(PAPER.with_(stereo=True))]
+
+
+def _added_fields(config: AcceleratorConfig) -> list[str]:
+    """What the records of this machine have behind the fields of PAPER's."""
+    lines = []
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS):
-        plain, record = make(PAPER), make(both)
+        plain, record = make(PAPER), make(config)
         added = record.fields[len(plain.fields):]
         if record.fields[: len(plain.fields)] != plain.fields:
-            raise ValueError(f"{record.name} must begin with the fields of machines without stereo, not {record.fields!r}")
+            raise ValueError(f"{record.name} must begin with the fields of {PAPER.name}, not {record.fields!r}")
         if added:
             offset, rows = plain.width, []
             for f in added:
@@ -131,7 +136,8 @@ def _module_docs(module: ModuleType) -> dict[str, str]:
 
 def _is_numbers(value: object) -> bool:
     """Whether it is a number, or a tuple of numbers."""
-    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in (value if isinstance(value, tuple) else (value,)))
+    values = value if isinstance(value, tuple) else (value,)
+    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in values)
 
 
 _MOST_VALUES = 64

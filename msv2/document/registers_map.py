@@ -10,9 +10,10 @@ from itertools import pairwise
 from msv2.document.text import attribute_docs
 from spec import registers
 from spec.config import PAPER, AcceleratorConfig
+from spec.host_settings import with_every_register
 from spec.registers import Code, Register
 
-EVERY_MACHINE = PAPER.with_(stereo=True)
+EVERY_MACHINE = with_every_register(PAPER)
 """The machine of the documents in docs/: it has all registers, and those that not all machines have are marked."""
 
 GROUPS = {
@@ -20,15 +21,20 @@ GROUPS = {
     "Counters": registers.COUNTERS_BASE, "": 1 << registers.REGISTER_ADDRESS_BITS}
 """Headings and the first address of each."""
 
-_COMMON = {register.name for register in registers.register_map(PAPER)}
+_ADDED = {
+    register.name: f" (only with {what})"
+    for what, machine in (("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
+    for register in registers.register_map(machine)} | dict.fromkeys(
+        (register.name for register in registers.register_map(PAPER)), "")
+"""What the documents say behind a register, by its name."""
 
 
 def register_list(config: AcceleratorConfig) -> tuple[Register, ...]:
-    """Every register of a machine, by ascending address; EVERY_MACHINE's say where only machines with stereo have them."""
+    """Every register of a machine, by ascending address; EVERY_MACHINE's say which machines have them if not all do."""
     everything = registers.register_map(config)
     if config != EVERY_MACHINE:
         return everything
-    return tuple(r if r.name in _COMMON else replace(r, doc=f"{r.doc} (only with stereo)") for r in everything)
+    return tuple(replace(r, doc=r.doc + _ADDED[r.name]) for r in everything)
 
 
 def grouped(config: AcceleratorConfig) -> Iterator[tuple[str, list[Register]]]:

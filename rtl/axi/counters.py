@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.axi.registers import counters_layout
 from spec.config import AcceleratorConfig
 from spec.queues import COUNTER_BITS
-from spec.registers import READ_CLIENTS, Phase, events, stages, write_clients
+from spec.registers import Phase, events, read_clients, stages, write_clients
 
 
 class StageCounters(wiring.Component):
@@ -80,7 +80,7 @@ class PerformanceCounters(wiring.Component):
         super().__init__({
             "phase": In(unsigned(Phase.width())), "clear": In(1), "finished": In(1),
             "stage_valid": watched, "stage_ready": watched,
-            "read_beats": In(len(READ_CLIENTS)), "write_beats": In(len(write_clients(config))),
+            "read_beats": In(len(read_clients(config))), "write_beats": In(len(write_clients(config))),
             "events": In(events_layout(config)), "counters": Out(counters_layout(config)),
             **({"target": In(1), "next_pass": In(1)} if config.stereo else {}),
         })
@@ -99,7 +99,7 @@ class PerformanceCounters(wiring.Component):
 
         steps: dict[str, Value] = {"cycles_total": active, "frames": self.finished}
         steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
-        steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(READ_CLIENTS)}
+        steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(read_clients(self.config))}
         steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(write_clients(self.config))}
         final = self.finished | self.next_pass if self.config.stereo else self.finished
         steps |= {name: Mux(final, self.events[name], 0) for name in events(self.config)}

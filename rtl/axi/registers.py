@@ -14,7 +14,6 @@ from spec.host_settings import limits, settings
 from spec.memory import frame_settings
 from spec.registers import (
     COUNTERS_BASE,
-    READ_CLIENTS,
     Access,
     ErrorCode,
     Phase,
@@ -22,6 +21,7 @@ from spec.registers import (
     counters,
     identity,
     is_signed,
+    read_clients,
     register_map,
     write_clients,
 )
@@ -71,7 +71,7 @@ class RegisterFile(wiring.Component):
             **bus.axi_lite_slave_ports("s_axi"),
             "settings": Out(layout(frame_settings(config))), "start": Out(1), "abort": Out(1), "clear": Out(1),
             "finished": In(1), "error": In(unsigned(ErrorCode.width())), "busy": In(1), "phase": In(unsigned(Phase.width())),
-            "read_errors": In(len(READ_CLIENTS)), "write_errors": In(len(write_clients(config))), "interrupt": Out(1),
+            "read_errors": In(len(read_clients(config))), "write_errors": In(len(write_clients(config))), "interrupt": Out(1),
             **({"counters": In(counters_layout(config))} if config.counters else {}),
         })
 
@@ -80,6 +80,7 @@ class RegisterFile(wiring.Component):
         m.submodules.slave = slave = LiteSlave()
         bus.join(m, self, slave, "s_axi")
         self._registers = {r.name: r for r in register_map(self.config)}
+        self._numbers = settings(self.config)[-1].number + 1
         written = {s.name: Signal(s.field.format.width, name=s.name) for s in settings(self.config)}
         commands = self._commands(m, slave)
         values = {name: Value.cast(value) for name, value in identity(self.config).items()}
@@ -118,7 +119,7 @@ class RegisterFile(wiring.Component):
         """The state of a frame from its start to its end. Returns the values of the control registers by name."""
         copying, checked, running, forgetting = Signal(), Signal(), Signal(), Signal()
         done, failed, pending, enabled = Signal(), Signal(), Signal(2), Signal(2)
-        code, number = Signal(ErrorCode.width()), Signal(range(len(written)))
+        code, number = Signal(ErrorCode.width()), Signal(range(self._numbers))
         illegal, first = self._check(m, written)
         busy, ends, begins = Signal(), Signal(), Signal()
         m.d.comb += [
@@ -166,7 +167,7 @@ class RegisterFile(wiring.Component):
     def _check(self, m: Module, written: dict[str, Signal]) -> tuple[Signal, Signal]:
         """Whether a setting is out of its limits, and the number of the first one that is. Both are registered: they come a
         cycle after the settings."""
-        illegal, first = Signal(), Signal(range(len(written)))
+        illegal, first = Signal(), Signal(range(self._numbers))
         numbers = {s.name: s.number for s in settings(self.config)}
         m.d.sync += illegal.eq(0)
         for limit in reversed(limits(self.config)):  # the first setting comes last, because the last assignment wins

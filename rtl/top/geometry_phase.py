@@ -18,10 +18,11 @@ from rtl.tile_lists.tile_settings import mask_port
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
 from spec.records import frame_tiles, intersection_tile
+from spec.registers import CHUNK_READ_CLIENTS
 from spec.saturations import SATURATIONS
 
-READERS, WRITERS = ("geometry", "tiles", "colour"), ("entries", "views")
-"""Memory clients of this phase, by the names of `spec.registers`."""
+WRITERS = ("entries", "views")
+"""Memory clients of this phase that write, by the names of `spec.registers`."""
 
 STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
 """Stages of this phase whose input streams are watched by the performance counters."""
@@ -29,6 +30,11 @@ STAGES = ("geometry", "projection", "tile_test", "colour", "entry_write")
 _COUNTS = (
     "points", "culled_near", "culled_faint", "culled_outside", "survivors", "entries", "filtered",
     *(saturation.name for saturation in SATURATIONS))
+
+
+def readers(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Memory clients of this phase that read, by the names of `spec.registers`."""
+    return ("geometry", "tiles", "colour", *(CHUNK_READ_CLIENTS if config.chunks else ()))
 
 
 class GeometryPhase(wiring.Component):
@@ -46,7 +52,7 @@ class GeometryPhase(wiring.Component):
         settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
         clear: strobe before a frame.
         start_table, start: strobes, in this order; the second may come once `table_done` is high.
-        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        reads_NAME, data_NAME: the memory clients of `readers`; writes_NAME, idle_NAME: those of WRITERS.
         hits: IntersectionTile items for the tile merge unit; the frame's `end` follows when the last intersection has been
             written.
         table_done: the table of tiles has been read since `clear`.
@@ -67,7 +73,7 @@ class GeometryPhase(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__({
-            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+            **phase_ports(config, readers(config), WRITERS, STAGES, _COUNTS),
             "start_table": In(1), "hits": Out(stream.Signature(layout(intersection_tile(config)))), "table_done": Out(1),
             "full": Out(1),
             **({**mask_port(config), "rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),

@@ -17,7 +17,7 @@ from rtl.top import geometry_phase, render_phase
 from rtl.top.controller import FrameController
 from spec.config import AcceleratorConfig
 from spec.queues import READ_DEPTHS
-from spec.registers import READ_CLIENTS, ErrorCode, events, stages, write_clients
+from spec.registers import ErrorCode, events, read_clients, stages, write_clients
 
 
 class Machine(wiring.Component):
@@ -41,7 +41,7 @@ class Machine(wiring.Component):
         self.config = config
         super().__init__({
             **bus.axi_lite_slave_ports("s_axil"),
-            **bus.axi_master_ports("m_axi", id_bits(len(READ_CLIENTS), len(write_clients(config)))),
+            **bus.axi_master_ports("m_axi", id_bits(len(read_clients(config)), len(write_clients(config)))),
             "interrupt": Out(1),
         })
 
@@ -49,7 +49,7 @@ class Machine(wiring.Component):
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
         m.submodules.controller = controller = FrameController(self.config)
-        m.submodules.master = master = AxiMaster(self.config, len(READ_CLIENTS), len(write_clients(self.config)))
+        m.submodules.master = master = AxiMaster(self.config, len(read_clients(self.config)), len(write_clients(self.config)))
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
         renamed = DomainRenamer("units")
@@ -124,10 +124,10 @@ class Machine(wiring.Component):
         geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
     ) -> None:
         """Connects clients to the bus. Both phases read the table of tiles, one after the other, so they share one client."""
-        for place, name in enumerate(READ_CLIENTS):
+        phases = ((geometry, geometry_phase.readers(self.config)), (render, render_phase.READERS))
+        for place, name in enumerate(read_clients(self.config)):
             queue = ReadQueue(self.config, READ_DEPTHS[name])
             m.submodules[f"queue_{name}"] = renamed(queue)
-            phases = ((geometry, geometry_phase.READERS), (render, render_phase.READERS))
             users = [unit for unit, names in phases if name in names]
             self._connect_readers(m, name, queue, users)
             wiring.connect(m, queue.requests, master.reads[place])

@@ -342,7 +342,7 @@ async def counters(host: Host) -> None:
                 host.dut.counters.value = (1 << layout.size) - 1 - int(host.dut.counters.value)
                 await host.wait(2)
             assert high << 32 | low == values[c.name], c.name
-    clients = registers.READ_CLIENTS, registers.write_clients(host.config)
+    clients = registers.read_clients(host.config), registers.write_clients(host.config)
     reads, writes = (host.rng.getrandbits(len(names)) for names in clients)
     host.dut.read_errors.value, host.dut.write_errors.value = reads, writes
     assert await host.read("error_clients") == reads | writes << 16

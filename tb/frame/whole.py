@@ -15,7 +15,7 @@ from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
-from spec.registers import READ_CLIENTS, stages, write_clients
+from spec.registers import read_clients, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
@@ -93,8 +93,9 @@ def performance(
                                               "fetch_misses", "ops", "skipped")},
         "dram_bytes": {
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
-            "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in READ_CLIENTS},
+            "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in read_clients(config)},
             "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in write_clients(config)}},
+        "memory": speed.kind, "activates": result.activates, "refreshes": result.refreshes,
         "memory_busy_cycles": result.busy, "latency": speed.latency, "bytes_per_cycle": speed.bytes_per_cycle,
         "wall_s": round(result.seconds, 3), "cpu_s": round(result.cpu_seconds, 3),
         "cycles_per_s": round(result.cycles / result.seconds)}

@@ -13,7 +13,7 @@ import numpy as np
 from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS, ErrorCode
+from spec.registers import WRITE_CLIENTS, ErrorCode, read_clients
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
@@ -72,7 +72,7 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
         add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
     for name in ("geometry", "tiles", "colour"):
-        clients = {"error_clients": 1 << READ_CLIENTS.index(name)}
+        clients = {"error_clients": 1 << read_clients(config).index(name)}
         add(failing(scene, name, ErrorCode.READ_ERROR, clients))
     for name in ("entries", "views", "frame"):
         clients = {"error_clients": 1 << 16 + WRITE_CLIENTS.index(name)}

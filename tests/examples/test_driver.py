@@ -20,9 +20,9 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from spec.config import TINY
-from spec.host_settings import settings
+from spec.host_settings import settings, with_every_register
 from spec.paths import DOCS, ROOT
-from spec.registers import MAGIC, VERSION_MAJOR, ErrorCode, identity, register_map
+from spec.registers import MAGIC, SETTINGS_BASE, VERSION_MAJOR, ErrorCode, fingerprint, identity, register_map
 from tb.top.check import frame_run
 from tb.top.player import Map, setting_writes
 
@@ -154,15 +154,31 @@ def test_settings_are_those_of_the_host_with_moved_bases(library: ctypes.CDLL, i
 
 
 @needs_gcc
+def test_every_base_is_moved(library: ctypes.CDLL) -> None:
+    """Of a machine with all registers: whatever setting is an address in memory, and no other."""
+    registers, machine = Registers(library), with_every_register(TINY)
+    at = {setting.name: SETTINGS_BASE + 4 * setting.number for setting in settings(machine)}
+    head = [0x3249534D, 2, fingerprint(machine), len(at), 0, 1, 1, 4, 0, 0]
+    data = np.array([*head, *(word for offset in at.values() for word in (offset, 5))], "<u4").tobytes()
+    result, found, _ = opened(library, data)
+    assert result == OK
+    library.msv2_set_frame(None, ctypes.byref(found), DRAM)
+    assert registers.written == [(offset, 5 + DRAM // 32 * name.endswith("_base")) for name, offset in at.items()]
+
+
+@needs_gcc
 def test_images_that_are_none_are_refused(library: ctypes.CDLL, packed: bytes) -> None:
     def changed(word: int, value: int) -> bytes:
         return packed[:4 * word] + struct.pack("<I", value) + packed[4 * word + 4:]
 
-    first = 10 + struct.unpack_from("<I", packed, 12)[0]
+    first = 10 + 2 * struct.unpack_from("<I", packed, 12)[0]
     wrong = {
         "empty": b"", "head alone": packed[:36], "settings cut off": packed[:80], "contents cut off": packed[:-1],
-        "magic": changed(0, 1), "version": changed(1, 2), "settings": changed(3, 52), "many settings": changed(3, 0xFFFFFFFF),
-        "many segments": changed(4, 0xFFFFFFFF), "little memory": changed(9, 32),
+        "magic": changed(0, 1), "version": changed(1, 1), "few settings": changed(3, 50),
+        "many settings": changed(3, 0xFFFFFFFF),
+        "many settings of 8 bytes": changed(3, (len(packed) - 40) // 8 + 1),
+        "setting before the settings": changed(10, 0x20), "setting behind them": changed(10, 0x400),
+        "setting within a word": changed(10, 0x102), "many segments": changed(4, 0xFFFFFFFF), "little memory": changed(9, 32),
         "segment beyond memory": changed(first, 1 << 31),
         "segment of 4 GB": changed(first + 1, 0xFFFFFFFF), "place beyond the file": changed(first + 2, 0xFFFFFFE0)}
     assert opened(library, packed)[0] == OK
@@ -246,13 +262,13 @@ def test_the_frame_on_the_rtl_is_the_golden_renderers(simulated: tuple[Path, sub
     """Minutes: a simulator of the tiny machine is built. The example compares pixels and counters."""
     out, done = simulated
     assert done.returncode == 0 and " 0 values differ" in done.stdout, done.stdout + done.stderr
-    assert "machine 2." in done.stdout and "frames 1 " in done.stdout and (out / "frame.png").is_file()
+    assert "machine 3." in done.stdout and "frames 1 " in done.stdout and (out / "frame.png").is_file()
 
 
 @needs_gcc
 @pytest.mark.long
 @pytest.mark.parametrize(("word", "value", "timeout", "status", "said"), [
-    (10 + 29, 0, "1000", FRAME_FAILED, "the frame failed: error 1, setting 0x174"),
+    (10 + 2 * 29 + 1, 0, "1000", FRAME_FAILED, "the frame failed: error 1, setting 0x174"),
     (None, 0, "0", TIMEOUT, "render: result 7"), (2, 1, "1000", OTHER_MACHINE, "load: result 4"),
     (0, 1, "1000", BAD_IMAGE, "image: result 3")], ids=["bad setting", "no time", "another machine", "no image"])
 def test_what_goes_wrong_on_the_rtl(

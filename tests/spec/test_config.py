@@ -1,4 +1,4 @@
-"""AcceleratorConfig: what it refuses, and what the three configurations promise."""
+"""AcceleratorConfig: what it refuses, and what the named configurations promise."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from spec.config import (
     PRESETS,
     SHORT_FORMATS,
     TINY,
+    V3,
     AcceleratorConfig,
     NumberFormats,
 )
@@ -26,7 +27,7 @@ RANGES = {
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
     "warp_columns": (64, 8192),
 }
-FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled")
+FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns")
 
 
@@ -74,6 +75,7 @@ def test_flags_are_bools(name):
     ("support_sigma", float("inf"), ValueError), ("support_sigma", "3", TypeError), ("support_sigma", True, TypeError),
     ("name", "", ValueError), ("name", "a/b", ValueError), ("name", None, TypeError), ("name", 3, TypeError),
     ("warp_fill", "all", ValueError), ("warp_fill", None, ValueError), ("warp_fill", [], ValueError),
+    ("order", "random", ValueError), ("order", None, ValueError), ("records", "narrow", ValueError), ("records", 2, ValueError),
 ])
 def test_other_parameters_are_checked(name, bad, error):
     with pytest.raises(error) as caught:
@@ -87,8 +89,19 @@ def test_stereo_needs_depth():
         DEFAULT.with_(stereo=True, depth=False)
 
 
+def test_chunks_need_an_order_and_compact_records_need_chunks():
+    assert PAPER.with_(order="spatial").order == "spatial"
+    wide = PAPER.with_(order="spatial", chunks=True)
+    assert (wide.chunks, wide.compact, V3.compact) == (True, False, True)
+    with pytest.raises(ValueError, match=r"^order must be 'spatial' in a machine with chunks, not 'file'$"):
+        PAPER.with_(chunks=True)
+    with pytest.raises(ValueError, match=r"^chunks must be True in a machine with compact records, not False$"):
+        PAPER.with_(order="spatial", records="compact")
+
+
 def test_every_parameter_is_covered_here():
-    assert {f.name for f in fields(AcceleratorConfig)} == {*RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill"}
+    assert {f.name for f in fields(AcceleratorConfig)} == {
+        *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records"}
 
 
 def test_frozen_keyword_only_and_hashable():
@@ -109,7 +122,10 @@ def test_support_may_be_absent_or_real():
 def test_the_configurations():
     """PAPER has the source's resources: 16x16 cores, 8 culling units, 64 KB of sorting buffer, 1 KB line buffers, 1920 pixels;
     DEFAULT its array; TINY passes over a tile in 16 blocks."""
-    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "precise": PRECISE, "balanced": BALANCED, "fast": FAST}
+    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, "precise": PRECISE, "balanced": BALANCED,
+                       "fast": FAST}
+    assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
+    assert all((c.order, c.chunks, c.records) == ("file", False, "wide") for c in CONFIGS.values() if c is not V3)
     assert (PAPER.cores_x, PAPER.cores_y, PAPER.blocks, PAPER.banks) == (16, 16, 1, 2)
     assert (PAPER.culling_units, PAPER.row_width) == (8, 1920)
     assert (PAPER.line_buffer_bytes, PAPER.sort_buffer_bytes) == (1024, 64 * 1024)

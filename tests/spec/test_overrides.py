@@ -19,6 +19,7 @@ from spec.overrides import (
     add_config_arguments,
     changed,
     config_from,
+    config_from_record,
     config_record,
     convert,
     read_file,
@@ -89,6 +90,16 @@ def test_a_record_holds_everything_and_makes_the_machine_again(config):
     assert again.with_(name=other.name) == other
 
 
+def test_a_record_from_before_chunks_is_a_machine_without_them():
+    record = config_record(PAPER)
+    for name in ("order", "chunks", "records"):
+        del record[name]
+    del record["formats"]["chunk"]
+    assert config_from_record(record) == PAPER
+    with pytest.raises(InputError, match=r"record without chunks, formats\.chunk is not accepted"):
+        config_from_record(record | {"order": "spatial", "records": "wide"})
+
+
 def test_every_field_can_be_set():
     assert set(NAMES) == {f.name for f in fields(AcceleratorConfig)} - {"formats"} | {
         f"formats.{f.name}" for f in fields(NumberFormats)}
@@ -116,6 +127,8 @@ def test_every_field_can_be_set():
     (["depth=maybe"], r"depth 'maybe' is not accepted: true or false is"),
     (["support_sigma=far"], r"support_sigma 'far' is not accepted: a number or none is"),
     (["support_sigma=nan"], r"support_sigma must be None or in 0.5..8, not nan"),
+    (["order=depth"], r"order must be one of file, spatial, not 'depth'"),
+    (["chunks=true"], r"order must be 'spatial' in a machine with chunks, not 'file'"),
     (["warp_fill=all"], r"warp_fill must be one of majority, interior, not 'all'"),
     (["formats.colour=SQ1.8"], r"formats.colour 'SQ1.8' is not accepted: an unsigned fixed-point format is, written as UQ1.9"),
     (["formats.view=UQ1.8"], r"formats.view 'UQ1.8' is not accepted: a signed small float is, written as float20e8b127"),

@@ -21,7 +21,8 @@ from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access,
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)
-MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.values(), STEREO)}
+EVERY = host_settings.with_every_register(PAPER).with_(name="every")
+MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.values(), STEREO, EVERY)}
 
 
 @pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
@@ -52,10 +53,24 @@ def test_addresses_and_bits_do_not_overlap(config):
 def test_every_number_of_the_settings_has_a_register_in_order(config):
     found = [r for r in MAPS[config.name] if r.format]
     wanted = [f for f in frame_settings(config).fields for _ in range(f.count)]
-    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 51
+    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == (55 if config.chunks else 51)
     assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in range(len(found))]
-    assert found[3].name == "rotation_0" and found[-1].name == "frame_base"
+    assert found[3].name == "rotation_0" and found[50].name == "frame_base"
     assert all(r.access is Access.READ_WRITE for r in found)
+
+
+def test_a_register_has_one_address_in_all_machines():
+    """Where a machine has no chunks or no stereo, the addresses of their registers are empty."""
+    every = {r.name: r.offset for r in MAPS["every"]}
+    for everything in MAPS.values():
+        assert {r.name: r.offset for r in everything}.items() <= every.items()
+    assert set(every) == {r.name for name in ("v3", "stereo") for r in MAPS[name]}
+    added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3", "stereo")}
+    assert added["v3"] == {"chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
+    assert every["chunks"] == every["frame_base"] + 4 and every["stereo"] == every["reach_1"] + 4
+    assert every["read_beats_chunks"] == every["pixels"] + 4 and every["cycles_target_low"] == every["chunks_skipped"] + 4
+    assert registers.read_clients(EVERY) == (*registers.READ_CLIENTS, "chunks") == registers.read_clients(CONFIGS["v3"])
+    assert registers.read_clients(STEREO) == registers.READ_CLIENTS
 
 
 def test_a_setting_that_does_not_fit_is_refused():
@@ -110,15 +125,21 @@ def test_identity_tells_machines_apart():
         assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
         assert all(0 <= value < 1 << 32 for value in values.values())
     assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
+    v3, wide = registers.identity(CONFIGS["v3"]), registers.identity(PAPER.with_(order="spatial", chunks=True))
+    assert (v3["machine_array"], wide["machine_array"]) == tuple(
+        registers.identity(PAPER)["machine_array"] | flags << 27 for flags in (3, 1))
     prints = {registers.fingerprint(c) for c in (TINY, DEFAULT, PAPER, PAPER.with_(depth=False))}
     assert len(prints) == 4 and registers.fingerprint(PAPER.with_(name="same")) == registers.fingerprint(PAPER)
 
 
 def test_the_page_shows_everything():
     page = document_registers.page()
-    for r in MAPS["stereo"]:
+    for r in MAPS["every"]:
         assert re.search(rf"^\| 0x{r.offset:03X} \|.* `{r.name}` \|", page, re.MULTILINE), r.name
         assert all(f"`.{bits.name}`" in page for bits in r.bits if not r.format)
+        having = {name for name in ("paper", "v3", "stereo") if r.name in {other.name for other in MAPS[name]}}
+        line, = (line for line in page.splitlines() if line.startswith(f"| 0x{r.offset:03X} |"))
+        assert ("only with chunks" in line, "only with stereo" in line) == (having == {"v3"}, having == {"stereo"}), r.name
     for value in (*Phase, *ErrorCode):
         assert f"| {int(value)} | `{value.name}` |" in page
 
@@ -127,7 +148,7 @@ def test_the_header_shows_everything():
     header = document_registers.header()
     macros = re.findall(r"^#define (\w+) (\S+)$", header, re.MULTILINE)
     assert len(dict(macros)) == len(macros)
-    for r in MAPS["stereo"]:
+    for r in MAPS["every"]:
         assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
     assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
     assert (Phase.width(), ErrorCode.width()) == (3, 4)
@@ -139,7 +160,8 @@ def test_the_header_compiles(tmp_path):
     probe = tmp_path / "probe.c"
     probe.write_text('#include "msv2_registers.h"\n#include "msv2_registers.h"\n'
                      "int main(void) { return MSV2_FRAME_BASE != MSV2_SETTINGS_BASE + 4 * (MSV2_SETTINGS_COUNT - 1)\n"
-                     "    || MSV2_ERROR_ABORTED != 7 || MSV2_READ_CLIENT_VIEWS != MSV2_READ_CLIENTS - 1; }\n")
+                     "    || MSV2_ERROR_ABORTED != 7 || MSV2_READ_CLIENT_VIEWS != MSV2_READ_CLIENTS - 1\n"
+                     "    || MSV2_READ_CLIENT_CHUNKS != MSV2_CHUNKS_READ_CLIENTS - 1; }\n")
     program = tmp_path / "probe"
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{ROOT / 'docs'}", probe, "-o", program],
                    check=True)

@@ -29,6 +29,7 @@ def test_the_map_of_a_machine_without_stereo_is_part_of_the_other(plain, both):
     small, large = ({r.name: r.offset for r in registers.register_map(c)} for c in (plain, both))
     assert small.items() < large.items()
     last = max(offset for offset in small.values() if offset < registers.SATURATIONS_BASE)
+    assert min(large[name] for name in set(large) - set(small)) > small["frame_base"]
     assert all(large[name] > last for name in set(large) - set(small) if large[name] >= registers.COUNTERS_BASE)
     more = [c.name for c in registers.counters(both) if c not in registers.counters(plain)]
     assert more == ["cycles_target", "write_beats_warp", "warp_busy", "warp_starved", "warp_blocked", *registers.STEREO_EVENTS]

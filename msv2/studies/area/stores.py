@@ -48,6 +48,7 @@ from spec.records import (
     tile_header,
     tile_index,
 )
+from spec.registers import read_clients
 from spec.stereo import disparity
 from synth.machine import BLENDING, COLOUR, CULLING, LISTS, SORTING, WARP
 
@@ -82,14 +83,14 @@ class Store:
 
 def stores(config: AcceleratorConfig) -> tuple[Store, ...]:
     """The memories of a machine. Those that are always too small for SRAM are left out: they are part of a unit's logic."""
-    found = [*_queues(), *_culling(config), *_lists(config), *_sorting(config), *_drawing(config)]
+    found = [*_queues(config), *_culling(config), *_lists(config), *_sorting(config), *_drawing(config)]
     return (*found, *_warp(config)) if config.stereo else tuple(found)
 
 
-def _queues() -> Iterator[Store]:
+def _queues(config: AcceleratorConfig) -> Iterator[Store]:
     width = read_data(PAPER).width
-    for client, depth in READ_DEPTHS.items():  # one word of each queue is its output register
-        yield Store("memory queues", client, LISTS, depth - 1, width)
+    for client in read_clients(config):  # one word of each queue is its output register
+        yield Store("memory queues", client, LISTS, READ_DEPTHS[client] - 1, width)
 
 
 def _culling(config: AcceleratorConfig) -> Iterator[Store]:

@@ -70,8 +70,8 @@ def test_bit_ranges_of_each_record_are_contiguous():
             assert (ranges[0][1] == 0) == (", besides: " not in section)
             assert all(low == before + 1 for (before, _), (_, low) in itertools.pairwise(ranges))
             assert section.split("\n")[0].removesuffix(" in all").endswith(f": {ranges[-1][0] + 1} bits")
-    makes, both = (*RECORDS, *MEMORY_RECORDS), PAPER.with_(stereo=True)
-    grown = [make for make in makes if make(both) != make(PAPER)]
+    makes, larger = (*RECORDS, *MEMORY_RECORDS), (PAPER.with_(order="spatial", chunks=True), PAPER.with_(stereo=True))
+    grown = [make for make in makes for config in larger if make(config) != make(PAPER)]
     assert checked == len(makes) + len(CHUNK_RECORDS) + len(COMPACT_RECORDS) + len(grown)
 
 

@@ -19,7 +19,8 @@ from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
 from spec import registers
 from spec.config import TINY
-from spec.registers import READ_CLIENTS, Phase
+from spec.host_settings import with_every_register
+from spec.registers import Phase
 from tests.helpers.rtl_streams import assert_rejected
 
 
@@ -183,9 +184,10 @@ def test_stage_counters_add_up():
     simulate(dut, bench)
 
 
-@pytest.mark.parametrize("config", [TINY, TINY.with_(stereo=True)], ids=["tiny", "stereo"])
+@pytest.mark.parametrize("config", [TINY, TINY.with_(stereo=True), with_every_register(TINY)], ids=["tiny", "stereo", "every"])
 def test_performance_counters_count_what_their_names_say(config):
     rng, dut = random.Random(2), PerformanceCounters(config)
+    readers = registers.read_clients(config)
     stages, writers, names_of_events = registers.stages(config), registers.write_clients(config), registers.events(config)
 
     async def bench(ctx):
@@ -193,7 +195,7 @@ def test_performance_counters_count_what_their_names_say(config):
         for step in range(300):
             phase = rng.choice(list(Phase))
             valid, ready = rng.getrandbits(len(stages)), rng.getrandbits(len(stages))
-            reader, writer = rng.randrange(len(READ_CLIENTS) + 1), rng.randrange(len(writers) + 1)
+            reader, writer = rng.randrange(len(readers) + 1), rng.randrange(len(writers) + 1)
             events = {name: rng.getrandbits(16) for name in names_of_events}
             ctx.set(dut.phase, phase)
             ctx.set(dut.stage_valid, valid)
@@ -213,7 +215,7 @@ def test_performance_counters_count_what_their_names_say(config):
             for i, stage in enumerate(stages):
                 what = "starved" if not valid >> i & 1 else "busy" if ready >> i & 1 else "blocked"
                 wanted[f"{stage}_{what}"] += active
-            for total, names, client in (("read_beats", READ_CLIENTS, reader), ("write_beats", writers, writer)):
+            for total, names, client in (("read_beats", readers, reader), ("write_beats", writers, writer)):
                 if client:
                     wanted.update([total, f"{total}_{names[client - 1]}"])
             if step == 100:
