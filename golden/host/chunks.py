@@ -95,8 +95,8 @@ def position_codes(low: np.ndarray, step: np.ndarray, mean: np.ndarray) -> np.nd
 
 
 def _grids(config: AcceleratorConfig, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(step, extent), int64, of the finest grids from `low` (any shape) on that hold `high`. Their boxes contain both `high` and
-    what its code decodes to."""
+    """(step, extent), int64, of the finest grids from `low` (any shape) on that hold `high`. Their boxes contain both `high`
+    and what its code decodes to."""
     most, boxes = (1 << POSITION_BITS) - 1, 1 << EXTENT_BITS
     size = _above(high, low)
     step = np.where(size > 0, np.frexp(size)[1] - POSITION_BITS + STEP_BIAS, 0)  # this or the next is enough before rounding

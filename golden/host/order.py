@@ -6,9 +6,12 @@ together. An order of CANDIDATES sorts
 1. by the Morton code of contracted coordinates, which keep far points from squeezing the near ones into a few cells, and by the
    bits of the wide record, geometry first: so the order is total, and depends neither on the order of the model's file nor on
    which of several coincident points comes first there;
-2. then, inside blocks of `block` Gaussians of that order, by quality bound, the highest first, so that the Gaussians of a chunk
-   have the same levels;
-3. and by size: the largest LARGE_SHARE of all splats lie apart, because one of them would blow up the bounds of its chunk.
+2. by what lies `apart` in the whole model;
+3. by what is sorted `inside` blocks of `block` Gaussians of that order.
+
+There are two such things: `bound`, the quality bound, the highest first, so that the Gaussians of a chunk have the same levels;
+and `large`, so that the largest LARGE_SHARE of all splats do not blow up the bounds of many chunks. Where bounds are sorted in the
+whole model, a frame's survivors cluster more than its colour unit likes, and a row of memory holds no neighbours of other bounds.
 
 The study `v3` compares the candidates by the cycles of an LPDDR3 memory; `SPATIAL` is the one of machines with
 `order = "spatial"`.
@@ -20,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spec.chunks import CHUNK
 from spec.config import AcceleratorConfig
 from spec.packing import pack
 from spec.records import gaussian_colour, gaussian_geometry
@@ -33,18 +37,25 @@ MORTON_BITS = 21
 
 
 class Candidate(NamedTuple):
-    """An order: what each block is sorted by, the most significant first, and the size of a block; 0 is the whole model."""
+    """An order: what lies apart in the whole model, and what is sorted inside blocks of so many Gaussians, each with the most
+    significant first."""
 
-    keys: tuple[str, ...]
-    block: int = 0
+    apart: tuple[str, ...] = ()
+    block: int = CHUNK
+    inside: tuple[str, ...] = ()
 
 
 CANDIDATES = {
-    "file": None, "morton": Candidate(()), "big+morton": Candidate(("large",)), "level+morton": Candidate(("bound",)),
-    "level+big+morton": Candidate(("bound", "large"))}
+    "file": None,
+    "morton": Candidate(),
+    "big+morton": Candidate(("large",)),
+    "level+morton": Candidate(("bound",)),
+    "level+big+morton": Candidate(("bound", "large")),
+    "big+blocks": Candidate(("large",), 1024, ("bound",)),
+}
 """Orders by name; None is the order of the model's file."""
 
-SPATIAL = CANDIDATES["level+big+morton"]
+SPATIAL = CANDIDATES["big+blocks"]
 """The candidate that machines with `order = "spatial"` have."""
 
 _SPREAD = (
@@ -95,8 +106,18 @@ def memory_order(
     base = _by_place(config, geometry, colour, sh_degree)
     size = n.scale.to_float(geometry["scale"]).max(axis=1)
     keys = {"bound": -geometry["bound"].astype(np.int64), "large": size > np.quantile(size, 1 - LARGE_SHARE)}
-    block = np.arange(count) // (order.block or count)
-    return base[np.lexsort([*(keys[name][base] for name in reversed(order.keys)), block])]
+
+    def sort(rows: np.ndarray, names: tuple[str, ...], first: np.ndarray) -> np.ndarray:
+        return rows[np.lexsort([*(keys[name][rows] for name in reversed(names)), first])]
+
+    base = sort(base, order.apart, np.zeros(count))
+    part = np.zeros(count, np.int64)
+    for name in order.apart:
+        part[1:] += keys[name][base[1:]] != keys[name][base[:-1]]
+    part = np.cumsum(part > 0)
+    place = np.arange(count) - np.searchsorted(part, part)
+    begins = np.append(True, (np.diff(part) > 0) | (place[1:] % order.block == 0))
+    return sort(base, order.inside, np.cumsum(begins))
 
 
 def _by_place(config: AcceleratorConfig, geometry: np.ndarray, colour: np.ndarray, sh_degree: int) -> np.ndarray:
