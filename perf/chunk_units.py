@@ -5,8 +5,8 @@
                                                              ▼   │
                                                             memory
 
-A header enters the chunk test every TEST_INTERVAL cycles. Chunks that are read wait in a queue; the others leave. The chunk reader
-requests a chunk's beats one after the other. A beat of compact records holds two Gaussians, which are decoded one by one.
+A header enters the chunk test every TEST_INTERVAL cycles. Chunks that are read wait in a queue; the others leave. The reader
+requests the beats of one chunk after the other. A beat of compact records holds two Gaussians, which are decoded one by one.
 """
 
 from __future__ import annotations
@@ -127,10 +127,11 @@ def _test_chunks(s, t, chunk_read):
 
 @step
 def step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points):
-    """Steps all units before projection, which has taken its input of this cycle. `reader` is the client whose read was granted.
+    """Steps all units before projection, which has taken its input of this cycle. `reader` is the client whose read was
+    granted.
 
-    Of the read chunks and the frame's end, `chunk_first` are the first indices, and `chunk_points` the numbers of Gaussians, 0 at
-    the end. `chunk_read` says of each header, and of the end, whether it passes the test.
+    Of the chunks that are read and the frame's end, `chunk_first` are the first indices, and `chunk_points` the numbers of
+    Gaussians, 0 at the end. `chunk_read` says of each header, and of the end, whether it passes the test.
     """
     fetch(s, DECODE, t)
     _give_points(s, t, chunk_first, chunk_points)

@@ -14,8 +14,8 @@ from perf.kernel import phase, step
 from perf.layout import Layout
 
 NEAR_CULLED, OUTSIDE, VISIBLE, UNREAD = range(4)
-"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected; UNREAD lie
-in a chunk that is skipped."""
+"""Classes of points: NEAR_CULLED are behind the near plane or too faint; OUTSIDE touch no tile; VISIBLE are projected; UNREAD
+lie in a chunk that is skipped."""
 
 NOT_LAST, CLOSES, ENDS = range(3)
 """Kinds of runs of tiles: others of the same splat follow; the last one of its splat; the end of the frame."""
