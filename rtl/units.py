@@ -12,6 +12,9 @@ from amaranth.lib import wiring
 
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.geometry_decode import GeometryDecode
+from rtl.chunks.header_reader import ChunkHeaderReader
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -48,7 +51,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import AcceleratorConfig, NumberFormats
+from spec.config import V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import STAGES
 
@@ -77,6 +80,16 @@ def _operator(doc: str, make: Callable[[NumberFormats], wiring.Component]) -> Un
     return Unit(lambda config: make(config.formats), doc, "arithmetic")
 
 
+def _of_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where it reads no chunks the same one that does, with V3's records."""
+    return config if config.chunks else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
+def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where its records are wide the same one with V3's."""
+    return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
 UNITS: dict[str, Unit] = {
     TOP: Unit(Machine, "the whole machine: AXI4-Lite slave, AXI4 master, interrupt", "machine"),
     "pixel_core": Unit(PixelCore, "one pixel: alpha, transmittance, colour and depth sums"),
@@ -95,6 +108,12 @@ UNITS: dict[str, Unit] = {
     "float_sqrt": _operator("sqrt(a)", lambda n: FloatSqrt(a=n.work, result=n.extent)),
     "float_to_fixed": _operator("a small float to fixed point", lambda n: FloatToFixed(a=n.view, result=n.mean2d)),
     "fixed_to_float": _operator("fixed point to a small float", lambda n: FixedToFloat(a=n.quaternion, result=n.work)),
+    "chunk_header_reader": Unit(lambda config: ChunkHeaderReader(_of_chunks(config)),
+                                "headers of chunks from memory to their test"),
+    "chunk_reader": Unit(lambda config: ChunkReader(_of_chunks(config)),
+                         "Gaussians of tested chunks from memory to projection"),
+    "geometry_decode": Unit(lambda config: GeometryDecode(_of_compact(config)),
+                            "compact geometry to the words of Gaussians"),
     "near_test": Unit(NearTest, "drops points in front of the near plane and faint ones"),
     "projection": Unit(Projection, "a Gaussian to a splat: mean, conic, depth, box of tiles"),
     "projection_unit": Unit(ProjectionUnit, "near test and projection together"),

@@ -135,6 +135,17 @@ def header_item(config: AcceleratorConfig) -> Record:
     ))
 
 
+def coded_point(config: AcceleratorConfig) -> Record:
+    """A Gaussian's compact geometry on its way to the decoder, with what its chunk's header says of it."""
+    fields = {f.name: f for f in chunk_header(config).fields}
+    return Record("CodedPoint", coded_point.__doc__, (
+        *(fields[name] for name in ("low", "step", "scale_top", "bound")),
+        Field("word", uint(32), "CompactGeometry", 4),
+        Field("index", uint(INDEX_BITS), "Gaussian index"),
+        Field("end", uint(1), "all Gaussians of the frame have come; the rest means nothing"),
+    ))
+
+
 def pixel_format() -> Fixed:
     """The format to which the chunk test's pixel coordinates are floored."""
     return SQ(PIXEL_BITS, 0)
