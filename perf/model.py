@@ -273,7 +273,7 @@ def _geometry(
     s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
     chunk_arrays = chunk_units.prepare(s, eye.chunk_count, eye.chunk_read, config, paths)
     classes = eye.point_class[eye.point_class != geometry.UNREAD]
-    s.colour_waiting, s.colour_beats = paths.colour_waiting, beats
+    s.colour_waiting, s.colour_beats, s.colour_compact = paths.colour_waiting, beats, config.compact
     writes = np.where(written.writes < 0, where.directory - 1 - written.writes, where.entries + written.writes)
     survivor = np.append(eye.survivor, 0).astype(np.int64)
     cycles, counted = geometry.geometry_phase(
