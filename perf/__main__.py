@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from golden.host.run_options import RunOptions, add_run_arguments, run_options
+from golden.host.run_options import IDEAL, RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
@@ -146,8 +146,10 @@ def _model(args: argparse.Namespace, request: Request, asked: Asked, out: Path) 
     plan = plan_for(args, request, config, contention=memory.bytes_per_cycle is not None)
     trace, machine = traced(args, asked, request, plan, None if args.no_cache else CACHE)
     frame = simulated(trace, machine, asked)
+    ideal = memory.kind == IDEAL
     settings = {"config": config.name, "machine": args.machine, "merge": options.merge, "pipeline": config.incremental,
-                "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
+                "memory": memory.kind, "bytes_per_cycle": memory.bytes_per_cycle if ideal else None,
+                "latency": memory.latency if ideal else None,
                 "configuration": config_record(config), "effects": plan.record}
     write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
                                    "compile_seconds": compile_seconds()})
