@@ -31,12 +31,14 @@ from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
+from golden.host.run_options import LATENCY
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
 from perf.__main__ import Asked, asked_of, command_line
 from spec.command_line import nearest
 from spec.errors import InputError
+from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import NAMES, config_record, convert
 
 MOST_POINTS = 100_000
@@ -50,6 +52,9 @@ CLOCKS_MHZ = (1.0, 100_000.0)
 
 OF_THE_MACHINE = ("config", "machine", "pixels", "merge", "beta")
 """Options that belong to the machine, as fields of the configuration do; the others say what is drawn, and from what memory."""
+
+DEFAULTS = {"bandwidth": DRAM_BYTES_PER_CYCLE, "latency": LATENCY}
+"""Values of the options whose default is no value, because one memory does not take them."""
 
 _LEFT_OUT = {
     "help": "", "out": "--out of the command is", "no_cache": "", "sets": "the field's own name is",
@@ -173,7 +178,7 @@ def _completed(point: Point, varied: Sequence[str]) -> Point:
         if name == CLOCK:
             given[name] = _text(point.clock_mhz)
         elif name in options():
-            given[name] = _text(options()[name].default)
+            given[name] = _text(DEFAULTS.get(name, options()[name].default))
         else:
             field, _, number = _fields()[name].partition(".")
             value = record[field][number] if number else record[field]
