@@ -16,7 +16,8 @@ A file has a table of common settings, settings that vary, and settings that are
     cores_y = 8
 
 A name is an option of `msv2 perf` or a field of the configuration. `levels`, `depth` and `stereo` are both; alone they mean the
-frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock.
+frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock;
+on LPDDR3, whose times are in nanoseconds, it changes the cycles too.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
+from golden.host.run_options import LATENCY
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
 from perf.__main__ import Asked, asked_of, command_line
 from spec.command_line import nearest
 from spec.errors import InputError
+from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import NAMES, config_record, convert
 
 MOST_POINTS = 100_000
@@ -49,6 +52,9 @@ CLOCKS_MHZ = (1.0, 100_000.0)
 
 OF_THE_MACHINE = ("config", "machine", "pixels", "merge", "beta")
 """Options that belong to the machine, as fields of the configuration do; the others say what is drawn, and from what memory."""
+
+DEFAULTS = {"bandwidth": DRAM_BYTES_PER_CYCLE, "latency": LATENCY}
+"""Values of the options whose default is no value, because one memory does not take them."""
 
 _LEFT_OUT = {
     "help": "", "out": "--out of the command is", "no_cache": "", "sets": "the field's own name is",
@@ -82,7 +88,7 @@ def _fields() -> dict[str, str]:
 
 def names() -> tuple[str, ...]:
     """All names that a sweep takes."""
-    return (*options(), CLOCK, *_fields())
+    return (*options(), *_fields())
 
 
 @dataclass(frozen=True)
@@ -168,10 +174,8 @@ def _completed(point: Point, varied: Sequence[str]) -> Point:
     for name in varied:
         if name in given:
             continue
-        if name == CLOCK:
-            given[name] = _text(point.clock_mhz)
-        elif name in options():
-            given[name] = _text(options()[name].default)
+        if name in options():
+            given[name] = _text(DEFAULTS.get(name, options()[name].default))
         else:
             field, _, number = _fields()[name].partition(".")
             value = record[field][number] if number else record[field]
@@ -232,6 +236,7 @@ def _point(settings: Mapping[str, object], varied: Sequence[str]) -> Point:
         texts[name] = _text(settings[name])
         if name == CLOCK:
             clock = _clock(value)
+            argv += ["--clock-mhz", _text(value)]
         elif name in options():
             argv += _option(name, value)
         else:
