@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from golden.host.run_options import RunOptions, add_run_arguments, run_options
+from golden.host.run_options import IDEAL, RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
@@ -24,10 +24,10 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from perf.model import MEMORIES, FrameCycles, MemoryModel, simulate
+from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from perf.trace import FrameTrace, trace_request
-from spec.command_line import add_out_argument, choice, command_parser
+from spec.command_line import add_out_argument, command_parser
 from spec.config import AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError, run_command_line
@@ -44,7 +44,7 @@ examples:
   %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
-  %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the bench's memory
+  %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the ideal memory
   %(prog)s --stereo --ecc-thresh 27                   two eyes, the second warped beyond 27 degrees
 """
 
@@ -57,9 +57,6 @@ def command_line() -> argparse.ArgumentParser:
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")
     add_run_arguments(parser)
-    parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
-                        help="ideal (default): the memory of the RTL's test bench, with a bandwidth and a latency; "
-                             "lpddr3: four channels")
     add_out_argument(parser, "build/perf/frame")
     parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser
@@ -108,13 +105,12 @@ def asked_of(args: argparse.Namespace) -> Asked:
     """
     config = config_from(args, "default")
     options = run_options(args)
-    choice("memory", args.memory, MEMORIES)
     if args.stereo and not options.display:
         raise InputError("pixels 'wide' is not accepted with --stereo: 'display' is")
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     take_stereo_arguments(args)
-    return Asked(config, options, MemoryModel(args.memory, options.latency, options.bytes_per_cycle))
+    return Asked(config, options, MemoryModel(options.memory, options.latency, options.bytes_per_cycle))
 
 
 def traced(
@@ -150,8 +146,10 @@ def _model(args: argparse.Namespace, request: Request, asked: Asked, out: Path) 
     plan = plan_for(args, request, config, contention=memory.bytes_per_cycle is not None)
     trace, machine = traced(args, asked, request, plan, None if args.no_cache else CACHE)
     frame = simulated(trace, machine, asked)
+    ideal = memory.kind == IDEAL
     settings = {"config": config.name, "machine": args.machine, "merge": options.merge, "pipeline": config.incremental,
-                "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
+                "memory": memory.kind, "bytes_per_cycle": memory.bytes_per_cycle if ideal else None,
+                "latency": memory.latency if ideal else None,
                 "configuration": config_record(config), "effects": plan.record}
     write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
                                    "compile_seconds": compile_seconds()})

@@ -9,12 +9,13 @@ writes wait or no read does, then writes until few are left. Within a window, re
 A row is closed for another one only if no request in the window needs it. A client's reads are answered in order over one R
 channel.
 
-The unit of time is a quarter of a nanosecond: the DRAM's clock period is 1.25 ns and the machine's is 1 ns.
+The unit of time is a picosecond, because the device's timing is in nanoseconds and the machine's clock may have any period. A
+controller decides at the edges of the machine's clock. Where that clock is slower than the device's, it decides several times
+in a cycle, at equal distances of at most a clock period of the device, so that it can give every command that the device could
+take. Over AR and R pass one request and one answer in a cycle of the machine, whatever its period is.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -22,54 +23,11 @@ from perf import bus
 from perf.bus import QUEUE, READERS
 from perf.kernel import phase, step
 from perf.layout import Layout
-
-CHANNELS, BANKS, ROW_BEATS = 4, 8, 128
-"""Number of channels, of banks in a device, and of beats in a row: 1,024 columns of 32 bits."""
-
-_UNIT = 4  # units of time in a nanosecond
-
-
-@dataclass(frozen=True)
-class Lpddr3:
-    """Timing of an 8 Gb x32 device at 800 MHz, in nanoseconds.
-
-    The values are those of JEDEC JESD209-3 for LPDDR3-1600 (latency set A), rounded up to clock periods. DRAMsim3's
-    configs/LPDDR3_8Gb_x32_1600.ini agrees except in tRCD and tRP (18.75 ns) and in the write latency (set B, 9 clocks).
-
-    Attributes:
-        clock: tCK. burst: BL / 2 clock periods. read_latency, write_latency: RL, WL. dqsck: the largest tDQSCK.
-        rcd, rp, rp_all, ras, rrd, faw, wr, wtr, rtp, refi, rfc: the device's parameters of these names; rp is per bank.
-        controller: the delay of a request through controller and PHY together with that of its answer; an assumption.
-        window: the number of reads, and of writes, among which a channel chooses.
-        high, low: the numbers of waiting writes at which a channel begins and stops to serve writes.
-    """
-
-    clock: float = 1.25
-    burst: float = 5.0
-    read_latency: float = 15.0
-    write_latency: float = 7.5
-    dqsck: float = 5.0
-    rcd: float = 18.75
-    rp: float = 18.75
-    rp_all: float = 21.25
-    ras: float = 42.5
-    rrd: float = 10.0
-    faw: float = 50.0
-    wr: float = 15.0
-    wtr: float = 7.5
-    rtp: float = 7.5
-    refi: float = 3900.0
-    rfc: float = 210.0
-    controller: float = 20.0
-    window: int = 16
-    high: int = 16
-    low: int = 4
-
+from spec.lpddr3 import BANKS, CHANNELS, PARAMETERS, Lpddr3, picoseconds
 
 layout = Layout(bus.layout)
-_PARAMETERS = tuple(f.name for f in fields(Lpddr3) if f.name not in ("window", "high", "low"))
-layout.words(" ".join(f"dram_{name}" for name in _PARAMETERS))
-layout.words("dram_window dram_high dram_low dram_turn dram_activates_given dram_refreshes")
+layout.words(" ".join(f"dram_{name}" for name in PARAMETERS))
+layout.words("dram_cycle dram_looks dram_window dram_high dram_low dram_turn dram_activates_given dram_refreshes")
 for _name in ("wake", "drains", "read_ok", "write_ok", "next_refresh", "activated"):
     layout.ring(f"dram_{_name}", CHANNELS)
 layout.ring("dram_activates", CHANNELS, 4)
@@ -80,15 +38,31 @@ layout.ring("dram_waiting", 2 * CHANNELS)
 layout.ring("dram_requests", 2 * CHANNELS, _HELD)  # row, bank, client and number in one word, the oldest first
 layout.ring("dram_numbers", 8)
 layout.ring("dram_answer", 8, 512)
-layout.ring("dram_written", 512)  # by cycle, the number of writes of each client that reach memory then, in any order
+_AHEAD = 4096  # cycles from a write command until its data are in memory, at most
+layout.ring("dram_written", _AHEAD)  # by cycle, the number of writes of each client that reach memory then, in any order
+_COUNT_BITS = 10  # of each of those numbers
 
 _NEVER = 1 << 60
 
 
-def prepare(s: np.record, device: Lpddr3) -> None:
-    """Initialises idle channels with all rows closed in a new state."""
-    for name in _PARAMETERS:
-        s[f"dram_{name}"] = round(_UNIT * getattr(device, name))
+def prepare(s: np.record, device: Lpddr3, clock_ns: float = 1.0) -> None:
+    """Initialises idle channels with all rows closed in a new state.
+
+    Args:
+        s: the state.
+        device: the timing of the channels.
+        clock_ns: the period of the machine's clock in nanoseconds.
+
+    Raises:
+        ValueError: a write takes too many cycles of such a clock.
+    """
+    for name in PARAMETERS:
+        s[f"dram_{name}"] = picoseconds(getattr(device, name))
+    s.dram_cycle = picoseconds(clock_ns)
+    s.dram_looks = device.looks(clock_ns)
+    longest = s.dram_write_latency + s.dram_clock + s.dram_burst + s.dram_controller
+    if longest >= s.dram_cycle * (_AHEAD - 1):
+        raise ValueError(f"clock_ns must be above {longest / 1000 / (_AHEAD - 1):g} with this device, not {clock_ns!r}")
     s.dram_window, s.dram_high, s.dram_low = device.window, device.high, device.low
     s.dram_open[:] = -1
     s.dram_wake[:] = s.dram_answer[:] = _NEVER
@@ -128,13 +102,13 @@ def _transfer(s, now, channel, queue, place, kind):
         s.dram_write_ok[channel] = now + s.dram_burst
         s.dram_read_ok[channel] = max(s.dram_read_ok[channel], ends + s.dram_wtr)
         s.dram_precharge_ok[bank] = max(s.dram_precharge_ok[bank], ends + s.dram_wr)
-        s.dram_written[(ends + s.dram_controller) // _UNIT & 511] += 1 << 6 * (request >> 9 & 15)
+        s.dram_written[(ends + s.dram_controller) // s.dram_cycle & _AHEAD - 1] += 1 << _COUNT_BITS * (request >> 9 & 15)
     else:
         ends = now + s.dram_read_latency + s.dram_dqsck + s.dram_burst
         s.dram_read_ok[channel] = now + s.dram_burst
         s.dram_write_ok[channel] = max(s.dram_write_ok[channel], ends + s.dram_clock - s.dram_write_latency)
         s.dram_precharge_ok[bank] = max(s.dram_precharge_ok[bank], now + s.dram_rtp)
-        s.dram_answer[request >> 9 & 15, request & 511] = (ends + s.dram_controller) // _UNIT
+        s.dram_answer[request >> 9 & 15, request & 511] = (ends + s.dram_controller) // s.dram_cycle
     _remove(s, queue, place)
 
 
@@ -237,23 +211,34 @@ def _answers(s, t):
             bus.deliver(s, client, t)
             s.dram_turn = client
             break
-    done = s.dram_written[t & 511]
+    done = s.dram_written[t & _AHEAD - 1]
     if done:
-        s.dram_written[t & 511] = 0
+        s.dram_written[t & _AHEAD - 1] = 0
         client = 0
         while done:
-            count = done & 63
+            count = done & (1 << _COUNT_BITS) - 1
             for _ in range(count):
                 bus.written(s, client, t - 1)
             s.write_out += count
-            done >>= 6
+            done >>= _COUNT_BITS
             client += 1
+
+
+@step
+def _look(s, now):
+    """Lets every channel give a command that may be given now."""
+    for channel in range(CHANNELS):
+        if s.dram_wake[channel] <= now:
+            s.dram_wake[channel] = _command(s, now, channel)
 
 
 @phase
 def end_cycle(s, t):
     """Steps the channels over the clock edge at the end of cycle t."""
-    now = _UNIT * t + _UNIT
+    begin = s.dram_cycle * t
+    for number in range(1, s.dram_looks):
+        _look(s, begin + s.dram_cycle * number // s.dram_looks)
+    now = begin + s.dram_cycle
     at, came = s.read_in, s.read_push - s.read_new
     if at != came:
         client = s.read_id[at & 511]
@@ -264,8 +249,6 @@ def end_cycle(s, t):
     if at != came and s.write_ready:
         _arrive(s, now, 1, s.write_address[at & 511], s.write_id[at & 511], 0)
         s.write_in = at + 1
-    for channel in range(CHANNELS):
-        if s.dram_wake[channel] <= now:
-            s.dram_wake[channel] = _command(s, now, channel)
+    _look(s, now)
     _answers(s, t)
     s.write_ready = s.write_in - s.write_out < QUEUE

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from golden.kernels import work_clock
 from perf import bus, chunks, constants, dram, geometry, render, warp
 from perf.plan import (
@@ -22,6 +23,7 @@ from perf.plan import (
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
+from spec.lpddr3 import Lpddr3, check_clock
 from spec.memory import (
     BEAT_BYTES,
     BUS_BYTES_PER_CYCLE,
@@ -45,36 +47,41 @@ RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 _TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
 
 
-MEMORIES = ("ideal", "lpddr3")
-"""Kinds of `MemoryModel`."""
-
-
 @dataclass(frozen=True)
 class MemoryModel:
     """The memory that answers the machine's reads and writes.
 
     Attributes:
-        kind: "ideal" for the RTL bench's memory, which answers in order with a latency and a bandwidth; "lpddr3" for four
-            channels of DRAM (`perf.dram`).
+        kind: one of `golden.host.run_options.MEMORIES`: "ideal" for a memory that answers in order with a latency and a
+            bandwidth; "lpddr3" for four channels of DRAM (`perf.dram`). The RTL's bench has both.
         latency: the latency of "ideal" in cycles.
         bytes_per_cycle: the bandwidth of "ideal", for reads and writes together; None for a beat read and a beat written in
             every cycle.
         device: the timing of "lpddr3".
+        clock_ns: the period of the machine's clock in nanoseconds, 0.01..1000, rounded to picoseconds. It matters to "lpddr3"
+            alone, whose timing is in nanoseconds.
     """
 
-    kind: str = "ideal"
+    kind: str = IDEAL
     latency: int = 100
     bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
-    device: dram.Lpddr3 = field(default_factory=dram.Lpddr3)
+    device: Lpddr3 = field(default_factory=Lpddr3)
+    clock_ns: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.kind not in ("ideal", "lpddr3"):
-            raise ValueError(f"kind must be 'ideal' or 'lpddr3', not {self.kind!r}")
+        if self.kind not in MEMORIES:
+            raise ValueError(f"kind must be one of {', '.join(MEMORIES)}, not {self.kind!r}")
+        check_clock(self.clock_ns)
         if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
             raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
         if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= BUS_BYTES_PER_CYCLE:
             raise ValueError(f"bytes_per_cycle must be None or in 0.01..{BUS_BYTES_PER_CYCLE}, which the bus moves at most, "
                              f"not {self.bytes_per_cycle!r}")
+
+    @property
+    def peak(self) -> float:
+        """The most bytes that DRAM moves in a cycle of the machine; for "ideal" those of the paper's memory and clock."""
+        return DRAM_BYTES_PER_CYCLE * (self.clock_ns if self.kind == LPDDR3 else 1)
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ class FrameCycles:
         activates, refreshes: commands of the LPDDR3 channels in all phases but TABLE; 0 with other memories. A read or write
             command is one burst, that is, one beat.
         utilisation: for the array, the share of the rendering phase's cycles in which it takes an entry or issues an operation,
-            whichever is more; for the memory, the share of DRAM_BYTES_PER_CYCLE that is used over the frame.
+            whichever is more; for the memory, the share of `MemoryModel.peak` that is used over the frame.
         timeline: (stage, eye, group, first cycle, last cycle); group -1 stands for a whole phase.
         seconds: the time that the simulation took.
     """
@@ -190,7 +197,7 @@ def simulate(
     passes = []
     for number, (eye, made, plan) in enumerate(zip(trace.eyes, written, plans, strict=True)):
         passes.append(_eye(trace, eye, number, config, memory, beta, display, made, plan, where))
-    return _together(trace, config, passes, plans, work_clock() - begin)
+    return _together(trace, config, memory, passes, plans, work_clock() - begin)
 
 
 _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row
@@ -209,8 +216,8 @@ def _finished(phase: str, cycles: int) -> int:
 
 def _memory(s: np.record, memory: MemoryModel) -> None:
     gain, cost = bus.rate(memory.bytes_per_cycle)
-    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == "lpddr3")
-    dram.prepare(s, memory.device)
+    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3)
+    dram.prepare(s, memory.device, memory.clock_ns)
 
 
 def _eye(
@@ -358,7 +365,8 @@ def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list
 
 
 def _together(
-    trace: FrameTrace, config: AcceleratorConfig, passes: list[_Pass], plans: list[RenderPlan], seconds: float,
+    trace: FrameTrace, config: AcceleratorConfig, memory: MemoryModel, passes: list[_Pass], plans: list[RenderPlan],
+    seconds: float,
 ) -> FrameCycles:
     """Adds up the numbers of all passes, as the machine counts them."""
     phases = {name: sum(p.cycles[name] for p in passes) for name in passes[0].cycles}
@@ -378,7 +386,7 @@ def _together(
         timeline += [(stage, eye, group, first + at, last + at) for stage, group, first, last in p.timeline]
         at += sum(p.cycles.values())
     utilisation = {"array": max(trace.entries, events["ops"]) / max(1, phases["render"]),
-                   "memory": (sum(reads.values()) + sum(writes.values())) / (DRAM_BYTES_PER_CYCLE * total)}
+                   "memory": (sum(reads.values()) + sum(writes.values())) / (memory.peak * total)}
     return FrameCycles(
         total, phases, tuple(p.cycles for p in passes), stages, reads, writes, trace.entries,
         sum(int(plan.groups[-1]) + 1 for plan in plans), utilisation=utilisation, timeline=timeline, seconds=seconds, **events)

@@ -17,8 +17,15 @@ idle."""
 PIXELS = ("wide", "display")
 """Formats of the frame in memory: FramePixel and DisplayPixel of `spec.memory`."""
 
+IDEAL, LPDDR3 = MEMORIES = ("ideal", "lpddr3")
+"""Kinds of memory: `ideal` answers in order, with a bandwidth and a latency; `lpddr3` is four channels of DRAM, whose timing is
+in `spec.lpddr3`."""
+
 LONGEST_LATENCY = 1 << 20
 """Largest accepted latency of the memory in cycles."""
+
+LATENCY = 100
+"""Latency of the ideal memory in cycles where none is given."""
 
 BANDWIDTHS = (0.01, float(BUS_BYTES_PER_CYCLE))
 """Smallest and largest accepted number of bytes that memory moves in a cycle; the bus moves no more than the largest."""
@@ -35,9 +42,10 @@ class RunOptions:
             configuration says.
         beta: merge threshold in intersections, 0 without merging; None: the machine finds it.
         display: whether a pixel takes 4 bytes in memory instead of 16.
-        latency: latency of the memory in cycles.
-        bytes_per_cycle: bandwidth of the memory, for reads and writes together; None: one beat read and one beat written in
-            every cycle.
+        latency: latency of the ideal memory in cycles.
+        bytes_per_cycle: bandwidth of the ideal memory, for reads and writes together; None: one beat read and one beat written
+            in every cycle.
+        memory: one of MEMORIES. With `lpddr3`, latency and bandwidth have their defaults, and no effect.
     """
 
     full: bool
@@ -47,6 +55,7 @@ class RunOptions:
     display: bool
     latency: int
     bytes_per_cycle: float | None
+    memory: str = IDEAL
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +69,13 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     add("--pipeline", metavar="0|1",
         help="stages hand over incrementally (default: the configuration's, 1); 0 is another machine, with double buffers")
     add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
-    add("--bandwidth", default=str(DRAM_BYTES_PER_CYCLE), metavar="BYTES|unlimited",
-        help=f"bandwidth of the memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE}); "
+    add("--memory", default=IDEAL, metavar="|".join(MEMORIES),
+        help="ideal (default): a memory that answers in order, with a bandwidth and a latency; lpddr3: four channels of "
+             "LPDDR3-1600 beside a machine of 1 GHz")
+    add("--bandwidth", metavar="BYTES|unlimited",
+        help=f"bandwidth of the ideal memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE}); "
              f"the bus moves {BUS_BYTES_PER_CYCLE} at most")
-    add("--latency", type=int, default=100, metavar="N", help="latency of the memory in cycles (default: 100)")
+    add("--latency", type=int, metavar="N", help=f"latency of the ideal memory in cycles (default: {LATENCY})")
 
 
 def run_options(args: argparse.Namespace) -> RunOptions:
@@ -76,10 +88,16 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     pixels = choice("pixels", args.pixels or ("display" if args.stereo else "wide"), PIXELS)
     merge = parse_switch("merge", args.merge)
     incremental = None if args.pipeline is None else parse_switch("pipeline", args.pipeline)
-    if not 1 <= args.latency <= LONGEST_LATENCY:
-        raise InputError(f"latency {args.latency} is not accepted: 1..{LONGEST_LATENCY} are")
+    memory = choice("memory", args.memory, MEMORIES)
+    for name in ("bandwidth", "latency"):
+        if memory == LPDDR3 and getattr(args, name) is not None:
+            raise InputError(f"{name} is not accepted with memory {LPDDR3!r}, whose channels have their own")
+    latency = LATENCY if args.latency is None else args.latency
+    if not 1 <= latency <= LONGEST_LATENCY:
+        raise InputError(f"latency {latency} is not accepted: 1..{LONGEST_LATENCY} are")
+    bandwidth = DRAM_BYTES_PER_CYCLE if args.bandwidth is None else parse_bandwidth(args.bandwidth)
     return RunOptions(args.machine == "full", merge, incremental, parse_beta(args.beta, merge), pixels == "display",
-                      args.latency, parse_bandwidth(args.bandwidth))
+                      latency, bandwidth, memory)
 
 
 def parse_beta(text: str, merge: bool) -> int | None:

@@ -189,7 +189,7 @@ def _dotted(module: str) -> str:
     return spec.name if module == "__main__" and spec is not None else module
 
 
-OTHER_SOURCES = {"tb.frame.__main__": (ROOT / "tb" / "top" / "memory.sv",)}
+OTHER_SOURCES = {"tb.frame.__main__": tuple(ROOT / "tb" / "top" / name for name in ("lpddr3.sv", "memory.sv"))}
 """Source files that are not Python, by the module that reads them."""
 
 

@@ -16,7 +16,8 @@ A file has a table of common settings, settings that vary, and settings that are
     cores_y = 8
 
 A name is an option of `msv2 perf` or a field of the configuration. `levels`, `depth` and `stereo` are both; alone they mean the
-frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock.
+frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock;
+on LPDDR3, whose times are in nanoseconds, it changes the cycles too.
 """
 
 from __future__ import annotations
@@ -105,14 +106,15 @@ class Point:
         return ", ".join(f"{name}={value}" for name, value in self.varied) or "base"
 
     def checked(self) -> tuple[argparse.Namespace, Asked]:
-        """The parsed arguments of `msv2 perf`, and what they ask for.
+        """The parsed arguments of `msv2 perf`, and what they ask for, with the memory beside a machine of the point's clock.
 
         Raises:
             InputError: a value is not accepted; the message names the point.
         """
         try:
             args = _parser().parse_args(list(self.argv))
-            return args, asked_of(args)
+            asked = asked_of(args)
+            return args, replace(asked, memory=replace(asked.memory, clock_ns=1e3 / self.clock_mhz))
         except InputError as error:
             raise InputError(f"point {self.label}: {error}") from error
 

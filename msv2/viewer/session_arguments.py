@@ -13,8 +13,7 @@ from golden.scenes.request import (
     take_stereo_arguments,
 )
 from msv2.viewer.session import Session
-from perf.model import MEMORIES, MemoryModel
-from spec.command_line import choice
+from perf.model import MemoryModel
 from spec.errors import InputError
 from spec.overrides import add_config_arguments, config_from
 
@@ -22,17 +21,15 @@ CLOCKS_MHZ = (1.0, 1e5)
 
 
 def add_session_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of a request, of two eyes, of effects, of a configuration and of a run, and `--memory` and
+    """Adds the arguments of a request, of two eyes, of effects, of a configuration and of a run, and
     `--clock-mhz`."""
     add_request_arguments(parser, scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", whose energy was measured")
     add_run_arguments(parser)
-    parser.add_argument("--memory", default="ideal", metavar="|".join(MEMORIES),
-                        help="memory of the cycle model (default: ideal)")
     parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
-                        help="clock for frame rate and energy (default: 1000)")
+                        help="clock of the machine, for frame rate, energy and the cycles of LPDDR3 (default: 1000)")
 
 
 def session_of(args: argparse.Namespace) -> Session:
@@ -42,10 +39,9 @@ def session_of(args: argparse.Namespace) -> Session:
         InputError: an argument is not accepted.
     """
     config, options = config_from(args), run_options(args)
-    choice("memory", args.memory, MEMORIES)
     low, high = CLOCKS_MHZ
     if not low <= args.clock_mhz <= high:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: {low:g} to {high:,.0f} is")
     take_stereo_arguments(args)
-    memory = MemoryModel(args.memory, options.latency, options.bytes_per_cycle)
+    memory = MemoryModel(options.memory, options.latency, options.bytes_per_cycle, clock_ns=1e3 / args.clock_mhz)
     return Session(args, config, options, memory, 1e6 * args.clock_mhz)

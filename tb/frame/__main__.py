@@ -51,6 +51,7 @@ or a counter differs. The most important numbers of frame.json are:
   stage_cycles          cycles in which a stage was busy, starved (it had no input) or blocked (its output was not taken)
   compile_s             seconds to compile the golden renderer's kernels; wall_s and cpu_s are for the simulation alone
   dram_bytes            all bytes read and written, and those of each client
+  memory                ideal or lpddr3; of the latter, activates and refreshes are the numbers of these commands
 
 With --stereo these numbers count both eyes together, and there are also:
 
@@ -65,6 +66,7 @@ examples:
   %(prog)s --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
   %(prog)s --effects all --pixels display         every effect and a second eye, on neutral data
   %(prog)s --pixels display                       4 bytes a pixel instead of 16
+  %(prog)s --memory lpddr3                        four channels of LPDDR3-1600 instead of the ideal memory
   %(prog)s --stereo --ecc-thresh 27               two eyes, the second warped beyond 27 degrees
   %(prog)s --part array                           only the array, with the golden renderer's intersections
 """
@@ -129,7 +131,7 @@ def _one_eye(
 ) -> dict[str, object]:
     """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
     so with a forced second eye that machine is simulated only for display pixels."""
-    how = {"beta": options.beta, "speed": MemorySpeed(options.latency, options.bytes_per_cycle), "waves": waves}
+    how = {"beta": options.beta, "speed": _speed(options), "waves": waves}
     golden = work.render(beta=options.beta)
     (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
@@ -146,6 +148,10 @@ def _one_eye(
     return numbers
 
 
+def _speed(options: RunOptions) -> MemorySpeed:
+    return MemorySpeed(options.latency, options.bytes_per_cycle, kind=options.memory)
+
+
 def _two_eyes(
     args: argparse.Namespace, work: Work, out: Path, folder: Path, options: RunOptions, waves: Waves | None,
 ) -> dict[str, object]:
@@ -154,7 +160,7 @@ def _two_eyes(
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_eyes(
         golden, device.machine(golden.source.config), folder, beta=options.beta,
-        speed=MemorySpeed(options.latency, options.bytes_per_cycle), waves=waves)
+        speed=_speed(options), waves=waves)
     save_eyes(golden, result, out)
     return {**numbers, "stereo": stereo_statistics(args, work.request, golden)}
 

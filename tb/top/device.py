@@ -10,15 +10,16 @@ from rtl.units import TOP as MODULE
 from spec.config import AcceleratorConfig
 from tb.common.emission import emitted
 from tb.common.runner import Design
-from tb.top.memory import SOURCE
+from tb.top.memory import SOURCES
 
 SETTINGS = {
-    "latency": 32, "gain": 32, "cost": 32, "pauses": 8, "first_writable": 32, "error_first": 32, "error_end": 32,
-    "watch_first": 32, "watch_end": 32, "load": 1, "poison": 1, "dump": 1, "file_number": 32, "file_first": 32,
-    "file_beats": 32}
+    "lpddr3": 1, "clock_ps": 32, "latency": 32, "gain": 32, "cost": 32, "pauses": 8, "first_writable": 32, "error_first": 32,
+    "error_end": 32, "watch_first": 32, "watch_end": 32, "load": 1, "poison": 1, "dump": 1, "file_number": 32,
+    "file_first": 32, "file_beats": 32}
 """Ports of the memory that Python drives, with their widths."""
 
-OBSERVED = {"reads": 32, "writes": 32, "busy": 32, "watched": 32, "idle": 32, "errors": 8}
+OBSERVED = {
+    "reads": 32, "writes": 32, "busy": 32, "watched": 32, "activates": 32, "refreshes": 32, "idle": 32, "errors": 8}
 """Ports of the memory that Python reads, with their widths."""
 
 _IGNORED = {f"{channel}{name}" for channel in ("ar", "aw") for name in ("cache", "prot", "lock", "qos", "region")}
@@ -74,7 +75,7 @@ class Machine:
             wires="\n".join(f"  wire [{ports[name][1] - 1}:0] {name};" for name in bus),
             machine="".join(f",\n    .{name}({name})" for name in (*host, *bus)),
             memory="".join(f",\n    .{inner}({name})" for inner, name in slave))
-        sources = (("dut.v", self.verilog), SOURCE, ("tb.sv", text))
+        sources = (("dut.v", self.verilog), *SOURCES, ("tb.sv", text))
         return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart)
 
     def bare_design(self) -> Design:

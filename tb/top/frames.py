@@ -23,7 +23,7 @@ from tb.top.progress import Pass, Progress
 _PROGRESS_CYCLES = 5000
 _PATIENCE = 1000
 _POLL_CYCLES = 20
-_COUNTERS = ("reads", "writes", "busy", "watched")
+_COUNTERS = ("reads", "writes", "busy", "watched", "activates", "refreshes")
 
 
 class Lite:

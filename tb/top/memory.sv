@@ -1,19 +1,25 @@
-// A memory with an AXI4 port. Every transaction is a single 32-byte beat, and answers come in order.
+// A memory with an AXI4 port, of one of two kinds. Every transaction is a single 32-byte beat.
 //
-// A request waits in a queue until it is served. Serving one costs `cost` credits, and every cycle brings `gain` credits
-// (with cost 0, one read and one write are served in every cycle). Reads and writes are served in the order of their arrival.
-// A read samples memory when it is served, and is answered at the earliest `latency` cycles after its request. A write changes
-// memory when it is answered, so that the memory exposes a master that reads before it has this answer. Ready and answers
-// pause in random cycles, `pauses` of 256. Contents are loaded from FOLDER/NUMBER.bin when `load` rises, and written to
-// FOLDER/NUMBER.dump when `dump` rises.
-// Plusargs are +folder=FOLDER and +beats=N, the size of memory in beats; so one build serves scenes of every size.
+// With `lpddr3` high it is four channels of DRAM (lpddr3.sv) beside a machine whose clock period is `clock_ps` picoseconds.
+// The answers of a client come in order. A read samples memory when its command is given.
+//
+// Otherwise the memory is ideal, and answers come in order. A request waits in a queue until it is served. Serving one costs
+// `cost` credits, and every cycle brings `gain` credits (with cost 0, one read and one write are served in every cycle). Reads
+// and writes are served in the order of their arrival. A read samples memory when it is served, and is answered at the
+// earliest `latency` cycles after its request.
+//
+// In both kinds a write changes memory when it is answered, so that the memory exposes a master that reads before it has this
+// answer. Ready and answers pause in random cycles, `pauses` of 256. Contents are loaded from FOLDER/NUMBER.bin when `load`
+// rises, and written to FOLDER/NUMBER.dump when `dump` rises.
+// Plusargs are +folder=FOLDER, +beats=N, the size of memory in beats, and those of lpddr3.sv; so one build serves scenes of
+// every size, and both kinds.
 module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
   input clk, input rst,
-  input [31:0] latency, input [31:0] gain, input [31:0] cost, input [7:0] pauses,
+  input lpddr3, input [31:0] clock_ps, input [31:0] latency, input [31:0] gain, input [31:0] cost, input [7:0] pauses,
   input [31:0] first_writable, input [31:0] error_first, input [31:0] error_end, input [31:0] watch_first, input [31:0] watch_end,
   input load, input poison, input dump, input [31:0] file_number, input [31:0] file_first, input [31:0] file_beats,
   output reg [31:0] reads = 0, output reg [31:0] writes = 0, output reg [31:0] busy = 0, output reg [31:0] watched = 0,
-  output reg [31:0] idle = 0, output reg [7:0] errors = 0,
+  output reg [31:0] activates = 0, output reg [31:0] refreshes = 0, output reg [31:0] idle = 0, output reg [7:0] errors = 0,
   input [ID_BITS-1:0] arid, input [31:0] araddr, input [7:0] arlen, input [2:0] arsize, input [1:0] arburst,
   input arvalid, output reg arready = 0,
   output reg [ID_BITS-1:0] rid, output reg [255:0] rdata, output reg [1:0] rresp, output rlast,
@@ -43,7 +49,12 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
   reg [TOP:0] reads_held, writes_held, data_held;
   reg [31:0] now = 0, credit = 0;
   reg [63:0] dice = 64'h9e3779b97f4a7c15;
-  reg write_first, wants_read, wants_write;
+  reg write_first, wants_read, wants_write, answers;
+  reg [ID_BITS+TOP:0] slot;  // of a request in lpddr3.sv: its client and its number
+  integer sample;
+  reg [31:0] answer_address, answer_strobe;
+  reg [255:0] answer_data;
+  lpddr3 #(.ID_BITS(ID_BITS), .QUEUE_LOG2(QUEUE_LOG2)) dram ();
 
   function [255:0] mask(input [31:0] strobe);
     integer i;
@@ -71,6 +82,8 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
       read_in = 0; read_turn = 0; read_out = 0;
       write_in = 0; data_in = 0; write_turn = 0; write_out = 0;
       now = 0; credit = 0;
+      dram.restart;
+      activates <= 0; refreshes <= 0;
       arready <= 0; awready <= 0; wready <= 0; rvalid <= 0; bvalid <= 0;
       reads <= 0; writes <= 0; busy <= 0; watched <= 0; errors <= 0; idle <= 0;
       ar_waits <= 0; aw_waits <= 0; w_waits <= 0;
@@ -88,7 +101,10 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
       w_waits <= wvalid & ~wready; w_held <= {wdata, wstrb};
 
       now = now + 1;
-      if (arvalid & arready) begin
+      if (lpddr3) dram.pass({32'b0, clock_ps});
+      if (arvalid & arready & lpddr3) begin
+        dram.enter(0, arid, araddr, 0, 0);
+      end else if (arvalid & arready) begin
         read_id[read_in[TOP-1:0]] = arid;
         read_address[read_in[TOP-1:0]] = araddr;
         read_due[read_in[TOP-1:0]] = now + latency - 1;
@@ -106,61 +122,100 @@ module memory #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8) (
         data_in = data_in + 1;
       end
 
-      // Serve requests: the older one first, then the other one if there is credit left.
-      credit = credit + gain > cost + cost ? cost + cost : credit + gain;
-      wants_read = read_turn != read_in;
-      wants_write = write_turn != write_in & write_turn != data_in;
-      if (wants_read | wants_write) busy <= busy + 1;
-      write_first = wants_write & wants_read & $signed(write_due[write_turn[TOP-1:0]] - read_due[read_turn[TOP-1:0]]) < 0;
-      if (wants_write & write_first & credit >= cost) begin
-        write_turn = write_turn + 1;
-        credit = credit - cost;
-        wants_write = 0;
-      end
-      if (wants_read & credit >= cost) begin
-        read_data[read_turn[TOP-1:0]] = cells[read_address[read_turn[TOP-1:0]][31:5]];
-        read_turn = read_turn + 1;
-        credit = credit - cost;
-        reads <= reads + 1;
-      end
-      if (wants_write & credit >= cost) begin
-        write_turn = write_turn + 1;
-        credit = credit - cost;
+      if (lpddr3) begin
+        if (write_turn != write_in & write_turn != data_in) begin
+          dram.enter(1, write_id[write_turn[TOP-1:0]], write_address[write_turn[TOP-1:0]], write_data[write_turn[TOP-1:0]],
+                     write_strobe[write_turn[TOP-1:0]]);
+          write_turn = write_turn + 1;
+          write_out = write_turn;
+        end
+        if (dram.is_busy()) busy <= busy + 1;
+        dram.look;
+        for (sample = 0; sample < dram.samples; sample = sample + 1) begin
+          slot = dram.sampled[sample];
+          dram.data[0][slot] = cells[dram.address[0][slot][31:5]];
+        end
+        reads <= reads + dram.samples;
+        activates <= dram.activates;
+        refreshes <= dram.refreshes;
+      end else begin
+        // Serve requests: the older one first, then the other one if there is credit left.
+        credit = credit + gain > cost + cost ? cost + cost : credit + gain;
+        wants_read = read_turn != read_in;
+        wants_write = write_turn != write_in & write_turn != data_in;
+        if (wants_read | wants_write) busy <= busy + 1;
+        write_first = wants_write & wants_read & $signed(write_due[write_turn[TOP-1:0]] - read_due[read_turn[TOP-1:0]]) < 0;
+        if (wants_write & write_first & credit >= cost) begin
+          write_turn = write_turn + 1;
+          credit = credit - cost;
+          wants_write = 0;
+        end
+        if (wants_read & credit >= cost) begin
+          read_data[read_turn[TOP-1:0]] = cells[read_address[read_turn[TOP-1:0]][31:5]];
+          read_turn = read_turn + 1;
+          credit = credit - cost;
+          reads <= reads + 1;
+        end
+        if (wants_write & credit >= cost) begin
+          write_turn = write_turn + 1;
+          credit = credit - cost;
+        end
       end
 
       // Answer requests.
       if (~rvalid | rready) begin
         rvalid <= 0;
-        if (read_out != read_turn & $signed(now - read_due[read_out[TOP-1:0]]) >= 0 & (pauses <= dice[7:0])) begin
+        answers = lpddr3 ? dram.is_due(0) : read_out != read_turn & $signed(now - read_due[read_out[TOP-1:0]]) >= 0;
+        if (answers & (pauses <= dice[7:0])) begin
+          if (lpddr3) begin
+            dram.leave(0, slot);
+            rid <= slot[TOP+1 +: ID_BITS];
+            answer_address = dram.address[0][slot];
+            answer_data = dram.data[0][slot];
+          end else begin
+            rid <= read_id[read_out[TOP-1:0]];
+            answer_address = read_address[read_out[TOP-1:0]];
+            answer_data = read_data[read_out[TOP-1:0]];
+            read_out = read_out + 1;
+          end
           rvalid <= 1;
-          rid <= read_id[read_out[TOP-1:0]];
-          rdata <= failing(read_address[read_out[TOP-1:0]]) ? {4{dice}} : read_data[read_out[TOP-1:0]];
-          rresp <= failing(read_address[read_out[TOP-1:0]]) ? 2 : 0;
-          read_out = read_out + 1;
+          rdata <= failing(answer_address) ? {4{dice}} : answer_data;
+          rresp <= failing(answer_address) ? 2 : 0;
         end
       end
       if (~bvalid | bready) begin
         bvalid <= 0;
-        if (write_out != write_turn & $signed(now - write_due[write_out[TOP-1:0]]) >= 0 & (pauses <= dice[15:8])) begin
+        answers = lpddr3 ? dram.is_due(1) : write_out != write_turn & $signed(now - write_due[write_out[TOP-1:0]]) >= 0;
+        if (answers & (pauses <= dice[15:8])) begin
+          if (lpddr3) begin
+            dram.leave(1, slot);
+            bid <= slot[TOP+1 +: ID_BITS];
+            answer_address = dram.address[1][slot];
+            answer_data = dram.data[1][slot];
+            answer_strobe = dram.strobe[1][slot];
+          end else begin
+            bid <= write_id[write_out[TOP-1:0]];
+            answer_address = write_address[write_out[TOP-1:0]];
+            answer_data = write_data[write_out[TOP-1:0]];
+            answer_strobe = write_strobe[write_out[TOP-1:0]];
+            write_out = write_out + 1;
+          end
           bvalid <= 1;
-          bid <= write_id[write_out[TOP-1:0]];
-          bresp <= failing(write_address[write_out[TOP-1:0]]) ? 2 : 0;
+          bresp <= failing(answer_address) ? 2 : 0;
           writes <= writes + 1;
-          if (!failing(write_address[write_out[TOP-1:0]]))
-            cells[write_address[write_out[TOP-1:0]][31:5]] =
-              (cells[write_address[write_out[TOP-1:0]][31:5]] & ~mask(write_strobe[write_out[TOP-1:0]]))
-              | (write_data[write_out[TOP-1:0]] & mask(write_strobe[write_out[TOP-1:0]]));
-          if (write_address[write_out[TOP-1:0]] >= watch_first & write_address[write_out[TOP-1:0]] < watch_end)
-            watched <= watched + $countones(write_strobe[write_out[TOP-1:0]]);
-          write_out = write_out + 1;
+          if (!failing(answer_address))
+            cells[answer_address[31:5]] =
+              (cells[answer_address[31:5]] & ~mask(answer_strobe)) | (answer_data & mask(answer_strobe));
+          if (answer_address >= watch_first & answer_address < watch_end) watched <= watched + $countones(answer_strobe);
         end
       end
+      dram.settle;
       reads_held = read_in - read_out;
       writes_held = write_in - write_out;
       data_held = data_in - write_out;
-      arready <= ~reads_held[TOP] & pauses <= dice[23:16];
-      awready <= ~writes_held[TOP] & pauses <= dice[31:24];
-      wready <= ~data_held[TOP] & pauses <= dice[39:32];
+      arready <= ~(lpddr3 ? dram.is_full(0, 0) : reads_held[TOP]) & pauses <= dice[23:16];
+      awready <= ~(lpddr3 ? dram.is_full(1, writes_held) : writes_held[TOP]) & pauses <= dice[31:24];
+      wready <= ~(lpddr3 ? dram.is_full(1, data_held) : data_held[TOP]) & pauses <= dice[39:32];
     end
   end
 

@@ -17,7 +17,7 @@ from cocotbext.axi import AxiBus, AxiMaster, AxiResp
 from spec.memory import BEAT_BYTES
 from tb.common.runner import CLOCK_NS, Design
 from tb.top.device import OBSERVED, SETTINGS
-from tb.top.memory import SOURCE, MemorySpeed
+from tb.top.memory import SOURCES, MemorySpeed
 
 BEATS, ID_BITS = 256, 3
 
@@ -41,7 +41,7 @@ def memory_design() -> Design:
             f"  memory #(.ID_BITS({ID_BITS})) memory (.clk(clk), .rst(rst), {', '.join(wires)});\n"
             "endmodule\n")
     public = ("clk", "rst", *(f"axi_{name}" for _, group in bus for name in group), *SETTINGS, *OBSERVED)
-    return Design("memory", "tb", (SOURCE, ("tb.sv", text)), public)
+    return Design("memory", "tb", (*SOURCES, ("tb.sv", text)), public)
 
 
 def _sometimes(rng: random.Random, share: float) -> Iterator[bool]:
@@ -74,9 +74,21 @@ async def _fill(master: AxiMaster, rng: random.Random) -> bytearray:
 @cocotb.test()
 async def random_traffic(dut: object) -> None:
     """Reads and writes whole beats and parts of beats, with pauses on every channel of both sides."""
-    rng = random.Random(1)
+    await _random_traffic(dut, _master(dut), MemorySpeed(latency=5, pauses=90))
+
+
+@cocotb.test()
+async def random_traffic_of_lpddr3(dut: object) -> None:
+    """The same with the other kind of memory, beside a fast machine and beside a slow one."""
     master = _master(dut)
-    await _reset(dut, MemorySpeed(latency=5, pauses=90))
+    for clock_ns in (0.7, 6.0):
+        await _random_traffic(dut, master, MemorySpeed(pauses=90, kind="lpddr3", clock_ns=clock_ns))
+        assert int(dut.activates.value) > 0 and int(dut.refreshes.value) > 0
+
+
+async def _random_traffic(dut: object, master: AxiMaster, speed: MemorySpeed) -> None:
+    rng = random.Random(1)
+    await _reset(dut, speed)
     channels = (master.write_if.aw_channel, master.write_if.w_channel, master.write_if.b_channel, master.read_if.ar_channel,
                 master.read_if.r_channel)
     for channel in channels:
@@ -106,8 +118,8 @@ async def _expect(master: AxiMaster, place: int, wanted: bytes, rng: random.Rand
 
 @cocotb.test()
 async def latency_and_failing_addresses(dut: object) -> None:
-    """A single read takes `latency` cycles between its handshakes. Failing addresses answer with an error and keep their
-    content."""
+    """A single read of the ideal memory takes `latency` cycles between its handshakes. In both kinds, failing addresses answer
+    with an error and keep their content."""
     master = _master(dut)
     for latency in (1, 2, 30):
         await _reset(dut, MemorySpeed(latency=latency, bytes_per_cycle=None, failing=(64, 128)))
@@ -120,6 +132,12 @@ async def latency_and_failing_addresses(dut: object) -> None:
             await FallingEdge(dut.clk)
         assert get_sim_time("ns") - begin == latency * CLOCK_NS
         assert (await reading).data == bytes(range(32))
+    await _failing_addresses(dut, master)
+    await _reset(dut, MemorySpeed(kind="lpddr3", failing=(64, 128)))
+    await _failing_addresses(dut, master)
+
+
+async def _failing_addresses(dut: object, master: AxiMaster) -> None:
     for place in (64, 96):
         assert (await master.write(place, bytes(32))).resp == AxiResp.SLVERR
         assert (await master.read(place, 32)).resp == AxiResp.SLVERR
