@@ -44,7 +44,8 @@ examples:
   %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
-  %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the ideal memory
+  %(prog)s --memory ideal                             an ideal memory instead of four channels of LPDDR3-1600: a bound
+  %(prog)s --bandwidth 12.8                           an ideal memory with half of their bandwidth
   %(prog)s --stereo --ecc-thresh 27                   two eyes, the second warped beyond 27 degrees
 """
 
@@ -56,7 +57,7 @@ def command_line() -> argparse.ArgumentParser:
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=None)
     add_out_argument(parser, "build/perf/frame")
     parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser
