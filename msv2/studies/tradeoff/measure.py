@@ -79,7 +79,8 @@ def _view(scene: TradeoffScene, view: int, setting: Setting) -> dict[str, object
     return {
         **quality(image, scene.ideal(camera, setting.variant), scene.photograph(view, camera), display.eccentricity(centre)),
         "cycles": cycles.total, IDEAL_CYCLES: ideal.total, "geometry_cycles": cycles.phases["geometry"],
-        "render_cycles": cycles.phases["render"], "entries": cycles.entries, "fps": CLOCK_HZ / cycles.total, "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram")}
+        "render_cycles": cycles.phases["render"], "entries": cycles.entries, "fps": CLOCK_HZ / cycles.total,
+        "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram")}
 
 
 def quality(
