@@ -84,7 +84,7 @@ def _fields() -> dict[str, str]:
 
 def names() -> tuple[str, ...]:
     """All names that a sweep takes."""
-    return (*options(), CLOCK, *_fields())
+    return (*options(), *_fields())
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,14 @@ class Point:
         return ", ".join(f"{name}={value}" for name, value in self.varied) or "base"
 
     def checked(self) -> tuple[argparse.Namespace, Asked]:
-        """The parsed arguments of `msv2 perf`, and what they ask for, with the memory beside a machine of the point's clock.
+        """The parsed arguments of `msv2 perf`, and what they ask for.
 
         Raises:
             InputError: a value is not accepted; the message names the point.
         """
         try:
             args = _parser().parse_args(list(self.argv))
-            asked = asked_of(args)
-            return args, replace(asked, memory=replace(asked.memory, clock_ns=1e3 / self.clock_mhz))
+            return args, asked_of(args)
         except InputError as error:
             raise InputError(f"point {self.label}: {error}") from error
 
@@ -174,9 +173,7 @@ def _completed(point: Point, varied: Sequence[str]) -> Point:
     for name in varied:
         if name in given:
             continue
-        if name == CLOCK:
-            given[name] = _text(point.clock_mhz)
-        elif name in options():
+        if name in options():
             given[name] = _text(_default(name, asked))
         else:
             field, _, number = _fields()[name].partition(".")
@@ -244,6 +241,7 @@ def _point(settings: Mapping[str, object], varied: Sequence[str]) -> Point:
         texts[name] = _text(settings[name])
         if name == CLOCK:
             clock = _clock(value)
+            argv += ["--clock-mhz", _text(value)]
         elif name in options():
             argv += _option(name, value)
         else:

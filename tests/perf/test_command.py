@@ -82,9 +82,18 @@ def test_changed_machines_are_modelled_and_recorded(perf):
     assert (found["pipeline"], found["merge"]) == (False, False)
 
 
+def test_the_clock_matters_to_dram_alone(perf):
+    ideal = [perf(*clock)["total"] for clock in ((), ("--clock-mhz", "500"))]
+    assert ideal[0] == ideal[1]
+    fast, slow = (perf("--memory", "lpddr3", *clock) for clock in ((), ("--clock-mhz", "500")))
+    assert (fast["clock_mhz"], slow["clock_mhz"]) == (1000, 500) and slow["total"] < 0.9 * fast["total"]
+    assert fast["latency"] is fast["bytes_per_cycle"] is None and fast["memory"] == "lpddr3"
+
+
 @pytest.mark.parametrize(("argv", "says"), [
     (["--machine", "half"], "machine 'half'"),
     (["--memory", "ddr5"], "memory 'ddr5' is not accepted: choose one of ideal, lpddr3"),
+    (["--clock-mhz", "0.5"], "clock of 0.5 MHz is not accepted: 1..100,000 MHz are"),
     (["--stereo", "--pixels", "wide"], "pixels 'wide' is not accepted with --stereo"), (["--config", "huge"], "config 'huge'"),
     (["--effects", "fog"], "effect 'fog'"), (["--size", "0x1"], "'0x1'"),
 ])
