@@ -45,8 +45,9 @@ examples:
   %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
-  %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the ideal memory
-  %(prog)s --memory lpddr3 --clock-mhz 600            the same beside a slower machine, which waits fewer cycles
+  %(prog)s --clock-mhz 600                            a slower machine, which waits fewer cycles for LPDDR3
+  %(prog)s --memory ideal                             an ideal memory instead of four channels of LPDDR3-1600: a bound
+  %(prog)s --bandwidth 12.8                           an ideal memory with half of their bandwidth
   %(prog)s --stereo --ecc-thresh 27                   two eyes, the second warped beyond 27 degrees
 """
 
@@ -58,7 +59,7 @@ def command_line() -> argparse.ArgumentParser:
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=None)
     parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
                         help="clock of the machine, on which the cycles of LPDDR3 depend (default: 1000)")
     add_out_argument(parser, "build/perf/frame")

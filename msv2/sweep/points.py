@@ -16,7 +16,8 @@ A file has a table of common settings, settings that vary, and settings that are
     cores_y = 8
 
 A name is an option of `msv2 perf` or a field of the configuration. `levels`, `depth` and `stereo` are both; alone they mean the
-frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock;
+frame's, and `set.levels` and `set.depth` the machine's. The memory is LPDDR3; where a file names a bandwidth or a latency and
+no memory, it is the ideal one for all points. `gaze = "centre"` follows the size. `clock_mhz` is the clock;
 on LPDDR3, whose times are in nanoseconds, it changes the cycles too.
 """
 
@@ -31,14 +32,13 @@ from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
-from golden.host.run_options import LATENCY
+from golden.host.run_options import IDEAL, OF_IDEAL
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
 from perf.__main__ import Asked, asked_of, command_line
 from spec.command_line import nearest
 from spec.errors import InputError
-from spec.memory import DRAM_BYTES_PER_CYCLE
 from spec.overrides import NAMES, config_record, convert
 
 MOST_POINTS = 100_000
@@ -46,15 +46,11 @@ MOST_POINTS = 100_000
 
 TABLES = ("base", "vary", "point")
 CENTRE = "centre"
-DRAM = "lpddr3"
 CLOCK = "clock_mhz"
 CLOCKS_MHZ = (1.0, 100_000.0)
 
 OF_THE_MACHINE = ("config", "machine", "pixels", "merge", "beta")
 """Options that belong to the machine, as fields of the configuration do; the others say what is drawn, and from what memory."""
-
-DEFAULTS = {"bandwidth": DRAM_BYTES_PER_CYCLE, "latency": LATENCY}
-"""Values of the options whose default is no value, because one memory does not take them."""
 
 _LEFT_OUT = {
     "help": "", "out": "--out of the command is", "no_cache": "", "sets": "the field's own name is",
@@ -150,6 +146,9 @@ def points_of(content: Mapping[str, object]) -> list[Point]:
     listed = content.get("point", [])
     if not isinstance(listed, list) or not all(isinstance(item, dict) for item in listed):
         raise InputError("point is not accepted as it is: each listed point is a table [[point]]")
+    named = {*base, *vary, *(name for item in listed for name in _flat(item))}
+    if "memory" not in named and named & set(OF_IDEAL):
+        base["memory"] = IDEAL  # of all points, so that they compete
     for name, values in vary.items():
         if not isinstance(values, list) or not values:
             raise InputError(f"vary: {name} = {values!r} is not accepted: a list of values is, such as [1, 2]")
@@ -175,12 +174,22 @@ def _completed(point: Point, varied: Sequence[str]) -> Point:
         if name in given:
             continue
         if name in options():
-            given[name] = _text(DEFAULTS.get(name, options()[name].default))
+            given[name] = _text(_default(name, asked))
         else:
             field, _, number = _fields()[name].partition(".")
             value = record[field][number] if number else record[field]
             given[name] = "none" if value is None else _text(value)
     return replace(point, varied=tuple((name, given[name]) for name in varied))
+
+
+def _default(name: str, asked: Asked) -> object:
+    """The value of an option of `msv2 perf` that a point does not name."""
+    if name == "memory":
+        return asked.memory.kind
+    if name in OF_IDEAL:
+        ideal = {"bandwidth": asked.options.bytes_per_cycle, "latency": asked.options.latency}
+        return ideal[name] if asked.memory.kind == IDEAL else f"of {asked.memory.kind}"
+    return options()[name].default
 
 
 def _product(vary: Mapping[str, Sequence[object]]) -> itertools.product:
@@ -228,10 +237,6 @@ def _point(settings: Mapping[str, object], varied: Sequence[str]) -> Point:
     if given.get("gaze") == CENTRE:
         width, height = parse_size(str(given.get("size", options()["size"].default)))
         given["gaze"] = f"{width / 2:g},{height / 2:g}"
-    if given.get("memory") == DRAM:
-        for name in ("bandwidth", "latency"):
-            if name in given:
-                raise InputError(f"{name} is not accepted with memory {DRAM!r}, whose channels have their own")
     for name, value in given.items():
         texts[name] = _text(settings[name])
         if name == CLOCK:

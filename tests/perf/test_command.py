@@ -69,6 +69,13 @@ def test_a_kept_trace_gives_the_same_frame(perf, tmp_path):
     assert len(list((tmp_path / "traces").iterdir())) == 3
 
 
+def test_the_memory_is_lpddr3_and_the_ideal_one_a_bound(perf):
+    real, bound, slow = perf(), perf("--memory", "ideal"), perf("--bandwidth", "6.4")
+    assert [found["memory"] for found in (real, bound, slow)] == ["lpddr3", "ideal", "ideal"]
+    assert real["total"] > bound["total"] < slow["total"] and real["activates"] > 0 == bound["activates"]
+    assert (bound["bytes_per_cycle"], slow["bytes_per_cycle"], real["bytes_per_cycle"]) == (25.6, 6.4, None)
+
+
 def test_changed_machines_are_modelled_and_recorded(perf):
     found = perf("--set", "sort_buffer_bytes=512", "--pipeline", "0", "--merge", "0")
     assert found["configuration"]["sort_buffer_bytes"] == 512 and found["config"].startswith("tiny_x")

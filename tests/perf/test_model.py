@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from golden.host.run_options import LPDDR3
+from golden.host.run_options import LPDDR3, MEMORIES
 from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.tile_lists import tile_lists
 from golden.scenes.load import EMBEDDED
@@ -48,7 +48,7 @@ def small() -> FrameTrace:
 @pytest.mark.parametrize("pipeline", (True, False))
 def test_cycles_are_the_rtls_within_two_percent(small, merge, pipeline):
     row = next(r for r in rtl_rows() if r["levels"] > 1 and (r["merge"], r["pipeline"]) == (merge, pipeline))
-    frame = simulate(small, PAPER, merge=merge, pipeline=pipeline, display=False)
+    frame = simulate(small, PAPER, memory=MemoryModel("ideal"), merge=merge, pipeline=pipeline, display=False)
     got = study.compared(row, frame)
     assert abs(got["total"]["error"]) <= study.TOTAL_GOAL
     assert all(abs(phase["error"]) <= study.TOTAL_GOAL for phase in got["phases"].values())
@@ -60,8 +60,9 @@ def test_cycles_are_the_rtls_within_two_percent(small, merge, pipeline):
     assert frame.groups == row["groups"]
 
 
-def test_counters_add_up_and_events_follow_each_other(small):
-    frame = simulate(small, PAPER)
+@pytest.mark.parametrize("kind", MEMORIES)
+def test_counters_add_up_and_events_follow_each_other(small, kind):
+    frame = simulate(small, PAPER, memory=MemoryModel(kind))
     assert frame.total == sum(frame.phases.values())
     for stage in frame.stages.values():
         assert stage.busy + stage.blocked + stage.starved == frame.total
@@ -85,8 +86,14 @@ def test_less_memory_never_makes_a_frame_faster(small):
     totals = [simulate(small, PAPER, memory=MemoryModel(bytes_per_cycle=rate)).total for rate in (6.4, 12.8, 25.6, None)]
     assert totals == sorted(totals, reverse=True)
     assert totals[0] > 1.5 * totals[2]
-    slow = simulate(small, PAPER, memory=MemoryModel(latency=400)).total
-    assert slow > simulate(small, PAPER).total
+    slow = simulate(small, PAPER, memory=MemoryModel("ideal", latency=400)).total
+    assert slow > simulate(small, PAPER, memory=MemoryModel("ideal")).total
+
+
+def test_the_memory_is_lpddr3_where_none_is_named(small):
+    frame = simulate(small, PAPER)
+    assert frame.as_json() | {"seconds": 0} == simulate(small, PAPER, memory=MemoryModel("lpddr3")).as_json() | {"seconds": 0}
+    assert frame.activates > 0 and frame.total > simulate(small, PAPER, memory=MemoryModel("ideal")).total
 
 
 @pytest.mark.parametrize("memory", [
@@ -116,7 +123,7 @@ def test_channels_of_dram_keep_their_bandwidth_and_never_beat_it(small):
     assert 0.8 * peak <= moved <= peak
     frame = simulate(small, PAPER, memory=MemoryModel("lpddr3"))
     assert frame.dram_bytes["read"] + frame.dram_bytes["write"] <= peak * frame.total
-    same = simulate(small, PAPER)
+    same = simulate(small, PAPER, memory=MemoryModel("ideal"))
     assert (frame.reads, frame.writes) == (same.reads, same.writes)
     assert frame.total > same.total
     beats = sum((*frame.reads.values(), *frame.writes.values())) // BEAT_BYTES
@@ -231,7 +238,7 @@ def test_a_machine_without_harmonics_does_not_wait_for_them(small):
     """The datapath takes a splat every 32 cycles, its record three; points come every 8."""
     plain, totals = replace(small, sh_degree=0), []
     for degree in (0, 3):
-        frame = simulate(plain, PAPER.with_(culling_units=1, sh_degree=degree))
+        frame = simulate(plain, PAPER.with_(culling_units=1, sh_degree=degree), memory=MemoryModel("ideal"))
         assert frame.reads["colour"] == len(small.eyes[0].survivor) * colour_beats(PAPER, 0) * BEAT_BYTES
         totals.append(frame.phases["geometry"])
     assert totals[0] < 0.9 * totals[1]

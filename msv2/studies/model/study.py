@@ -123,7 +123,7 @@ def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameC
     config = machine(row)
     trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
     lpddr3 = row.get("memory", IDEAL) == LPDDR3
-    memory = MemoryModel(LPDDR3) if lpddr3 else MemoryModel(latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
+    memory = MemoryModel(LPDDR3) if lpddr3 else MemoryModel(IDEAL, row["latency"], row["bytes_per_cycle"])
     return trace, simulate(
         trace, config, memory=memory, merge=row["merge"], pipeline=row["pipeline"], display=row["pixels"] == "display")
 
@@ -208,7 +208,7 @@ def side_by_side() -> dict[str, object]:
     trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
-        frame = simulate(trace, CONFIGS[row["config"]], display=False)
+        frame = simulate(trace, CONFIGS[row["config"]], memory=MemoryModel(IDEAL), display=False)
         runs += 1
     seconds = (time.process_time() - begin) / runs
     model, rtl = frame.total / seconds, row["cycles_per_s"] * row["wall_s"] / row["cpu_s"]
@@ -224,7 +224,7 @@ def large_frame() -> dict[str, object] | None:
         return None
     trace = trace_request(request(_LARGE_ROW, scene), CONFIGS["paper"], cache=BUILD / "traces")
     begin = time.process_time()
-    frame = simulate(trace, CONFIGS["paper"], display=True)
+    frame = simulate(trace, CONFIGS["paper"], memory=MemoryModel(IDEAL), display=True)
     return {"frame": LARGE, "cycles": frame.total, "model_seconds": time.process_time() - begin}
 
 

@@ -87,9 +87,9 @@ def test_commands_that_show_a_scene_take_the_trained_one(module, scene, monkeypa
     assert reached.value.args[0] == scene
 
 
-def parsed(*argv: str, stereo: bool = False) -> RunOptions:
+def parsed(*argv: str, stereo: bool = False, memory: str | None = "ideal") -> RunOptions:
     parser = command_parser("python -m some.room", "")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=memory)
     parser.set_defaults(stereo=stereo)
     return run_options(parser.parse_args(argv))
 
@@ -101,6 +101,14 @@ def test_run_options():
     assert parsed("--pipeline", "0").incremental is False and parsed("--machine", "full").full
     assert parsed("--memory", "lpddr3") == replace(parsed(), memory="lpddr3") and parsed().memory == "ideal"
     assert parsed("--bandwidth", "unlimited").bytes_per_cycle is None and parsed("--latency", "7").latency == 7
+
+
+def test_the_memory_is_lpddr3_unless_the_ideal_one_is_described():
+    assert parsed(memory=None) == parsed("--memory", "lpddr3") and parsed(memory=None).memory == "lpddr3"
+    for option in ("--bandwidth", "25.6"), ("--latency", "100"), ("--memory", "ideal"):
+        assert parsed(*option, memory=None) == parsed(), option
+    with pytest.raises(InputError, match="latency is not accepted with memory 'lpddr3'"):
+        parsed("--memory", "lpddr3", "--latency", "100", memory=None)
 
 
 @pytest.mark.parametrize(("argv", "says"), [
