@@ -222,9 +222,6 @@ class AcceleratorConfig:
             raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
         if self.records == "compact" and not self.chunks:
             raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
-        chunk, view = self.formats.chunk, self.formats.view
-        if self.chunks and (chunk.sig_bits > view.sig_bits or chunk != replace(view, sig_bits=chunk.sig_bits)):
-            raise ValueError(f"chunk must be view with the same or fewer significand bits, {view!r}, not {chunk!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -234,6 +231,9 @@ class AcceleratorConfig:
             raise ValueError(f"support_sigma must be None or in 0.5..8, not {sigma!r}")
         if not isinstance(self.formats, NumberFormats):
             raise TypeError(f"formats must be NumberFormats, not {self.formats!r}")
+        chunk, view = self.formats.chunk, self.formats.view
+        if self.chunks and (chunk.sig_bits > view.sig_bits or chunk != replace(view, sig_bits=chunk.sig_bits)):
+            raise ValueError(f"chunk must be view with the same or fewer significand bits, {view!r}, not {chunk!r}")
         for name, to in _NO_LONGER:
             number, limit = getattr(self.formats, name), getattr(self.formats, to)
             if number.sig_bits > limit.sig_bits:
