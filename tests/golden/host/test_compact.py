@@ -316,7 +316,8 @@ def test_quaternions_with_equal_components(quat, levels):
 def test_flat_splats_keep_their_plane(levels):
     """An axis of 0 stays 0. One that is far thinner than 16 octaves below the largest becomes 0, and is counted; one just above
     keeps its scale."""
-    model = splats(*[(0, 0, 0)] * 4, scale=[[1, 1, 0.0], [1, 1, 2.0**-15.9], [1, 1, 2.0**-16.5], [1, 1, 2.0**-30]], levels=levels)
+    thin = (0.0, 2.0**-15.9, 2.0**-16.5, 2.0**-30)
+    model = splats(*[(0, 0, 0)] * 4, scale=[[1, 1, axis] for axis in thin], levels=levels)
     words = quantise_model(V3, model)
     scale = words.decoded.scale[np.argsort(words.model_index)]
     assert scale[:, :2].tolist() == [[1, 1]] * 4

@@ -66,7 +66,8 @@ def test_the_files_order_is_kept_where_nothing_sorts():
     assert quantise_model(PAPER, model_of(50)).model_index is None
 
 
-@pytest.mark.parametrize("config", [V3, V3.with_(records="wide"), PAPER.with_(order="spatial")], ids=["compact", "wide", "plain"])
+@pytest.mark.parametrize(
+    "config", [V3, V3.with_(records="wide"), PAPER.with_(order="spatial")], ids=["compact", "wide", "plain"])
 def test_no_permutation_of_the_model_changes_a_byte(config):
     """Although a third of the points coincide with others in place, in geometry, or in everything but one bit of colour."""
     model, rng = model_of(900), np.random.default_rng(0)
@@ -79,7 +80,8 @@ def test_no_permutation_of_the_model_changes_a_byte(config):
         getattr(model, name)[:100] = getattr(model, name)[twin[:100]]
     base = gaussian_bytes(config, quantise_model(config, model))
     for seed in range(3):
-        shuffled = gaussian_bytes(config, quantise_model(config, model.select(np.random.default_rng(seed).permutation(900))))
+        rows = np.random.default_rng(seed).permutation(900)
+        shuffled = gaussian_bytes(config, quantise_model(config, model.select(rows)))
         assert all(np.array_equal(base[name], shuffled[name]) for name in base)
 
 
