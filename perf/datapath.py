@@ -1,5 +1,5 @@
-"""The datapaths of the geometry phase, stepped cycle by cycle: a slot enters once in an interval, is finished after a fixed number
-of cycles, and then waits for the output register (rtl/culling/datapath.py)."""
+"""The datapaths of the geometry phase, stepped cycle by cycle: a slot enters once in an interval, is finished after a fixed
+number of cycles, and then waits for the output register (rtl/culling/datapath.py)."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from perf import memory
 from perf.kernel import step
 from perf.layout import Layout
 
-NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST, DECODE = range(6)
+NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST = range(5)
 """The datapaths, by the numbers under which their state is kept."""
 
 layout = Layout(memory.layout)
 RING = 128  # slots, more than any datapath holds
 MASK = RING - 1
 
-# Length and interval, slots entered and fetched, free rows, whether the output register is full, and the cycles in which the slots
-# inside are finished.
+# Length and interval, slots entered and fetched, free rows, whether the output register is full, and the cycles in which the
+# slots inside are finished.
 for _name in ("length", "interval", "in", "out", "free", "full"):
     layout.ring(f"path_{_name}", 8)
 layout.ring("path_times", 8, RING)

@@ -108,6 +108,10 @@ RECORDS = ("wide", "compact")
 MOST_CULLING_UNITS = 8
 """Culling units with which a Gaussian enters in every cycle. More would change nothing but the number."""
 
+COLOUR_CYCLES = {"wide": 4, "compact": 2}
+"""Cycles of a splat in the colour unit of a machine with 8 culling units, by the format of records. Compact records come in two
+beats, and in a model in spatial order survivors come close together."""
+
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
@@ -275,8 +279,8 @@ class AcceleratorConfig:
 
     @property
     def colour_interval(self) -> int:
-        """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
-        return 4 * MOST_CULLING_UNITS // self.culling_units
+        """Cycles that a splat takes in the colour unit: with one culling unit 32, or 16 with compact records."""
+        return COLOUR_CYCLES[self.records] * MOST_CULLING_UNITS // self.culling_units
 
     @property
     def compact(self) -> bool:

@@ -8,6 +8,8 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.colour_sum import ColourSum, by_degree
+from rtl.culling.compact_sum import CompactColourSum
+from rtl.culling.compact_views import CompactRecordWriter
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
 from rtl.culling.views import RecordWriter
@@ -18,19 +20,22 @@ from spec.memory import BEAT_BITS, colour_beats, read_data, read_request, write_
 from spec.queues import COLOUR_LOOKAHEAD
 from spec.records import surviving_splat
 
-LEAST_INTERVAL = 4
-"""Least number of cycles per splat: three beats come at one per cycle, and a step reads two of them."""
+LEAST_INTERVAL = {"wide": 4, "compact": 2}
+"""Least number of cycles per splat, by the format of records. A wide record has three beats, which come at one per cycle, and a
+step reads two of them; a compact one has two beats."""
 
 
 def splat_interval(config: AcceleratorConfig) -> int:
     """Number of cycles that a splat takes in the unit."""
-    return max(LEAST_INTERVAL, config.colour_interval)
+    return max(LEAST_INTERVAL[config.records], config.colour_interval)
 
 
 def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """The fields that pass the unit unchanged: those of SurvivingSplat without `offset` and `end`."""
-    return data.StructLayout({name: field.shape for name, field in layout(surviving_splat(config)) if name not in (
-        "offset", "end")})
+    """The fields that pass the unit unchanged: those of SurvivingSplat without `offset` and `end`. Compact records have the
+    opacities, so that those of the splat stay behind."""
+    left_out = ("offset", "end", "log2_opacity") if config.compact else ("offset", "end")
+    return data.StructLayout({
+        name: field.shape for name, field in layout(surviving_splat(config)) if name not in left_out})
 
 
 class ColourUnit(wiring.Component):
@@ -55,8 +60,12 @@ class ColourUnit(wiring.Component):
             change while it is high, and after a reset.
         error: the memory answered with an error; high until the next frame's first item. The frame goes on.
 
+    Compact records have one beat of opacities and base colours and one of harmonics; ColourSum and RecordWriter are then
+    CompactColourSum and CompactRecordWriter.
+
     Throughput: one splat every `splat_interval` cycles, whatever the degree, while memory answers within COLOUR_LOOKAHEAD
-    cycles; where the interval is 4, a splat with 3 or 4 levels may take 1 or 2 cycles more. Latency from the transfer of a
+    cycles. With wide records and an interval of 4, a splat with 3 or 4 levels may take 1 or 2 cycles more; with compact ones it
+    takes one cycle for each level where those are more than the interval. Latency from the transfer of a
     splat to its first write: the latency of the datapath or of memory, whichever is longer, plus the degree's steps and 5
     cycles.
     """
@@ -71,8 +80,9 @@ class ColourUnit(wiring.Component):
         self.config, self._degree, interval = config, sh_degree, splat_interval(config)
         carried = carried_layout(config)
         self._path = Datapath(harmonics_graph(config, sh_degree), interval=interval, carried=carried) if sh_degree else None
-        self._sum = ColourSum(config, sh_degree=sh_degree, lanes=-(-terms(sh_degree) // interval), carried=carried)
-        self._views = RecordWriter(config, carried=carried)
+        kinds = (CompactColourSum, CompactRecordWriter) if config.compact else (ColourSum, RecordWriter)
+        self._sum = kinds[0](config, sh_degree=sh_degree, lanes=-(-terms(sh_degree) // interval), carried=carried)
+        self._views = kinds[1](config, carried=carried)
         inside = self._path.schedule.depth if self._path else 0
         self._waiting = max(2, -(-COLOUR_LOOKAHEAD // interval) - inside)
         self._most = self._waiting + inside + 8  # 8 for the splats in registers between the queues
@@ -147,5 +157,6 @@ class ColourUnit(wiring.Component):
             m.d.sync += self.error.eq(1)
         with m.If(taken & self.finished):
             m.d.sync += self.error.eq(0)
-        with m.If(ending & (inside == 0) & self._sum.idle & ~self.writes.valid):
+        written = ~self.writes.valid & ~self._views.busy if self.config.compact else ~self.writes.valid
+        with m.If(ending & (inside == 0) & self._sum.idle & written):
             m.d.sync += [self.finished.eq(1), ending.eq(0)]

@@ -212,7 +212,7 @@ class ColourSum(wiring.Component):
                 m.d.sync += [product.eq(x) for product, x in zip(products, exact, strict=True)]
             running, now = Signal(shape(sum_format(n)), name=f"sum_{c}", reset_less=True), Signal(
                 shape(sum_format(n)), name=f"sum_now_{c}")
-            m.d.comb += now.eq(Mux(starts[1], 0, running) + _tree(products))
+            m.d.comb += now.eq(Mux(starts[1], 0, running) + tree(products))
             with m.If(valid[1]):
                 m.d.sync += running.eq(now)
             with m.If(last):
@@ -242,7 +242,7 @@ class _Beats:
     bits: Value
 
 
-def _tree(values: list[Value]) -> Value:
+def tree(values: list[Value]) -> Value:
     """The sum of the values as a balanced tree."""
     middle = len(values) // 2
-    return values[0] if len(values) == 1 else _tree(values[:middle]) + _tree(values[middle:])
+    return values[0] if len(values) == 1 else tree(values[:middle]) + tree(values[middle:])

@@ -44,9 +44,10 @@ class TileTest(wiring.Component):
 
     A splat touches a tile if the ellipse on which the splat is just visible, widened by margins, contains a pixel centre of the
     tile. The ellipse is that of the largest opacity among the tile's levels that use the Gaussian, or, in machines where only
-    the strongest opacity passes (`opacities_carried`), of that one. With `obb`, the splat touches all tiles of its box. The foveation filter passes the intersection if the tile's level is at most the splat's bound
-    and, with stereo, the tile is rendered. A run is a part of a tile row of a splat's box. It lies within 16 columns, and all
-    its tiles have the same level and blend flag (and, with stereo, are all rendered or all not rendered).
+    the strongest opacity passes (`opacities_carried`), of that one. With `obb`, the splat touches all tiles of its box. The
+    foveation filter passes the intersection if the tile's level is at most the splat's bound and, with stereo, the tile is
+    rendered. A run is a part of a tile row of a splat's box. It lies within 16 columns, and all its tiles have the same level
+    and blend flag (and, with stereo, are all rendered or all not rendered).
 
     Throughput: one run every `point_interval` cycles and one intersection per cycle; a run without intersections takes one
     cycle. The unit is empty between frames. Latency: 8 cycles plus the length of the ellipse test's schedule, which is 66 in

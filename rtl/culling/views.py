@@ -77,9 +77,13 @@ class RecordWriter(wiring.Component):
         return data.View(of, Cat(Value.cast(values[name]) for name, _ in of))
 
     def _colour(self, channel: int, level: Value) -> Value:
-        """The sum plus the base colour, rounded and saturated once."""
-        n, sums = self.config.formats, self.sums.payload
-        frac = sum_format(n).frac_bits
+        """The colour of a channel at a level."""
+        sums = self.sums.payload
         base = select(level, [sums.dc[3 * i + channel].as_unsigned() for i in range(MAX_LEVELS)]).as_signed()
-        total = sums.total[channel] + (base << frac - n.sh_dc.frac_bits)
-        return saturate(round_shift(total, frac - n.colour.frac_bits), n.colour)
+        return rounded_colour(self.config, sums.total[channel], base)
+
+
+def rounded_colour(config: AcceleratorConfig, total: Value, base: Value) -> Value:
+    """The sum plus the base colour, rounded and saturated once."""
+    n, frac = config.formats, sum_format(config.formats).frac_bits
+    return saturate(round_shift(total + (base << frac - n.sh_dc.frac_bits), frac - n.colour.frac_bits), n.colour)

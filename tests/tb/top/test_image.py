@@ -31,6 +31,7 @@ from spec.records import gaussian_colour, gaussian_geometry
 from tb.top.check_stereo import stereo_run
 from tb.top.player import setting_writes
 from tb.top.stimuli_stereo import stereo_case, wall
+from tb.top.suite import TINY_V3
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
@@ -126,13 +127,18 @@ def test_tiles_lie_row_by_row():
     assert len({int(level) for level in frame.registers.header[:, 0]}) > 2
 
 
+@pytest.mark.parametrize("config", [TINY, TINY_V3], ids=["tiny", "tiny_v3"])
 @pytest.mark.parametrize(("gaze", "levels", "size", "shift"), [
     (None, 1, (50, 37), 0), ((0.5, 0.5), 3, (40, 24), 2), ((0.0, 0.0), 4, (500, 300), 2), ((0.4, 0.4), 2, (500, 300), 1)])
-def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift):
-    frame = frame_of(gaze, levels, 2, size)
+def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift, config):
+    frame = frame_of(gaze, levels, 2, size, config=config)
     image = image_of(frame)
-    places = [image.regions[name] for name in REGIONS if name in image.regions]
-    assert list(image.regions) == [name for name in REGIONS if not name.startswith("target") and name != "chunks"]
+    absent = ("target", *(() if config.chunks else ("chunks",)))
+    places = [image.regions[name] for name in REGIONS if not name.startswith(absent)]
+    assert len(places) == len(image.regions)
+    if config.chunks:
+        assert image.regions["geometry"].beats == 150 and image.regions["colour"].beats == 600
+        assert image.settings["chunks"] == image.regions["chunks"].beats == len(frame.words.chunks) > 4
     assert all(a.end < b.base for a, b in pairwise(places)) and places[0].base > 0
     assert image.beats == places[-1].end
     for name, rows in image.contents.items():

@@ -1,0 +1,1 @@
+"""What the steps towards the configuration `v3` give over `paper`."""

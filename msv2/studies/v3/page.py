@@ -1,0 +1,125 @@
+"""The page of the report: what the steps towards `v3` give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from msv2.studies.memory import LPDDR3, MEMORY_NAMES
+from msv2.studies.page import table
+from msv2.studies.v3.frames import MACHINES, MEMORIES
+from msv2.studies.v3.summary import Row, of
+from spec.config import PAPER, V3
+from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
+
+NONE = "-"
+
+
+def page(content: Mapping[str, Any]) -> str:
+    """The report as a Markdown page."""
+    rows = content["frames"]
+    found = content["steps"]["records"]
+    parts = [
+        "# v3: spatial order, chunks and compact records", _introduction(content),
+        "## Goals", _goals(content["goals"]),
+        "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone.",
+        _gains({**found["beside"], V3.name: found}),
+        *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
+        "## Bytes by client", "MB of a frame: `paper` / `v3`.", _bytes(rows),
+        "## Chunks", "What `v3` reads of the model. Each chunk's header, 32 bytes, is read in any case.", _chunks(rows),
+        "## Energy and activates", f"{MEMORY_NAMES[LPDDR3]}: `paper` / `v3`. The energy of DRAM includes activates, "
+        "refreshes, standby, I/O and termination; `msv2 study run energy` names the sources.", _energy(rows),
+        "## Against photographs", "PSNR in dB of golden frames against photographs of test views, which training does not see. "
+        "Frames of four levels have the gaze in the centre.", _photographs(content),
+        "## Orders of the model", "Gains over `paper` with the order of the file, as geometric means over the frames. "
+        "`golden.host.order` defines the orders.", _orders(content["orders"]),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _introduction(content: Mapping[str, Any]) -> str:
+    frames = len({row["frame"] for row in content["frames"]})
+    lines = [
+        "Written by `msv2 study run v3`.",
+        f"{frames} frames, each with four levels and the gaze in its centre, seen from the orbit's first camera, at 1 GHz. The "
+        "cycle model (`perf/`) simulates the golden renderer's frame on each machine. LPDDR3 stands for four channels of "
+        "LPDDR3-1600, which count; the ideal memory has their bandwidth, but no rows, refreshes or turnarounds: it is a bound."]
+    if content["missing"]:
+        lines.append(f"Missing: {', '.join(content['missing'])}.")
+    return "\n\n".join(lines)
+
+
+def _number(value: float | None, form: str = ".3f") -> str:
+    return NONE if value is None else format(value, form)
+
+
+def _goals(goals: Sequence[Row]) -> str:
+    return table(("goal", "wanted", "found", "state"), (
+        (goal["goal"], f"{'>=' if goal['least'] else '<='} {goal['wanted']:g}", _number(goal["found"], ".4f"),
+         {True: "reached", False: "missed", None: "not measured"}[goal["reached"]]) for goal in goals),
+        left=1, words=("state",))
+
+
+def _gains(found: Mapping[str, Row]) -> str:
+    keys = ("lpddr3_gain", "ideal_gain", "bytes_gain", "activates_gain", "dram_energy_gain", "energy_gain")
+    head = ("machine", "LPDDR3 cycles", "ideal cycles", "bytes", "activates", "energy of DRAM", "energy of chip and DRAM")
+    return table(head, ((name, *(_number(gain[key]) for key in keys)) for name, gain in found.items()), left=1)
+
+
+def _cycles(rows: Sequence[Row], memory: str) -> str:
+    lines = []
+    for row in of(rows, machine=PAPER.name, memory=memory):
+        others = {name: of(rows, frame=row["frame"], machine=name, memory=memory)[0] for name in MACHINES}
+        v3 = others[V3.name]
+        lines.append((
+            row["frame"], *(f"{other['cycles']:,}" for other in others.values()), f"{row['cycles'] / v3['cycles']:.3f}",
+            *(f"{row['phases'][phase]:,} / {v3['phases'][phase]:,}" for phase in ("geometry", "render"))))
+    return table(("frame", *MACHINES, "gain", f"geometry, `{PAPER.name}` / `{V3.name}`", "rendering"), lines, left=1)
+
+
+def _pair(one: float, other: float, form: str = ".2f") -> str:
+    return f"{one:{form}} / {other:{form}}"
+
+
+def _bytes(rows: Sequence[Row]) -> str:
+    clients = [("read", name) for name in (*CHUNK_READ_CLIENTS, *READ_CLIENTS)] + [("write", name) for name in WRITE_CLIENTS]
+    lines = []
+    for row in of(rows, machine=PAPER.name, memory=LPDDR3):
+        v3 = of(rows, frame=row["frame"], machine=V3.name, memory=LPDDR3)[0]
+        cells = [_pair(*(side["bytes"][kind].get(name, 0) / 1e6 for side in (row, v3))) for kind, name in clients]
+        lines.append((row["frame"], *cells, _pair(row["total_bytes"] / 1e6, v3["total_bytes"] / 1e6),
+                      f"{row['total_bytes'] / v3['total_bytes']:.3f}"))
+    return table(("frame", *(f"{name} {kind}" for kind, name in clients), "all", "gain"), lines, left=1)
+
+
+def _chunks(rows: Sequence[Row]) -> str:
+    return table(("frame", "chunks", "read", "share", "points", "read", "share", "survivors"), (
+        (row["frame"], f"{row['chunks']:,}", f"{row['chunks_read']:,}", f"{row['chunks_read'] / max(1, row['chunks']):.3f}",
+         f"{row['points']:,}", f"{row['points_read']:,}", f"{row['points_read'] / max(1, row['points']):.3f}",
+         f"{row['survivors']:,}") for row in of(rows, machine=V3.name, memory=LPDDR3)), left=1)
+
+
+def _energy(rows: Sequence[Row]) -> str:
+    lines = []
+    for row in of(rows, machine=PAPER.name, memory=LPDDR3):
+        v3 = of(rows, frame=row["frame"], machine=V3.name, memory=LPDDR3)[0]
+        lines.append((row["frame"], f"{row['activates']:,} / {v3['activates']:,}", *(
+            _pair(row["energy_mj"][part], v3["energy_mj"][part], ".3f") for part in ("chip", "dram"))))
+    return table(("frame", "activates", "chip, mJ", "DRAM, mJ"), lines, left=1)
+
+
+def _photographs(content: Mapping[str, Any]) -> str:
+    head = ("scene", "size", "points", "levels", "views", "`paper`, dB", "`v3`, dB", "loss, dB", "accepted", "worst view")
+    found = table(head, (
+        (row["scene"], row["size"], f"{row['points']:,}", row["levels"], row["views"], f"{row['paper_db']:.4f}",
+         f"{row['v3_db']:.4f}", f"{row['loss_db']:+.4f}", f"{row['limit_db']:g}", f"{row['worst_view_db']:+.4f}")
+        for row in content["photographs"]), left=1)
+    if content["missing_runs"]:
+        found += f"\n\nNo finished run in build/train: {', '.join(content['missing_runs'])}."
+    return found
+
+
+def _orders(means: Sequence[Row]) -> str:
+    keys = ("lpddr3_gain", "ideal_gain", "bytes_gain", "chunks_read")
+    return table(("order", "machine", "LPDDR3 cycles", "ideal cycles", "bytes", "chunks read, geometric mean"), (
+        (row["order"], row["machine"], *(_number(row[key]) for key in keys)) for row in means), left=2)

@@ -1,0 +1,91 @@
+"""`msv2 study run v3`: what the steps from `paper` to `v3` give: bytes, cycles and energy of frames, and the loss against
+photographs: v3.{json,md}.
+
+The photographs need finished runs of fern and bonsai in build/train (`make train`) and their data sets; without them their part
+is left out.
+
+examples:
+  msv2 study run v3                                   all frames, orders and photographs
+  msv2 study run v3 embedded --size 320x180           one frame
+  msv2 study run v3 --orders 0 --photographs 0        the frames alone
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.energy.table import TABLE, load_table
+from msv2.studies.page import write_page
+from msv2.studies.performance.frames import scene_file
+from msv2.studies.progress import Progress
+from msv2.studies.record import write_report
+from msv2.studies.v3 import frames, orders, photographs, summary
+from msv2.studies.v3.page import page
+from spec.command_line import command_parser
+from spec.paths import REPORTS
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = command_parser("msv2 study run v3", __doc__)
+    parser.add_argument("scene", nargs="*", metavar="SCENE",
+                        help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
+    parser.add_argument("--size", action="append", default=[], metavar="WxH",
+                        help=f"size of the frames; can be repeated (default: {', '.join(frames.SIZES)})")
+    parser.add_argument("--orders", default="1", choices=("0", "1"), help="compare the orders of the model (default: 1)")
+    parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
+    return parser.parse_args(argv)
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """The report's numbers.
+
+    Raises:
+        InputError: a scene that the command line names is missing.
+    """
+    scenes = tuple(args.scene) or frames.SCENES
+    missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
+    todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
+    runs, missing_runs = photographs.runs_here() if args.photographs == "1" else ({}, [])
+    ordered = todo if args.orders == "1" else []
+    progress = Progress("v3", [*(subject.name for subject in todo), *(f"orders: {subject.name}" for subject in ordered),
+                               *(f"photographs: {scene}" for scene in runs)])
+    table, rows, order_rows, photo_rows = load_table(), [], [], []
+    for subject in todo:
+        with progress.step(subject.name):
+            for name, config in frames.MACHINES.items():
+                trace = frames.traced(subject, config)
+                rows += [frames.frame_row(subject, name, memory, trace, config, table) for memory in frames.MEMORIES]
+    for subject in ordered:
+        with progress.step(f"orders: {subject.name}"):
+            order_rows += orders.order_rows(subject)
+    for scene, run in runs.items():
+        with progress.step(f"photographs: {scene}"):
+            photo_rows += photographs.photo_rows(scene, run)
+    return {
+        "clock_hz": frames.CLOCK_HZ, "missing": missing, "missing_runs": missing_runs, "goals": summary.goals(rows, photo_rows),
+        "steps": summary.steps(rows, photo_rows), "frames": rows, "photographs": photo_rows,
+        "orders": summary.order_means(order_rows), "order_frames": order_rows}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line."""
+    args = _arguments(argv)
+    for size in args.size:
+        parse_size(size)
+    out = make_folder(args.out)
+    content = measure(args)
+    scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
+    write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": frames.MACHINES},
+                 [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())])
+    write_page(out / "v3.md", page(content))
+    for goal in content["goals"]:
+        found = "not measured" if goal["found"] is None else f"{goal['found']:.4f}"
+        print(f"{goal['goal']}: {found} (wanted {'at least' if goal['least'] else 'at most'} {goal['wanted']:g})")
+    return 0

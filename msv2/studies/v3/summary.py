@@ -1,0 +1,94 @@
+"""Gains over `paper`, step by step, and the goals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from msv2.studies.memory import IDEAL, LPDDR3
+from msv2.studies.performance.summary import geomean
+from msv2.studies.v3.frames import MACHINES
+from spec.config import PAPER, V3
+
+Row = Mapping[str, Any]
+
+BYTES_GOAL, LPDDR3_GOAL, CHUNKS_GOAL = 1.2, 1.25, 0.35
+"""How many times fewer bytes and cycles a frame of `v3` takes, as geometric means; and the largest share of garden_large's
+chunks that is read."""
+
+CULLED = "garden_large"
+"""The scene whose share of chunks has a goal: a camera in it sees a part of it only."""
+
+
+def of(rows: Iterable[Row], **wanted: object) -> list[Row]:
+    """The rows that have the wanted values."""
+    return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
+
+
+def gains(rows: Sequence[Row], machine: str) -> dict[str, object]:
+    """How many times fewer bytes and cycles, and how many times less energy, frames take on a machine than on `paper`, as
+    geometric means over the frames; None where there is no frame."""
+    def mean(memory: str, value: str) -> float | None:
+        base = {row["frame"]: _value(row, value) for row in of(rows, machine=PAPER.name, memory=memory)}
+        return geomean(base[row["frame"]] / _value(row, value) for row in of(rows, machine=machine, memory=memory))
+
+    return {"bytes_gain": mean(LPDDR3, "total_bytes"), "lpddr3_gain": mean(LPDDR3, "cycles"),
+            "ideal_gain": mean(IDEAL, "cycles"), "activates_gain": mean(LPDDR3, "activates"),
+            "dram_energy_gain": mean(LPDDR3, "dram"), "energy_gain": mean(LPDDR3, "energy")}
+
+
+def _value(row: Row, name: str) -> float:
+    if name == "dram":
+        return row["energy_mj"]["dram"]
+    if name == "energy":
+        return row["energy_mj"]["chip"] + row["energy_mj"]["dram"]
+    return row[name]
+
+
+def shares(rows: Sequence[Row]) -> dict[str, float]:
+    """The share of chunks that `v3` reads, by frame."""
+    return {row["frame"]: row["chunks_read"] / max(1, row["chunks"]) for row in of(rows, machine=V3.name, memory=LPDDR3)}
+
+
+def steps(rows: Sequence[Row], photographs: Sequence[Row]) -> dict[str, object]:
+    """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts."""
+    parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3.name)}
+    worst = max((row["loss_db"] for row in photographs), default=None)
+    return {"records": {**gains(rows, V3.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}}
+
+
+def goals(rows: Sequence[Row], photographs: Sequence[Row]) -> list[dict[str, object]]:
+    """The goals, and whether they are reached."""
+    found = gains(rows, V3.name)
+    culled = [row["chunks_read"] / row["chunks"] for row in of(rows, machine=V3.name, memory=LPDDR3, scene=CULLED)]
+    out = [_goal("bytes of a frame, times fewer", BYTES_GOAL, found["bytes_gain"], least=True),
+           _goal("LPDDR3 cycles of a frame, times fewer", LPDDR3_GOAL, found["lpddr3_gain"], least=True),
+           _goal(f"share of {CULLED}'s chunks that is read", CHUNKS_GOAL, max(culled, default=None), least=False)]
+    for limit in sorted({row["limit_db"] for row in photographs}):
+        lost = [row for row in photographs if row["limit_db"] == limit]
+        levels = lost[0]["levels"]
+        out.append(_goal(f"dB lost against photographs, {levels} level{'s' if levels > 1 else ''}", limit,
+                         max(row["loss_db"] for row in lost), least=False))
+    return out
+
+
+def _goal(what: str, wanted: float, found: float | None, *, least: bool) -> dict[str, object]:
+    reached = None if found is None else found >= wanted if least else found <= wanted
+    return {"goal": what, "wanted": wanted, "least": least, "found": found, "reached": reached}
+
+
+def order_means(rows: Sequence[Row]) -> list[dict[str, object]]:
+    """The gains of every order over the file's order on `paper`, as geometric means over the frames."""
+    base = {(row["frame"], row["memory"]): row for row in of(rows, order="file", machine=PAPER.name)}
+    out = []
+    for name, machine in dict.fromkeys((row["order"], row["machine"]) for row in rows):
+        mine = of(rows, order=name, machine=machine)
+
+        def mean(memory: str, value: str, mine: Sequence[Row] = mine) -> float | None:
+            return geomean(base[row["frame"], memory][value] / row[value] for row in mine if row["memory"] == memory)
+
+        read = [row["chunks_read"] / row["chunks"] for row in mine if row["chunks"]]
+        out.append({"order": name, "machine": machine, "lpddr3_gain": mean(LPDDR3, "cycles"),
+                    "ideal_gain": mean(IDEAL, "cycles"), "bytes_gain": mean(LPDDR3, "total_bytes"),
+                    "chunks_read": geomean(read)})
+    return out
