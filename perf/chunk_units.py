@@ -15,17 +15,23 @@ import numpy as np
 
 from perf import bus, constants, datapath
 from perf.bus import CHUNKS, GEOMETRY
-from perf.datapath import CHUNK_TEST, DECODE, accepts, enter, fetch, set_path
+from perf.datapath import CHUNK_TEST, accepts, enter, fetch, set_path
 from perf.kernel import step
 from perf.layout import Layout
 from spec.chunks import TESTED_CHUNKS
 from spec.config import AcceleratorConfig
+from spec.queues import CHUNKS_AHEAD
 
 layout = Layout(datapath.layout)
 layout.counters("geometry")
 layout.words("""
-    chunked chunks headers_asked tested queue_room queue_in queue_out flight_room flight_in flight_out run_beat run_left
-    chunk_place halves""")
+    chunked chunks headers_asked tested queue_in queue_out flight_in flight_out run_beat run_left chunk_place halves
+    decode_pipe point_taken""")
+_QUEUE, _FLIGHT = 1 << (TESTED_CHUNKS - 1).bit_length(), 1 << (CHUNKS_AHEAD - 1).bit_length()
+layout.ring("queue_times", _QUEUE)
+layout.ring("flight_times", _FLIGHT)
+_QUEUE_LATENCY = 2  # cycles from an item's entry into a buffered queue until it is offered
+_DECODED = constants.DECODE_STAGES - 1
 
 
 def prepare(
@@ -42,9 +48,7 @@ def prepare(
         `chunk_read`, `chunk_first` and `chunk_points` of `step_chunks`.
     """
     s.chunked, s.chunks, s.halves = config.chunks, len(read), 2 if config.compact else 1
-    s.queue_room, s.flight_room = TESTED_CHUNKS, constants.CHUNKS_IN_FLIGHT
-    for place, path in ((CHUNK_TEST, paths.chunk_test), (DECODE, paths.decode)):
-        set_path(s, place, path.length, path.interval, path.rows)
+    set_path(s, CHUNK_TEST, paths.chunk_test.length, paths.chunk_test.interval, paths.chunk_test.rows)
     points, passes = np.append(count, 0).astype(np.int64), np.append(read, True)
     return passes.astype(np.uint8), (np.cumsum(points) - points)[passes], points[passes]
 
@@ -61,40 +65,55 @@ def chunk_requests(s):
 
 
 @step
-def _give_points(s, t, chunk_first, chunk_points):
-    """Steps the side of the chunk reader that takes beats and gives one Gaussian a cycle to the decode unit."""
+def _arrives(s, t, chunk_points):
+    """Whether the chunk reader has an item: the next Gaussian of a beat that has come, or the frame's end."""
     at = s.flight_out
-    if at == s.flight_in:
-        return
-    if chunk_points[at] == 0:
-        if accepts(s, DECODE, t):
-            enter(s, DECODE, t)
-            s.flight_out = at + 1
-    elif bus.offered(s, GEOMETRY, t):
-        place = s.chunk_place
-        last = place + 1 == chunk_points[at]
-        if accepts(s, DECODE, t):
-            enter(s, DECODE, t)
-            if last or s.halves == 1 or (chunk_first[at] + place) & 1:
-                bus.take(s, GEOMETRY)
-                s.busy_geometry += 1
-            else:
-                s.blocked_geometry += 1
-            s.chunk_place = 0 if last else place + 1
-            s.flight_out = at + last
-        else:
-            s.blocked_geometry += 1
+    if at == s.flight_in or s.flight_times[at & _FLIGHT - 1] > t:
+        return False
+    return chunk_points[at] == 0 or bus.offered(s, GEOMETRY, t)
 
 
 @step
-def _request_chunks(s, granted, base, chunk_first, chunk_points):
+def offers_point(s, t, chunk_points):
+    """Whether an item is offered to projection. `point_taken` must then say whether it is taken."""
+    s.point_taken = 0
+    if s.halves > 1:
+        return s.decode_pipe >> _DECODED & 1 != 0
+    return _arrives(s, t, chunk_points)
+
+
+@step
+def _give_points(s, t, chunk_first, chunk_points):
+    """Steps the decode unit, whose stages all wait for the last one, and the chunk reader's items, which go there. Wide records go
+    straight to projection."""
+    waits = bus.offered(s, GEOMETRY, t)
+    moves = s.point_taken
+    if s.halves > 1:
+        advance = moves or s.decode_pipe >> _DECODED & 1 == 0
+        moves = advance and _arrives(s, t, chunk_points)
+        if advance:
+            s.decode_pipe = (s.decode_pipe << 1 | moves) & (2 << _DECODED) - 1
+    if moves:
+        at, place = s.flight_out, s.chunk_place
+        last = place + 1 >= chunk_points[at]
+        if chunk_points[at] and (last or s.halves == 1 or (chunk_first[at] + place) & 1):
+            bus.take(s, GEOMETRY)
+            s.busy_geometry += 1
+            waits = False
+        s.chunk_place = 0 if last else place + 1
+        s.flight_out = at + last
+    s.blocked_geometry += waits
+
+
+@step
+def _request_chunks(s, t, granted, base, chunk_first, chunk_points):
     """Steps the side of the chunk reader that requests beats."""
     if granted:
         bus.read(s, GEOMETRY, s.run_beat)
         s.run_beat += 1
         s.run_left -= 1
-    at = s.queue_out
-    if s.run_left == 0 and at != s.queue_in and s.flight_in - s.flight_out < s.flight_room:
+    at, room = s.queue_out, s.flight_in - s.flight_out < CHUNKS_AHEAD
+    if s.run_left == 0 and room and at != s.queue_in and s.queue_times[at & _QUEUE - 1] <= t:
         first, count = chunk_first[at], chunk_points[at]
         if s.halves == 1:
             s.run_beat, s.run_left = base + first, count
@@ -102,6 +121,7 @@ def _request_chunks(s, granted, base, chunk_first, chunk_points):
             s.run_beat = base + (first >> 1)
             s.run_left = (first + count - 1 >> 1) - (first >> 1) + 1
         s.queue_out = at + 1
+        s.flight_times[s.flight_in & _FLIGHT - 1] = t + _QUEUE_LATENCY
         s.flight_in += 1
 
 
@@ -112,8 +132,9 @@ def _test_chunks(s, t, chunk_read):
         at = s.tested
         if chunk_read[at] == 0:
             s.path_full[CHUNK_TEST], s.tested = 0, at + 1
-        elif s.queue_in - s.queue_out < s.queue_room:
+        elif s.queue_in - s.queue_out < TESTED_CHUNKS:
             s.path_full[CHUNK_TEST], s.tested = 0, at + 1
+            s.queue_times[s.queue_in & _QUEUE - 1] = t + _QUEUE_LATENCY
             s.queue_in += 1
     fetch(s, CHUNK_TEST, t)
     entered, chunks = s.path_in[CHUNK_TEST], s.chunks
@@ -133,9 +154,8 @@ def step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_firs
     Of the chunks that are read and the frame's end, `chunk_first` are the first indices, and `chunk_points` the numbers of
     Gaussians, 0 at the end. `chunk_read` says of each header, and of the end, whether it passes the test.
     """
-    fetch(s, DECODE, t)
     _give_points(s, t, chunk_first, chunk_points)
-    _request_chunks(s, reader == GEOMETRY, geometry_base, chunk_first, chunk_points)
+    _request_chunks(s, t, reader == GEOMETRY, geometry_base, chunk_first, chunk_points)
     _test_chunks(s, t, chunk_read)
     if reader == CHUNKS:
         bus.read(s, CHUNKS, header_base + s.headers_asked)

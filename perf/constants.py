@@ -17,18 +17,21 @@ from spec.constants import MAX_LEVELS
 from spec.memory import BEAT_BYTES, colour_beats
 from spec.queues import COLOUR_LOOKAHEAD
 
-DATAPATHS = {  # by culling units: lengths of the schedules of the near test, projection, ellipse test and harmonics
-    1: (32, 110, 63, 56), 2: (27, 100, 66, 50), 4: (27, 92, 61, 42), 8: (25, 90, 58, 39),
+DATAPATHS = {1: (32, 110, 63), 2: (27, 100, 66), 4: (27, 92, 61), 8: (25, 90, 58)}
+"""The lengths of `rtl.culling.schedule.Schedule` for the near test, projection and the ellipse test, by the number of culling
+units: the last output of a slot is ready so many cycles after the slot entered. Word lengths change no schedule as long as the
+formats `view`, `work` and `conic` differ, which they do in every configuration, because operators are shared by format."""
+
+HARMONICS = {
+    0: dict.fromkeys((32, 16, 8, 4, 2), 0),
+    1: {32: 32, 16: 34, 8: 30, 4: 31, 2: 29},
+    2: {32: 39, 16: 36, 8: 35, 4: 35, 2: 35},
+    3: {32: 56, 16: 50, 8: 42, 4: 39, 2: 39},
 }
-"""The lengths of `rtl.culling.schedule.Schedule`: the last output of a slot is ready so many cycles after the slot entered.
-Word lengths change no schedule as long as the formats `view`, `work` and `conic` differ, which they do in every configuration,
-because operators are shared by format."""
+"""Lengths of the harmonics' schedules, by the machine's SH degree and the cycles of a splat. Length 0 means that there is no
+such datapath: what waits for its colour record goes straight to the sums."""
 
-HARMONICS = {0: dict.fromkeys(DATAPATHS, 0), 1: {1: 32, 2: 34, 4: 30, 8: 31}, 2: {1: 39, 2: 36, 4: 35, 8: 35}}
-"""Lengths of the harmonics' schedules for machines of SH degree below 3, by the number of culling units. Length 0 means that
-there is no such datapath: what waits for its colour record goes straight to the sums."""
-
-LEAST_COLOUR_INTERVAL = 4
+LEAST_COLOUR_INTERVAL = {"wide": 4, "compact": 2}
 """The value of `rtl.culling.colour.LEAST_INTERVAL`."""
 
 ROW_PIPELINE, SUMS_LATER = 3, 2
@@ -46,14 +49,11 @@ SETUP_LATENCY = 15
 """LATENCY of `rtl.vrc_array.setup`: the registers of the setup unit's pipeline and its output buffer."""
 
 
-CHUNK_TEST = 60
+CHUNK_TEST = 70
 """The length of the schedule of the chunk test (`rtl.chunks.chunk_test`)."""
 
-DECODE_STAGES = 2
-"""Registers of the decode unit of compact geometry (`rtl.chunks.geometry_decode`)."""
-
-CHUNKS_IN_FLIGHT = 8
-"""Most chunks whose beats are requested and have not all come."""
+DECODE_STAGES = 6
+"""The latency of `rtl.chunks.geometry_decode`."""
 
 
 @dataclass(frozen=True)
@@ -78,22 +78,25 @@ class Culling:
     ellipse: Timing
     colour: Timing
     chunk_test: Timing
-    decode: Timing
 
     @property
     def colour_waiting(self) -> int:
         return max(2, -(-COLOUR_LOOKAHEAD // self.colour.interval) - self.colour.rows)
 
 
+def splat_interval(config: AcceleratorConfig) -> int:
+    """Cycles of a splat in the colour unit."""
+    return max(LEAST_COLOUR_INTERVAL[config.records], config.colour_interval)
+
+
 def culling(config: AcceleratorConfig) -> Culling:
     """The datapaths of a configuration."""
-    near, projection, ellipse, colour = DATAPATHS[config.culling_units]
-    if config.sh_degree in HARMONICS:
-        colour = HARMONICS[config.sh_degree][config.culling_units]
-    point, splat = config.point_interval, max(LEAST_COLOUR_INTERVAL, config.colour_interval)
+    near, projection, ellipse = DATAPATHS[config.culling_units]
+    point, splat = config.point_interval, splat_interval(config)
+    colour = HARMONICS[config.sh_degree][splat]
     return Culling(
         Timing(near, point), Timing(projection, point), Timing(ellipse, point), Timing(colour, splat),
-        Timing(CHUNK_TEST, TEST_INTERVAL), Timing(DECODE_STAGES, 1))
+        Timing(CHUNK_TEST, TEST_INTERVAL))
 
 
 def terms(sh_degree: int) -> int:
@@ -105,13 +108,14 @@ def colour_steps(config: AcceleratorConfig, sh_degree: int) -> np.ndarray:
     """(steps, 2) int64: for each step, the number of beats of the record before it, and the beat after the last that it reads.
 
     This follows `rtl.culling.colour_sum.record_steps`. A step multiplies as many basis functions as let the largest record fit
-    the interval, and finds their coefficients in two beats.
+    the interval, and finds their coefficients in two beats. With compact records (`rtl.culling.compact_sum`), every splat has
+    the steps of the largest degree, and both beats of a record are there in all of them.
     """
     n, beat = config.formats, 8 * BEAT_BYTES
-    interval = max(LEAST_COLOUR_INTERVAL, config.colour_interval)
+    interval = splat_interval(config)
     lanes, count = max(1, -(-terms(config.sh_degree) // interval)), terms(sh_degree)
     if config.compact:
-        return np.array([(0, colour_beats(config, sh_degree))] * max(1, -(-count // lanes)), np.int64)
+        return np.array([(0, colour_beats(config, sh_degree))] * max(1, -(-terms(config.sh_degree) // lanes)), np.int64)
 
     def place(term: int) -> int:
         return 3 * (MAX_LEVELS * n.sh_dc.width + term * n.sh_rest.width)

@@ -7,7 +7,7 @@ from perf import memory
 from perf.kernel import step
 from perf.layout import Layout
 
-NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST, DECODE = range(6)
+NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST = range(5)
 """The datapaths, by the numbers under which their state is kept."""
 
 layout = Layout(memory.layout)

@@ -7,9 +7,9 @@ its consumer is stepped.
 
 from __future__ import annotations
 
-from perf import bus, chunk_units, memory
+from perf import bus, chunk_units, colour, memory
 from perf.bus import COLOUR, GEOMETRY, TILES, W_ENTRIES, W_VIEWS
-from perf.datapath import DECODE, ELLIPSE, HARMONICS, MASK, NEAR, PROJECTION, RING, accepts, enter, fetch
+from perf.datapath import ELLIPSE, NEAR, PROJECTION, accepts, enter, fetch
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -20,110 +20,14 @@ lie in a chunk that is skipped."""
 NOT_LAST, CLOSES, ENDS = range(3)
 """Kinds of runs of tiles: others of the same splat follow; the last one of its splat; the end of the frame."""
 
-layout = Layout(chunk_units.layout)
-layout.counters("projection", "tile_test", "colour", "entry_write")
+layout = Layout(colour.layout)
+layout.counters("projection", "tile_test", "entry_write")
 
 layout.words("""
     points asked near_point passed visible_at splat_left step walking walked cut cut_left run_full kept kept_room run clipped
     expanding rest has_entry survivors survivor_end""")
 layout.words("""
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_end writer_ended""")
-layout.words("""
-    colour_left colour_splat colour_beats colour_in colour_wait_out colour_waiting colour_number colour_place colour_count
-    colour_lasts colour_sum colour_views colour_view colour_write colour_left_at colour_inside colour_ending colour_finished
-    colour_ended colour_settled""")
-layout.ring("colour_waits", RING)
-
-
-@step
-def _write_views(s, granted, views, view_of):
-    """Steps RecordWriter, which writes one beat for every level of the splat whose sums are complete."""
-    if granted:
-        bus.write(s, W_VIEWS, s.colour_view)
-        s.colour_write = 0
-    if s.colour_sum and s.colour_write == 0:
-        at = s.colour_left_at
-        level = s.colour_views
-        while views[at] >> level & 1 == 0:
-            level += 1
-        s.colour_view, s.colour_write = view_of[at] + level, 1
-        level += 1
-        if views[at] >> level == 0:
-            s.colour_sum, level = 0, 0
-            s.colour_left_at = at + 1
-            s.colour_inside -= 1
-        s.colour_views = level
-
-
-@step
-def _sum_colour(s, t, steps):
-    """Steps ColourSum, which makes a step of a record once its beats, at most two, are present."""
-    lasts, place, count, number = s.colour_lasts, s.colour_place, s.colour_count, s.colour_number
-    sums_free = lasts == 0 and s.colour_sum == 0
-    last = number == len(steps) - 1
-    there = place == steps[number, 0] and place + count >= steps[number, 1]
-    step = s.path_full[HARMONICS] and there and (not last or sums_free)
-    following = 0 if last else steps[number + 1, 0]
-    move = count != 0 and ((last or following != place) if step else place != steps[number, 0])
-    takes = (count < 2 or move) and bus.offered(s, COLOUR, t)
-    if takes:
-        bus.take(s, COLOUR)
-    s.colour_count = count + takes - move
-    if move:
-        s.colour_place = 0 if place + 1 == s.colour_beats else place + 1
-    if lasts & 2:
-        s.colour_sum = 1
-    s.colour_lasts = (lasts << 1 | (step and last)) & 3
-    if step:
-        s.colour_number = 0 if last else number + 1
-        if last:
-            s.path_full[HARMONICS] = 0
-
-
-@step
-def _colour(s, t, granted_read, granted_write, steps, views, view_of, colour_of):
-    """Steps ColourUnit."""
-    _write_views(s, granted_write, views, view_of)
-    at = s.colour_wait_out
-    waits = at != s.colour_in and s.colour_waits[at & MASK] <= t
-    if s.path_length[HARMONICS]:
-        _sum_colour(s, t, steps)
-        fetch(s, HARMONICS, t)
-        if waits and accepts(s, HARMONICS, t):
-            enter(s, HARMONICS, t)
-            s.colour_wait_out = at + 1
-    else:
-        s.path_full[HARMONICS] = waits
-        _sum_colour(s, t, steps)
-        s.colour_wait_out += waits and s.path_full[HARMONICS] == 0
-    left = s.colour_left
-    if granted_read:
-        bus.read(s, COLOUR, colour_of[s.colour_splat] + s.colour_beats - left)
-        s.colour_left = left - 1
-    if s.survivors == 0:
-        return
-    if s.colour_ending == 0 and s.colour_in - at < s.colour_waiting and (left == 0 or (left == 1 and granted_read)):
-        s.busy_colour += 1
-        s.survivors -= 1
-        if s.survivors == 0 and s.survivor_end:
-            s.colour_ending, s.colour_ended = 1, 1
-            return
-        s.colour_waits[s.colour_in & MASK] = t + 2
-        s.colour_splat = s.colour_in
-        s.colour_in += 1
-        s.colour_left = s.colour_beats
-        s.colour_inside += 1
-        s.colour_finished = 0
-    else:
-        s.blocked_colour += 1
-
-
-@step
-def _finish_colour(s):
-    """Updates the flags for the end of the colour unit's work, which follow one cycle later."""
-    s.colour_settled = s.colour_ended and s.colour_finished
-    if s.colour_ending and s.colour_inside == 0 and s.colour_place == 0 and s.colour_write == 0:
-        s.colour_finished, s.colour_ending = 1, 0
 
 
 @step
@@ -218,7 +122,7 @@ def _walk(s, t, step_runs, splat_steps):
 
 
 @step
-def _project(s, t, point_class, passed_class, splat_steps):
+def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
     """Steps the units from memory's points to the input of the tile test."""
     _walks = s.walking
     if s.path_full[PROJECTION]:
@@ -246,11 +150,11 @@ def _project(s, t, point_class, passed_class, splat_steps):
             s.near_point += 1
     fetch(s, NEAR, t)
     if s.chunked:
-        if s.path_full[DECODE]:
+        if chunk_units.offers_point(s, t, chunk_points):
             if accepts(s, NEAR, t):
                 enter(s, NEAR, t)
                 s.busy_projection += 1
-                s.path_full[DECODE] = 0
+                s.point_taken = 1
             else:
                 s.blocked_projection += 1
         return
@@ -295,8 +199,8 @@ def geometry_phase(
             if counted < 0:
                 counted = t + 1
             s.writer_ended = 2
-        _finish_colour(s)
-        _colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
+        colour.finish_colour(s)
+        colour.step_colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
         writing = s.writer_slot | s.writer_first | s.writer_pipe | s.writer_buffer
         if (writing | s.expanding | s.clipped | s.path_full[ELLIPSE]) != 0:
             advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
@@ -306,7 +210,7 @@ def geometry_phase(
                 s.writer_end |= given == 2
         fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
-        _project(s, t, point_class, passed_class, splat_steps)
+        _project(s, t, point_class, passed_class, splat_steps, chunk_points)
         if s.chunked:
             chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points)
         elif reader == GEOMETRY:

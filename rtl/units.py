@@ -12,6 +12,11 @@ from amaranth.lib import wiring
 
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.geometry_decode import GeometryDecode
+from rtl.chunks.header_reader import ChunkHeaderReader
+from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -48,7 +53,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import AcceleratorConfig, NumberFormats
+from spec.config import V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import STAGES
 
@@ -77,6 +82,16 @@ def _operator(doc: str, make: Callable[[NumberFormats], wiring.Component]) -> Un
     return Unit(lambda config: make(config.formats), doc, "arithmetic")
 
 
+def _of_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where it reads no chunks the same one that does, with V3's records."""
+    return config if config.chunks else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
+def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where its records are wide the same one with V3's."""
+    return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
 UNITS: dict[str, Unit] = {
     TOP: Unit(Machine, "the whole machine: AXI4-Lite slave, AXI4 master, interrupt", "machine"),
     "pixel_core": Unit(PixelCore, "one pixel: alpha, transmittance, colour and depth sums"),
@@ -95,12 +110,20 @@ UNITS: dict[str, Unit] = {
     "float_sqrt": _operator("sqrt(a)", lambda n: FloatSqrt(a=n.work, result=n.extent)),
     "float_to_fixed": _operator("a small float to fixed point", lambda n: FloatToFixed(a=n.view, result=n.mean2d)),
     "fixed_to_float": _operator("fixed point to a small float", lambda n: FixedToFloat(a=n.quaternion, result=n.work)),
+    "chunk_header_reader": Unit(lambda config: ChunkHeaderReader(_of_chunks(config)),
+                                "headers of chunks from memory to their test"),
+    "chunk_reader": Unit(lambda config: ChunkReader(_of_chunks(config)),
+                         "Gaussians of tested chunks from memory to projection"),
+    "geometry_decode": Unit(lambda config: GeometryDecode(_of_compact(config)),
+                            "compact geometry to the words of Gaussians"),
     "near_test": Unit(NearTest, "drops points in front of the near plane and faint ones"),
     "projection": Unit(Projection, "a Gaussian to a splat: mean, conic, depth, box of tiles"),
     "projection_unit": Unit(ProjectionUnit, "near test and projection together"),
     "saturation_counters": Unit(SaturationCounters, "counts values at the limits of their formats", "machine"),
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
+    "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
+    "chunk_test": Unit(lambda config: ChunkTest(_of_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
     "table_loader": Unit(TableLoader, "levels of all tiles into the tile test's table"),
     "entry_writer": Unit(IntersectionWriter, "intersections into the pages of their tiles"),

@@ -135,14 +135,25 @@ def header_item(config: AcceleratorConfig) -> Record:
     ))
 
 
+def coded_point(config: AcceleratorConfig) -> Record:
+    """A Gaussian's compact geometry on its way to the decoder, with what its chunk's header says of it."""
+    fields = {f.name: f for f in chunk_header(config).fields}
+    return Record("CodedPoint", coded_point.__doc__, (
+        *(fields[name] for name in ("low", "step", "scale_top", "bound")),
+        Field("word", uint(32), "CompactGeometry", 4),
+        Field("index", uint(INDEX_BITS), "Gaussian index"),
+        Field("end", uint(1), "all Gaussians of the frame have come; the rest means nothing"),
+    ))
+
+
 def pixel_format() -> Fixed:
     """The format to which the chunk test's pixel coordinates are floored."""
     return SQ(PIXEL_BITS, 0)
 
 
 def sigma_significands(config: AcceleratorConfig) -> tuple[int, ...]:
-    """Significands of the format `chunk` by the lowest bits of `scale_top`: 2^(i / SCALE_TOP_STEPS), rounded up. The exponent is
-    that of the bits above, less the bias of `scale`. The last one is the largest significand, so that the largest
+    """Significands of the format `chunk` by the lowest bits of `scale_top`: 2^(i / SCALE_TOP_STEPS), rounded up. The exponent
+    is that of the bits above, less the bias of `scale`. The last one is the largest significand, so that the largest
     `scale_top` covers every number of the format `scale`."""
     bits = config.formats.chunk.sig_bits
     steps = (math.ceil((1 << bits - 1) * 2 ** (i / SCALE_TOP_STEPS)) for i in range(SCALE_TOP_STEPS - 1))

@@ -45,7 +45,7 @@ import math
 
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
-from spec.formats import SQ
+from spec.formats import SQ, Fixed, SmallFloat
 from spec.records import Field, Record, uint
 
 POSITION_BITS = 16
@@ -111,6 +111,17 @@ BAND_EXPONENT_MOST = (5, 7, 7)
 
 COARSE_BOUND = MAX_LEVELS - 1
 """The quality bound whose records are coarse."""
+
+
+def check_formats(config: AcceleratorConfig) -> None:
+    """Raises ValueError where the words that compact records decode to have other formats than the encodings above assume."""
+    n = config.formats
+    wanted: dict[str, Fixed | SmallFloat] = {
+        "scale": SmallFloat(12, 6, n.scale.bias, signed=False), "quaternion": SQ(0, 13), "log2_opacity": SQ(4, 10),
+        "sh_dc": SQ(2, 11), "sh_rest": SQ(1, 10)}
+    for name, number in wanted.items():
+        if getattr(n, name) != number:
+            raise ValueError(f"{name} must be {number} with compact records, not {getattr(n, name)}")
 
 
 def scale_bits(coarse: bool) -> int:

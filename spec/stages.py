@@ -33,7 +33,7 @@ class Stage:
         title: as headings and tables show it.
         phase: when it works.
         does: what it does, in one sentence.
-        golden: modules of the integer renderer that define its result; empty where it only moves or keeps data.
+        golden: golden modules that define its result; empty where it only moves or keeps data.
         rtl: modules of its units, in the order of the data.
         units: names of its units in `rtl.units`, in the order of the data.
         suites: modules that simulate it against the golden renderer.
@@ -54,6 +54,20 @@ class Stage:
 
 
 STAGES = (
+    Stage(
+        "chunk_test", "Chunk test", StagePhase.GEOMETRY,
+        "Chunks of which nothing can be seen, or only tiles of levels that do not use them, are skipped by their headers.",
+        golden=("golden.msv2_ref.chunk_test",),
+        rtl=("rtl.chunks.level_bounds", "rtl.chunks.chunk_test"),
+        units=("level_bounds", "chunk_test"),
+        suites=("tb.chunks.chunk_test_suite",), test="chunk_test"),
+    Stage(
+        "chunk_read", "Chunk reading", StagePhase.GEOMETRY,
+        "Headers of chunks and the Gaussians of chunks that pass their test are read, and compact records are decoded.",
+        golden=("golden.host.compact",),
+        rtl=("rtl.chunks.header_reader", "rtl.chunks.chunk_reader", "rtl.chunks.geometry_decode"),
+        units=("chunk_header_reader", "chunk_reader", "geometry_decode"),
+        suites=("tb.chunks.reader_suite", "tb.chunks.decode_suite"), test="chunk_reader"),
     Stage(
         "projection", "Projection", StagePhase.GEOMETRY,
         "Gaussians are read, tested against the near plane and projected to splats.",

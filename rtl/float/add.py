@@ -25,15 +25,16 @@ class FloatAdd(FloatUnit):
 
     Parameters:
         a, b, result: formats.
+        stalls: whether it has the port `advance`.
     """
 
     latency = 5
 
-    def __init__(self, *, a: SmallFloat, b: SmallFloat, result: SmallFloat) -> None:
+    def __init__(self, *, a: SmallFloat, b: SmallFloat, result: SmallFloat, stalls: bool = False) -> None:
         for name, number in (("a", a), ("b", b), ("result", result)):
             check_kind(name, number, SmallFloat)
         self._formats = a, b, result
-        super().__init__({"a": shape(a), "b": shape(b), "subtract": unsigned(1)}, result)
+        super().__init__({"a": shape(a), "b": shape(b), "subtract": unsigned(1)}, result, stalls=stalls)
 
     @property
     def _window(self) -> int:

@@ -21,7 +21,8 @@ def check_kind(name: str, number: object, kind: type[Format]) -> None:
 
 
 class FloatUnit(wiring.Component):
-    """A pipelined operation without back-pressure, for units with a fixed schedule. Throughput: one operation per cycle.
+    """A pipelined operation, by default without back-pressure, for units with a fixed schedule. Throughput: one operation per
+    cycle.
 
     Operands are taken in every cycle in which `valid` is high. Their `result` and `saturated` come `latency` cycles later, in
     order, when `result_valid` is high::
@@ -35,6 +36,8 @@ class FloatUnit(wiring.Component):
     Cycles without operands clock no data register. Reset drops operations that are in the pipeline; data registers have no
     reset.
 
+    A unit that `stalls` has the port `advance`: in cycles in which it is low, nothing moves.
+
     Attributes:
         latency: cycles from operands to result.
 
@@ -43,9 +46,9 @@ class FloatUnit(wiring.Component):
 
     latency: int
 
-    def __init__(self, operands: Mapping[str, Shape], result: Fixed | SmallFloat) -> None:
+    def __init__(self, operands: Mapping[str, Shape], result: Fixed | SmallFloat, *, stalls: bool = False) -> None:
         super().__init__({
-            "valid": In(1), **{name: In(of) for name, of in operands.items()},
+            "valid": In(1), **({"advance": In(1)} if stalls else {}), **{name: In(of) for name, of in operands.items()},
             "result_valid": Out(1), "result": Out(shape(result)), "saturated": Out(1),
         })
 
@@ -55,7 +58,7 @@ class FloatUnit(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        p = Pipeline(m, load=self.valid)
+        p = Pipeline(m, load=self.valid, advance=self.advance if "advance" in self.signature.members else 1)
 
         def let(name: str, value: Value) -> Signal:
             wire = Signal(value.shape(), name=name)

@@ -14,20 +14,24 @@ from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
 from rtl.warp_unit.pack import queue_groups
 from rtl.warp_unit.queue import queue_rows, ring_tiles
-from spec.config import CONFIGS, PAPER, PRESETS, TINY
+from spec.config import CONFIGS, PAPER, PRESETS, TINY, V3
 from spec.stereo import disparity
 
 UNITS = (1, 2, 4, 8)
 MACHINES = [*(PAPER.with_(name=f"units_{units}", culling_units=units) for units in UNITS), *PRESETS.values(),
-            PAPER.with_(name="degree_1", culling_units=4, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2)]
+            PAPER.with_(name="degree_1", culling_units=4, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2),
+            *(V3.with_(name=f"v3_{units}_{degree}", culling_units=units, sh_degree=degree)
+              for units, degree in ((8, 3), (8, 2), (8, 1), (2, 3), (1, 0)))]
 
 
 @pytest.mark.parametrize("config", MACHINES, ids=lambda config: config.name)
 def test_datapaths_have_the_schedules_of_the_rtl(config):
     found = constants.culling(config)
     colour = ColourUnit(config, sh_degree=config.sh_degree)
-    for path, timing in ((NearTest(config).datapath, found.near), (Projection(config).datapath, found.projection),
-                         (TileTest(config)._ellipse, found.ellipse), (colour._path, found.colour)):
+    paths = [(NearTest(config).datapath, found.near), (Projection(config).datapath, found.projection),
+             (TileTest(config)._ellipse, found.ellipse)]
+    assert (colour._path is None) == (found.colour.length == 0)
+    for path, timing in paths if colour._path is None else [*paths, (colour._path, found.colour)]:
         assert (path.schedule.length, path.schedule.interval, path.schedule.depth) == (
             timing.length, timing.interval, timing.rows)
     assert found.colour_waiting == colour._waiting
@@ -41,6 +45,15 @@ def test_colour_records_are_read_in_the_rtls_steps(units, degree):
         unit = ColourUnit(config, sh_degree=largest)._sum
         steps = [(step.base, step.end[degree]) for step in unit._degree_steps(degree)]
         assert constants.colour_steps(config, degree).tolist() == [list(step) for step in steps]
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("degree", range(4))
+def test_compact_colour_records_take_the_rtls_steps(units, degree):
+    config = V3.with_(culling_units=units, sh_degree=degree)
+    unit = ColourUnit(config, sh_degree=degree)._sum
+    for used in range(degree + 1):
+        assert len(constants.colour_steps(config, used)) == unit._steps
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)

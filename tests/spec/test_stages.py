@@ -13,8 +13,8 @@ from spec.sources import module_file
 from spec.stages import BY_NAME, STAGES, StagePhase, watched
 from tb.sim import UNITS as TESTS
 
-NAMES = ("projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read", "sort", "handover", "fetch",
-         "array", "pixel_write", "warp")
+NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read", "sort",
+         "handover", "fetch", "array", "pixel_write", "warp")
 
 
 def test_the_stages_in_the_order_of_the_data():
@@ -28,7 +28,7 @@ def test_every_module_that_a_stage_names_exists(stage):
     for name in (*stage.golden, *stage.rtl, *stage.suites):
         assert module_file(name), f"{stage.name}: {name}"
     assert stage.rtl and stage.units and stage.title and stage.does.endswith(".")
-    assert all(name.startswith("golden.msv2_ref.") for name in stage.golden) and stage.suites
+    assert all(name.startswith(("golden.msv2_ref.", "golden.host.compact")) for name in stage.golden) and stage.suites
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
