@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from golden.host.run_options import RunOptions, add_run_arguments, run_options
+from golden.host.run_options import IDEAL, RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref.eyes import StereoFrame, render_request
 from golden.msv2_ref.pipeline import Frame
@@ -31,6 +31,7 @@ from spec.command_line import add_out_argument, command_parser
 from spec.config import AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError, run_command_line
+from spec.lpddr3 import CLOCKS_NS
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, cache_folder, short_path
 from spec.private import output_folder
@@ -44,7 +45,9 @@ examples:
   %(prog)s                                            the trained model of the embedded scene
   %(prog)s truck.splat --size 1280x720 --gaze 640,360 --levels 4 --config paper
   %(prog)s --merge 0 --pipeline 0                     the baseline: no merging, double buffers between stages
-  %(prog)s --memory lpddr3                            four channels of LPDDR3-1600 instead of the ideal memory
+  %(prog)s --clock-mhz 600                            a slower machine, which waits fewer cycles for LPDDR3
+  %(prog)s --memory ideal                             an ideal memory instead of four channels of LPDDR3-1600: a bound
+  %(prog)s --bandwidth 12.8                           an ideal memory with half of their bandwidth
   %(prog)s --stereo --ecc-thresh 27                   two eyes, the second warped beyond 27 degrees
 """
 
@@ -56,7 +59,9 @@ def command_line() -> argparse.ArgumentParser:
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "default")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=None)
+    parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
+                        help="clock of the machine, on which the cycles of LPDDR3 depend (default: 1000)")
     add_out_argument(parser, "build/perf/frame")
     parser.add_argument("--no-cache", action="store_true", help="render the golden frame even if its trace is in the cache")
     return parser
@@ -109,8 +114,12 @@ def asked_of(args: argparse.Namespace) -> Asked:
         raise InputError("pixels 'wide' is not accepted with --stereo: 'display' is")
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
+    low, high = (1e3 / clock for clock in reversed(CLOCKS_NS))
+    if not low <= args.clock_mhz <= high:
+        raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: {low:g}..{high:,.0f} MHz are")
     take_stereo_arguments(args)
-    return Asked(config, options, MemoryModel(options.memory, options.latency, options.bytes_per_cycle))
+    memory = MemoryModel(options.memory, options.latency, options.bytes_per_cycle, clock_ns=1e3 / args.clock_mhz)
+    return Asked(config, options, memory)
 
 
 def traced(
@@ -146,8 +155,10 @@ def _model(args: argparse.Namespace, request: Request, asked: Asked, out: Path) 
     plan = plan_for(args, request, config, contention=memory.bytes_per_cycle is not None)
     trace, machine = traced(args, asked, request, plan, None if args.no_cache else CACHE)
     frame = simulated(trace, machine, asked)
+    ideal = memory.kind == IDEAL
     settings = {"config": config.name, "machine": args.machine, "merge": options.merge, "pipeline": config.incremental,
-                "memory": args.memory, "bytes_per_cycle": memory.bytes_per_cycle, "latency": memory.latency,
+                "memory": memory.kind, "bytes_per_cycle": memory.bytes_per_cycle if ideal else None,
+                "latency": memory.latency if ideal else None, "clock_mhz": args.clock_mhz,
                 "configuration": config_record(config), "effects": plan.record}
     write_json(out / "perf.json", {**trace.record, **settings, **frame.as_json(), "golden_seconds": trace.golden_seconds,
                                    "compile_seconds": compile_seconds()})

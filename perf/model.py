@@ -169,7 +169,7 @@ def simulate(
     Args:
         trace: the trace of the golden frame.
         config: the machine's configuration.
-        memory: the memory; None for the bench's memory at its default speed.
+        memory: the memory; None for four channels of LPDDR3-1600, the paper's.
         merge: whether tiles are merged.
         pipeline: whether stages hand over incrementally; None for the configuration's value.
         beta: the merge threshold in intersections; None for the automatic one. It has no effect without `merge`.
@@ -179,7 +179,7 @@ def simulate(
         ValueError: the frame has two eyes, and the machine has no stereo or `display` is False; or the frame needs a higher SH
             degree than the machine has; or only one of them has chunks.
     """
-    memory = memory or MemoryModel()
+    memory = memory or MemoryModel(LPDDR3)
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
     two = len(trace.eyes) > 1

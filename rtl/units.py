@@ -13,8 +13,10 @@ from amaranth.lib import wiring
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
 from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.chunks.header_reader import ChunkHeaderReader
+from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -120,6 +122,8 @@ UNITS: dict[str, Unit] = {
     "saturation_counters": Unit(SaturationCounters, "counts values at the limits of their formats", "machine"),
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
+    "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
+    "chunk_test": Unit(lambda config: ChunkTest(_of_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
     "table_loader": Unit(TableLoader, "levels of all tiles into the tile test's table"),
     "entry_writer": Unit(IntersectionWriter, "intersections into the pages of their tiles"),

@@ -152,8 +152,8 @@ def pixel_format() -> Fixed:
 
 
 def sigma_significands(config: AcceleratorConfig) -> tuple[int, ...]:
-    """Significands of the format `chunk` by the lowest bits of `scale_top`: 2^(i / SCALE_TOP_STEPS), rounded up. The exponent is
-    that of the bits above, less the bias of `scale`. The last one is the largest significand, so that the largest
+    """Significands of the format `chunk` by the lowest bits of `scale_top`: 2^(i / SCALE_TOP_STEPS), rounded up. The exponent
+    is that of the bits above, less the bias of `scale`. The last one is the largest significand, so that the largest
     `scale_top` covers every number of the format `scale`."""
     bits = config.formats.chunk.sig_bits
     steps = (math.ceil((1 << bits - 1) * 2 ** (i / SCALE_TOP_STEPS)) for i in range(SCALE_TOP_STEPS - 1))

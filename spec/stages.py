@@ -55,6 +55,13 @@ class Stage:
 
 STAGES = (
     Stage(
+        "chunk_test", "Chunk test", StagePhase.GEOMETRY,
+        "Chunks of which nothing can be seen, or only tiles of levels that do not use them, are skipped by their headers.",
+        golden=("golden.msv2_ref.chunk_test",),
+        rtl=("rtl.chunks.level_bounds", "rtl.chunks.chunk_test"),
+        units=("level_bounds", "chunk_test"),
+        suites=("tb.chunks.chunk_test_suite",), test="chunk_test"),
+    Stage(
         "chunk_read", "Chunk reading", StagePhase.GEOMETRY,
         "Headers of chunks and the Gaussians of chunks that pass their test are read, and compact records are decoded.",
         golden=("golden.host.compact",),

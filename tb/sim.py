@@ -12,7 +12,7 @@ from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
 from spec.private import private_folder
 from tb.axi import suite as axi
-from tb.chunks import decode_suite, reader_suite
+from tb.chunks import chunk_test_suite, decode_suite, reader_suite
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
 from tb.culling import colour_suite as colour
@@ -32,6 +32,7 @@ from tb.warp_unit import suite as warp
 
 UNITS = {
     "float": {"float": float_units},
+    "chunk_test": {"chunk_test": chunk_test_suite},
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
@@ -42,7 +43,7 @@ UNITS = {
     "axi": {"axi": axi},
     "top": {"top": top},
 }
-"""The suites of each test. float: the float units; chunk_reader: the reader of chunks and the
+"""The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
 memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
 warp: the warp unit; axi: the bus and the registers; top: the whole machine."""

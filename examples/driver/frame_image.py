@@ -2,10 +2,10 @@
 
     python examples/driver/frame_image.py --size 64x64 --out build/driver/frame.img
     python examples/driver/frame_image.py truck.splat --config paper --size 640x360 --gaze 320,180 --levels 4 --out truck.img
+    python examples/driver/frame_image.py --config v3 --read build/driver/frame.img
 
-The file holds little-endian words of 32 bits: a head of ten words, the settings (offset and value of each register), a table of
-segments (address, bytes, place in the file), and the contents. msv2_driver.c explains the head. Addresses count from 0; the
-driver adds the address at which the image lies in memory. The file fits one machine: its head has that machine's fingerprint.
+The last command tells what an image holds, and whether it fits a machine. spec/images.py has the format. The file fits one
+machine: its head has the format of its records and that machine's fingerprint.
 """
 
 from __future__ import annotations
@@ -13,37 +13,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
+from golden.host.image_file import image_bytes, read_image
 from golden.host.memory_image import MemoryImage
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.files import atomic_output
 from golden.scenes.request import add_request_arguments, resolve
 from spec.command_line import add_out_argument, command_parser
-from spec.errors import run_command_line
+from spec.config import AcceleratorConfig
+from spec.errors import InputError, run_command_line
+from spec.images import RECORD_FORMATS
 from spec.memory import BEAT_BYTES
 from spec.overrides import add_config_arguments, config_from
-from spec.registers import fingerprint
 from tb.top.check import frame_run
 from tb.top.player import Map, setting_writes
 
-MAGIC, VERSION = 0x3249534D, 2
 DEFAULT_OUT = Path("build/driver/frame.img")
 
 
-def image_bytes(image: MemoryImage) -> bytes:
+def frame_image_bytes(image: MemoryImage) -> bytes:
     """The file's contents for a frame's memory image."""
     registers = Map(image.config)
-    settings = [(registers[name], value) for name, value in setting_writes(image.config, image, {}).items()]
-    segments = {name: rows for name, rows in image.contents.items() if len(rows)}
-    head = [MAGIC, VERSION, fingerprint(image.config), len(settings), len(segments), image.width, image.height,
-            image.pixel_bytes, BEAT_BYTES * image.regions["frame"].base, BEAT_BYTES * image.beats]
-    place, table = 4 * (len(head) + 2 * len(settings) + 3 * len(segments)), []
-    for name, rows in segments.items():
-        table += [BEAT_BYTES * image.regions[name].base, rows.nbytes, place]
-        place += rows.nbytes
-    words = np.array([*head, *(word for pair in settings for word in pair), *table], "<u4")
-    return words.tobytes() + b"".join(rows.tobytes() for rows in segments.values())
+    return image_bytes(
+        image, {registers[name]: value for name, value in setting_writes(image.config, image, {}).items()})
 
 
 def write_frame_image(frame: Frame, path: Path) -> MemoryImage:
@@ -54,8 +45,23 @@ def write_frame_image(frame: Frame, path: Path) -> MemoryImage:
     """
     image = frame_run(frame, None, display=True).image
     with atomic_output(path) as file:
-        file.write(image_bytes(image))
+        file.write(frame_image_bytes(image))
     return image
+
+
+def tell(name: str, config: AcceleratorConfig) -> None:
+    """Prints what an image holds.
+
+    Raises:
+        InputError: the file cannot be read, or its image does not fit the machine.
+    """
+    try:
+        data = Path(name).read_bytes()
+    except OSError as error:
+        raise InputError(f"image {name} is not accepted: {error.strerror}") from error
+    head = read_image(config, data, f"image {name}").head
+    print(f"{name}: {head['width']}x{head['height']} pixels, {RECORD_FORMATS[head['records']]}, {head['settings']} settings, "
+          f"{head['memory']:,} bytes of memory")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -64,7 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_request_arguments(parser, size="64x64")
     add_config_arguments(parser, "tiny")
     add_out_argument(parser, str(DEFAULT_OUT))
+    parser.add_argument("--read", metavar="FILE", help="tell what an image holds, instead of writing one")
     args = parser.parse_args(argv)
+    if args.read:
+        tell(args.read, config_from(args, "tiny"))
+        return 0
     request, out = resolve(args), Path(args.out or DEFAULT_OUT)
     frame = render(request.model, request.camera, config=config_from(args, "tiny"), foveation=request.foveation,
                    background=request.background)

@@ -5,17 +5,18 @@
 
 #include <stddef.h>
 
-/* A frame image, in little-endian words of 32 bits (frame_image.py writes it):
+/* A frame image, in little-endian words of 32 bits (spec/images.py describes it, frame_image.py writes it):
  *
- *     word  0  magic               5  width in pixels     settings   offset of the register and its value, for each
- *           1  version             6  height in pixels    segments   address, bytes, and where they begin in the file, for each
- *           2  fingerprint         7  bytes of a pixel    contents
- *           3  settings            8  address of the frame
- *           4  segments            9  bytes of memory
+ *     word  0  magic               6  width in pixels     settings   offset of the register and its value, for each
+ *           1  version             7  height in pixels    segments   address, bytes, and where they begin in the file, for each
+ *           2  record format       8  bytes of a pixel    contents
+ *           3  fingerprint         9  address of the frame
+ *           4  settings           10  bytes of memory
+ *           5  segments
  */
 #define IMAGE_MAGIC 0x3249534Du /* "MSI2" */
-#define IMAGE_VERSION 2u
-#define IMAGE_WORDS 10u
+#define IMAGE_VERSION 3u
+#define IMAGE_WORDS 11u
 #define SETTING_BYTES 8u
 #define SEGMENT_BYTES 12u
 #define BEAT_BYTES 32u
@@ -70,18 +71,23 @@ enum msv2_result msv2_image_open(struct msv2_image *image, const uint8_t *bytes,
 {
     uint32_t left = size / 4u, number;
 
-    if (left < IMAGE_WORDS || word_at(bytes, 0) != IMAGE_MAGIC || word_at(bytes, 1) != IMAGE_VERSION)
+    if (left < 2u || word_at(bytes, 0) != IMAGE_MAGIC)
+        return MSV2_BAD_IMAGE;
+    if (word_at(bytes, 1) != IMAGE_VERSION)
+        return MSV2_OTHER_IMAGE;
+    if (left < IMAGE_WORDS)
         return MSV2_BAD_IMAGE;
     left -= IMAGE_WORDS;
     image->bytes = bytes;
-    image->fingerprint = word_at(bytes, 2);
-    image->setting_count = word_at(bytes, 3);
-    image->segment_count = word_at(bytes, 4);
-    image->width = word_at(bytes, 5);
-    image->height = word_at(bytes, 6);
-    image->pixel_bytes = word_at(bytes, 7);
-    image->frame = word_at(bytes, 8);
-    image->memory = word_at(bytes, 9);
+    image->records = word_at(bytes, 2);
+    image->fingerprint = word_at(bytes, 3);
+    image->setting_count = word_at(bytes, 4);
+    image->segment_count = word_at(bytes, 5);
+    image->width = word_at(bytes, 6);
+    image->height = word_at(bytes, 7);
+    image->pixel_bytes = word_at(bytes, 8);
+    image->frame = word_at(bytes, 9);
+    image->memory = word_at(bytes, 10);
     if (image->setting_count < MSV2_SETTINGS_COUNT || left / (SETTING_BYTES / 4u) < image->setting_count)
         return MSV2_BAD_IMAGE;
     left -= SETTING_BYTES / 4u * image->setting_count;
@@ -107,8 +113,10 @@ enum msv2_result msv2_image_open(struct msv2_image *image, const uint8_t *bytes,
 
 enum msv2_result msv2_load(void *port, const struct msv2_machine *machine, const struct msv2_image *image, uint32_t dram)
 {
-    uint32_t number;
+    uint32_t number, records = machine->compact ? MSV2_RECORDS_COMPACT : machine->chunks ? MSV2_RECORDS_CHUNKS : MSV2_RECORDS_WIDE;
 
+    if (image->records != records)
+        return MSV2_OTHER_FORMAT;
     if (image->fingerprint != machine->fingerprint)
         return MSV2_OTHER_MACHINE;
     if (dram % BEAT_BYTES != 0u || image->memory > UINT32_MAX - dram)

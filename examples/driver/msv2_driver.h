@@ -49,7 +49,16 @@ enum msv2_result {
     MSV2_BAD_ADDRESS = 5,   /* dram is not a multiple of 32, or the image does not fit below 4 GiB */
     MSV2_BUSY = 6,          /* a frame is under way */
     MSV2_TIMEOUT = 7,       /* no interrupt in time: the frame was aborted */
-    MSV2_FRAME_FAILED = 8   /* the machine ended the frame early; struct msv2_failure says why */
+    MSV2_FRAME_FAILED = 8,  /* the machine ended the frame early; struct msv2_failure says why */
+    MSV2_OTHER_IMAGE = 9,   /* the bytes are a frame image of another version of the file format */
+    MSV2_OTHER_FORMAT = 10  /* the image's Gaussians are not in the record format that the machine reads */
+};
+
+/* Formats in which Gaussians lie in memory. */
+enum msv2_records {
+    MSV2_RECORDS_WIDE = 0,   /* wide records */
+    MSV2_RECORDS_CHUNKS = 1, /* wide records in chunks */
+    MSV2_RECORDS_COMPACT = 2 /* compact records in chunks */
 };
 
 /* What the machine says of itself. */
@@ -69,6 +78,7 @@ struct msv2_machine {
 struct msv2_image {
     const uint8_t *settings, *segments, *bytes;
     uint32_t setting_count, segment_count;
+    uint32_t records; /* enum msv2_records */
     uint32_t fingerprint;
     uint32_t width, height, pixel_bytes;
     uint32_t frame;  /* where the pixels will be, in bytes from the start of the image in memory; rows without gaps */
@@ -93,11 +103,11 @@ struct msv2_counters {
 /* Reads what the machine is. MSV2_OK, MSV2_NO_MACHINE or MSV2_OTHER_VERSION. */
 enum msv2_result msv2_probe(void *port, struct msv2_machine *machine);
 
-/* Checks the bytes of a frame image and finds its parts. MSV2_OK or MSV2_BAD_IMAGE. */
+/* Checks the bytes of a frame image and finds its parts. MSV2_OK, MSV2_BAD_IMAGE or MSV2_OTHER_IMAGE. */
 enum msv2_result msv2_image_open(struct msv2_image *image, const uint8_t *bytes, uint32_t size);
 
 /* Copies the model, the tiles and whatever else the host provides to byte address `dram` on. They stay for further frames:
-   only changed parts need another copy. MSV2_OK, MSV2_OTHER_MACHINE, MSV2_BAD_ADDRESS, or MSV2_BUSY. */
+   only changed parts need another copy. MSV2_OK, MSV2_OTHER_FORMAT, MSV2_OTHER_MACHINE, MSV2_BAD_ADDRESS, or MSV2_BUSY. */
 enum msv2_result msv2_load(void *port, const struct msv2_machine *machine, const struct msv2_image *image, uint32_t dram);
 
 /* Writes all settings of a frame whose image lies at `dram`. The machine copies them when it starts. */

@@ -9,9 +9,10 @@ together. An order of CANDIDATES sorts
 2. by what lies `apart` in the whole model;
 3. by what is sorted `inside` blocks of `block` Gaussians of that order.
 
-There are two such things: `bound`, the quality bound, the highest first, so that the Gaussians of a chunk have the same levels;
-and `large`, so that the largest LARGE_SHARE of all splats do not blow up the bounds of many chunks. Where bounds are sorted in the
-whole model, a frame's survivors cluster more than its colour unit likes, and a row of memory holds no neighbours of other bounds.
+There are two such things: `bound`, the quality bound, the highest first, so that the Gaussians of a chunk have the same
+levels; and `large`, so that the largest LARGE_SHARE of all splats do not blow up the bounds of many chunks. Where bounds are
+sorted in the whole model, a frame's survivors cluster more than its colour unit likes, and a row of memory holds no neighbours
+of other bounds.
 
 The study `v3` compares the candidates by the cycles of an LPDDR3 memory; `SPATIAL` is the one of machines with
 `order = "spatial"`.

@@ -21,6 +21,9 @@ IDEAL, LPDDR3 = MEMORIES = ("ideal", "lpddr3")
 """Kinds of memory: `ideal` answers in order, with a bandwidth and a latency; `lpddr3` is four channels of DRAM, whose timing is
 in `spec.lpddr3`."""
 
+OF_IDEAL = ("bandwidth", "latency")
+"""Options that describe the ideal memory."""
+
 LONGEST_LATENCY = 1 << 20
 """Largest accepted latency of the memory in cycles."""
 
@@ -58,8 +61,11 @@ class RunOptions:
     memory: str = IDEAL
 
 
-def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments that `run_options` reads."""
+def add_run_arguments(parser: argparse.ArgumentParser, *, memory: str | None = IDEAL) -> None:
+    """Adds the arguments that `run_options` reads.
+
+    `memory` is the memory where none is named; None for LPDDR3, or for the ideal one where its bandwidth or latency is named.
+    """
     group = parser.add_argument_group("the machine and its memory")
     add = group.add_argument
     add("--machine", default="scene", metavar="|".join(MACHINES),
@@ -69,9 +75,10 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     add("--pipeline", metavar="0|1",
         help="stages hand over incrementally (default: the configuration's, 1); 0 is another machine, with double buffers")
     add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
-    add("--memory", default=IDEAL, metavar="|".join(MEMORIES),
-        help="ideal (default): a memory that answers in order, with a bandwidth and a latency; lpddr3: four channels of "
-             "LPDDR3-1600 beside a machine of 1 GHz")
+    first = "ideal" if memory == IDEAL else "lpddr3; ideal with --bandwidth or --latency"
+    add("--memory", default=memory, metavar="|".join(MEMORIES),
+        help="ideal: a memory that answers in order, with a bandwidth and a latency; lpddr3: four channels of LPDDR3-1600 "
+             f"(default: {first})")
     add("--bandwidth", metavar="BYTES|unlimited",
         help=f"bandwidth of the ideal memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE}); "
              f"the bus moves {BUS_BYTES_PER_CYCLE} at most")
@@ -88,10 +95,10 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     pixels = choice("pixels", args.pixels or ("display" if args.stereo else "wide"), PIXELS)
     merge = parse_switch("merge", args.merge)
     incremental = None if args.pipeline is None else parse_switch("pipeline", args.pipeline)
-    memory = choice("memory", args.memory, MEMORIES)
-    for name in ("bandwidth", "latency"):
-        if memory == LPDDR3 and getattr(args, name) is not None:
-            raise InputError(f"{name} is not accepted with memory {LPDDR3!r}, whose channels have their own")
+    named = [name for name in OF_IDEAL if getattr(args, name) is not None]
+    memory = choice("memory", args.memory or (IDEAL if named else LPDDR3), MEMORIES)
+    if memory == LPDDR3 and named:
+        raise InputError(f"{named[0]} is not accepted with memory {LPDDR3!r}, whose channels have their own")
     latency = LATENCY if args.latency is None else args.latency
     if not 1 <= latency <= LONGEST_LATENCY:
         raise InputError(f"latency {latency} is not accepted: 1..{LONGEST_LATENCY} are")

@@ -1,6 +1,6 @@
 """The chunk test: which chunks of the model the machine reads. `spec.chunks` defines it.
 
-Numbers are float64 that hold numbers of the small floats exactly, so that one operation and one rounding give the unit's result.
+Numbers are float64 that hold small floats exactly, so that one operation and one rounding give the unit's result.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _cut(x: np.ndarray | float, to: SmallFloat) -> np.ndarray:
     return np.ldexp(np.trunc(np.ldexp(mantissa, to.sig_bits)), exponent - to.sig_bits)
 
 
-def tested_chunks(
+def judged_chunks(
     config: AcceleratorConfig, chunks: np.ndarray, registers: FrameRegisters, rendered: np.ndarray | None = None,
 ) -> ChunkTest:
     """Tests every chunk.
@@ -124,8 +124,9 @@ def tested_chunks(
         first[:, k] = np.where(wide, 0, np.maximum(begin, 0))
         last[:, k] = np.where(wide, size[k] - 1, np.minimum(end, size[k] - 1))
     bounds = level_bounds(r.header[:, 0], r.tiles_x, rendered)
-    return ChunkTest(behind, chunks["opacity"] == 0, outside, _filtered(chunks["bound"], bounds, first, last),
-                     chunks["count"] == 0, first, last)
+    outside &= ~behind
+    filtered = _filtered(chunks["bound"], bounds, first, last) & ~(behind | outside)
+    return ChunkTest(behind, chunks["opacity"] == 0, outside, filtered, chunks["count"] == 0, first, last)
 
 
 def _intervals(config: AcceleratorConfig, chunks: np.ndarray, r: FrameRegisters) -> tuple[np.ndarray, np.ndarray]:
@@ -158,8 +159,8 @@ def _filtered(bound: np.ndarray, bounds: LevelBounds, first: np.ndarray, last: n
 def read_chunks(
     config: AcceleratorConfig, chunks: np.ndarray, registers: FrameRegisters, rendered: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(C,) bool: which chunks the machine reads in a frame; the arguments are those of `tested_chunks`."""
-    return tested_chunks(config, chunks, registers, rendered).read
+    """(C,) bool: which chunks the machine reads in a frame; the arguments are those of `judged_chunks`."""
+    return judged_chunks(config, chunks, registers, rendered).read
 
 
 def read_points(chunks: np.ndarray, read: np.ndarray, count: int) -> np.ndarray:

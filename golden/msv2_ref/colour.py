@@ -158,15 +158,17 @@ def splat_colours(config: AcceleratorConfig, words: GaussianWords, registers: Fr
 
 def survivor_records(
     config: AcceleratorConfig, survivors: np.ndarray, records: np.ndarray, sh_degree: int, view_shift: int,
+    opacity: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The splat records that the colour unit writes for a frame, in order: one for each level that each splat is used at.
 
     Args:
         config: the machine.
         survivors: (N,) SurvivingSplat records without the `end`.
-        records: (N,) their GaussianColour records, of at least that degree.
+        records: (N,) their GaussianColour records, of at least that degree; decoded ones of compact records.
         sh_degree: the degree in use.
         view_shift: there are 1 << view_shift places for splat records of each Gaussian.
+        opacity: (N, 4) raw `log2_opacity` by level, decoded from the compact records; None: the survivors have them.
 
     Returns:
         (M,) SplatRecord records, and (M,) int64 the beat of each, counted from the base of the region `views`.
@@ -180,6 +182,6 @@ def survivor_records(
     views = np.zeros(len(row), splat_record(config).dtype)
     for name in ("mean2d", "conic", "depth", "bound"):
         views[name] = survivors[name][row]
-    views["log2_opacity"] = survivors["log2_opacity"][row[:, None], both]
+    views["log2_opacity"] = (survivors["log2_opacity"] if opacity is None else opacity)[row[:, None], both]
     views["colour"] = colour[row[:, None], both].reshape(len(row), 6)
     return views, (survivors["index"][row].astype(np.int64) << view_shift) + level

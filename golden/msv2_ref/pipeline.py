@@ -131,10 +131,16 @@ class Frame:
         out["colour"] = self.splats.colour[rows][:, level].reshape(len(rows), -1)
         return out
 
+    def _gaussians(self) -> dict[str, np.ndarray]:
+        words = self.words
+        more = {"model_index": words.model_index, "chunks": words.chunks}
+        return {"geometry": words.geometry, "colour": words.colour, "origin": words.origin,
+                **{name: rows for name, rows in more.items() if rows is not None}}
+
     def stage(self, name: str) -> dict[str, np.ndarray]:
         """The output of the named stage (one of STAGES) as arrays for `numpy.savez`."""
         arrows = {
-            "gaussians": lambda: {"geometry": self.words.geometry, "colour": self.words.colour, "origin": self.words.origin},
+            "gaussians": self._gaussians,
             "splats": lambda: {"splats": self.splats2d, "reason": self.projected.reason},
             "entries": lambda: {"headers": self.headers, "entries": self.array_entries, "group": self.groups,
                                 "index": self.entries.splat, "background": self.registers.background},

@@ -35,7 +35,7 @@ TRACES_KEPT = 4
 """Traces that a process keeps; one of a Full HD frame takes some hundred megabytes."""
 
 _OF_THE_MACHINE = ("config", "sets", "bandwidth", "latency", "memory", "merge", "beta", "pipeline", "machine", "pixels", "out",
-                   "no_cache")
+                   "no_cache", "clock_mhz")
 """Arguments of `msv2 perf` on which neither the request nor the plan of its effects depends; the rest describes the frame."""
 
 _requests, _plans, _traces = Recent[Any](2), Recent[Any](64), Recent[Any](TRACES_KEPT)

@@ -16,7 +16,9 @@ A file has a table of common settings, settings that vary, and settings that are
     cores_y = 8
 
 A name is an option of `msv2 perf` or a field of the configuration. `levels`, `depth` and `stereo` are both; alone they mean the
-frame's, and `set.levels` and `set.depth` the machine's. `gaze = "centre"` follows the size. `clock_mhz` is the clock.
+frame's, and `set.levels` and `set.depth` the machine's. The memory is LPDDR3; where a file names a bandwidth or a latency and
+no memory, it is the ideal one for all points. `gaze = "centre"` follows the size. `clock_mhz` is the clock;
+on LPDDR3, whose times are in nanoseconds, it changes the cycles too.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
+from golden.host.run_options import IDEAL, OF_IDEAL
 from golden.scenes.captured import scene_argument
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
@@ -43,7 +46,6 @@ MOST_POINTS = 100_000
 
 TABLES = ("base", "vary", "point")
 CENTRE = "centre"
-DRAM = "lpddr3"
 CLOCK = "clock_mhz"
 CLOCKS_MHZ = (1.0, 100_000.0)
 
@@ -82,7 +84,7 @@ def _fields() -> dict[str, str]:
 
 def names() -> tuple[str, ...]:
     """All names that a sweep takes."""
-    return (*options(), CLOCK, *_fields())
+    return (*options(), *_fields())
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,9 @@ def points_of(content: Mapping[str, object]) -> list[Point]:
     listed = content.get("point", [])
     if not isinstance(listed, list) or not all(isinstance(item, dict) for item in listed):
         raise InputError("point is not accepted as it is: each listed point is a table [[point]]")
+    named = {*base, *vary, *(name for item in listed for name in _flat(item))}
+    if "memory" not in named and named & set(OF_IDEAL):
+        base["memory"] = IDEAL  # of all points, so that they compete
     for name, values in vary.items():
         if not isinstance(values, list) or not values:
             raise InputError(f"vary: {name} = {values!r} is not accepted: a list of values is, such as [1, 2]")
@@ -168,15 +173,23 @@ def _completed(point: Point, varied: Sequence[str]) -> Point:
     for name in varied:
         if name in given:
             continue
-        if name == CLOCK:
-            given[name] = _text(point.clock_mhz)
-        elif name in options():
-            given[name] = _text(options()[name].default)
+        if name in options():
+            given[name] = _text(_default(name, asked))
         else:
             field, _, number = _fields()[name].partition(".")
             value = record[field][number] if number else record[field]
             given[name] = "none" if value is None else _text(value)
     return replace(point, varied=tuple((name, given[name]) for name in varied))
+
+
+def _default(name: str, asked: Asked) -> object:
+    """The value of an option of `msv2 perf` that a point does not name."""
+    if name == "memory":
+        return asked.memory.kind
+    if name in OF_IDEAL:
+        ideal = {"bandwidth": asked.options.bytes_per_cycle, "latency": asked.options.latency}
+        return ideal[name] if asked.memory.kind == IDEAL else f"of {asked.memory.kind}"
+    return options()[name].default
 
 
 def _product(vary: Mapping[str, Sequence[object]]) -> itertools.product:
@@ -224,14 +237,11 @@ def _point(settings: Mapping[str, object], varied: Sequence[str]) -> Point:
     if given.get("gaze") == CENTRE:
         width, height = parse_size(str(given.get("size", options()["size"].default)))
         given["gaze"] = f"{width / 2:g},{height / 2:g}"
-    if given.get("memory") == DRAM:
-        for name in ("bandwidth", "latency"):
-            if name in given:
-                raise InputError(f"{name} is not accepted with memory {DRAM!r}, whose channels have their own")
     for name, value in given.items():
         texts[name] = _text(settings[name])
         if name == CLOCK:
             clock = _clock(value)
+            argv += ["--clock-mhz", _text(value)]
         elif name in options():
             argv += _option(name, value)
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from golden.host.run_options import RunOptions
+from golden.host.run_options import IDEAL, LPDDR3, RunOptions
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.plan import Work
@@ -24,12 +24,14 @@ class Numbers:
         energy: the frame's energy and rate.
         plan: the effects of the frame.
         machine: the configuration's name.
+        ideal_cycles: cycles with the ideal memory, where `cycles` are those with LPDDR3; else None.
     """
 
     cycles: FrameCycles
     energy: EnergyReport
     plan: EffectPlan
     machine: str
+    ideal_cycles: int | None = None
 
     @property
     def frames_per_s(self) -> float:
@@ -39,7 +41,8 @@ class Numbers:
     def as_json(self) -> dict[str, object]:
         """The values in JSON-ready form; the cycle model's keep the names that they have in perf.json."""
         energy = {name: value for name, value in self.energy.as_json().items() if name != "rows"}
-        return {**self.cycles.as_json(), "energy": energy, "effects": self.plan.record, "frames_per_s": self.frames_per_s}
+        return {**self.cycles.as_json(), "energy": energy, "effects": self.plan.record, "frames_per_s": self.frames_per_s,
+                "ideal_cycles": self.ideal_cycles}
 
     def summary(self) -> str:
         """The most important numbers, in Markdown."""
@@ -55,12 +58,17 @@ class Numbers:
         active = ", ".join(f"{name}{' (forced)' if name not in self.plan.called else ''}"
                            for name in self.plan.reasons if name in self.plan.active) or "none"
         power = e.chip_mj * e.clock_hz / max(c.total, 1)
+        memory = "an ideal memory" if self.ideal_cycles is None else "LPDDR3"
+        bound = "" if self.ideal_cycles is None else (
+            f" ({1e3 * self.ideal_cycles / e.clock_hz:.2f} ms with an ideal memory of its bandwidth, a bound)")
+        rows = "no rows to open" if e.counts.not_counted else f"{c.activates:,} rows opened"
         return (
-            f"Machine `{self.machine}` at {e.clock_hz / 1e6:,.0f} MHz: {1e3 * c.total / e.clock_hz:.2f} ms a frame\n\n"
+            f"Machine `{self.machine}` at {e.clock_hz / 1e6:,.0f} MHz with {memory}: "
+            f"{1e3 * c.total / e.clock_hz:.2f} ms a frame{bound}\n\n"
             f"| {' | '.join((*c.phases, 'total'))} |\n|{'--:|' * (len(c.phases) + 1)}\n| {phases} |\n\n"
             f"| stage | busy | blocked | starved | busy |\n|---|--:|--:|--:|--:|\n{stages}\n\n"
             f"Cycles of each phase, and of each stage's input. {c.groups:,} groups of tiles, {c.fetch_misses:,} misses of the "
-            f"splat cache, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written.\n\n"
+            f"splat cache, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written, {rows}.\n\n"
             f"| chip, mJ | DRAM, mJ | assumed, mJ | all, mJ | chip, mW |\n|--:|--:|--:|--:|--:|\n"
             f"| {e.chip_mj:.3f} | {e.sum_mj('dram'):.3f} | {e.sum_mj('assumed'):.3f} | {e.total_mj:.3f} | {power:.0f} |\n\n"
             f"Assumed are wires and the clock tree. Effects: {active}.")
@@ -88,4 +96,9 @@ def of_frame(
     cycles = simulate(trace, work.config, memory=memory, merge=options.merge, beta=options.beta,
                       display=options.display or isinstance(golden, StereoFrame))
     energy = frame_energy(model_counts(trace, cycles), cycles.total, work.config, table, clock_hz=clock_hz)
-    return Numbers(cycles, energy, work.plan, work.config.name)
+    ideal = None
+    if memory.kind == LPDDR3:
+        bound = simulate(trace, work.config, memory=MemoryModel(IDEAL), merge=options.merge, beta=options.beta,
+                         display=options.display or isinstance(golden, StereoFrame))
+        ideal = bound.total
+    return Numbers(cycles, energy, work.plan, work.config.name, ideal)

@@ -27,7 +27,7 @@ def add_session_arguments(parser: argparse.ArgumentParser) -> None:
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
     add_config_arguments(parser, "paper", ", whose energy was measured")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=None)
     parser.add_argument("--clock-mhz", type=float, default=1000.0, metavar="MHZ",
                         help="clock of the machine, for frame rate, energy and the cycles of LPDDR3 (default: 1000)")
 

@@ -133,7 +133,8 @@ def find(frame: Frame, x: int, y: int) -> Found | None:
         "use": frame.entries.use[entry] >> np.arange(2) & 1, "log2_opacity": s.log2_opacity[index, both],
         "colour": s.colour[index, both].reshape(-1), "depth": s.depth[index]}
     return Found(
-        (x, y), index, float(share[place]), int((share > 0).sum()), place, len(rows), level, bool(blend),
+        (x, y), int(frame.words.in_model(index)), float(share[place]), int((share > 0).sum()), place, len(rows), level,
+        bool(blend),
         int(geometry["bound"]), n.mean2d.to_float(s.mean2d[index]), float(n.depth.to_float(s.depth[index]) * r.depth_far),
         n.position.to_float(geometry["mean"]) + frame.words.origin, n.scale.to_float(geometry["scale"]),
         np.exp2(n.log2_opacity.to_float(s.log2_opacity[index])), n.colour.to_float(s.colour[index]), record,

@@ -6,6 +6,10 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.header_reader import ChunkHeaderReader
+from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
@@ -18,7 +22,7 @@ from rtl.tile_lists.tile_settings import mask_port
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
 from spec.records import frame_tiles, intersection_tile
-from spec.registers import CHUNK_READ_CLIENTS
+from spec.registers import CHUNK_EVENTS, CHUNK_READ_CLIENTS
 from spec.saturations import SATURATIONS
 
 WRITERS = ("entries", "views")
@@ -45,6 +49,12 @@ class GeometryPhase(wiring.Component):
         tiles ─► TableLoader ─────────────────────────────┘   └─► ColourUnit ─► views
                                                         colour ─────┘
 
+    In machines with chunks the Gaussians come in the chunks that pass the chunk test::
+
+        chunks ─► ChunkHeaderReader ─► ChunkTest ─► ChunkReader ─► ProjectionUnit
+                                           ▲    geometry ─┘
+        TableLoader ─► LevelBounds ────────┘
+
     Parameters:
         config: the machine.
 
@@ -64,6 +74,9 @@ class GeometryPhase(wiring.Component):
         points, culled_near, culled_faint, culled_outside, survivors, entries, filtered: counts of the frame.
         saturated_means, saturated_depths, saturated_keys, saturated_colours: counts of saturations, see `spec.saturations`.
 
+    With chunks:
+        chunks_read, chunks_skipped: further counts of the frame.
+
     With stereo:
         target: the target eye's pass is running.
         mask_tile, mask: see `mask_port`; used while the table is read.
@@ -73,7 +86,7 @@ class GeometryPhase(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__({
-            **phase_ports(config, readers(config), WRITERS, STAGES, _COUNTS),
+            **phase_ports(config, readers(config), WRITERS, STAGES, (*_COUNTS, *(CHUNK_EVENTS if config.chunks else ()))),
             "start_table": In(1), "hits": Out(stream.Signature(layout(intersection_tile(config)))), "table_done": Out(1),
             "full": Out(1),
             **({**mask_port(config), "rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
@@ -81,7 +94,7 @@ class GeometryPhase(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.reader = reader = GeometryReader(self.config)
+        m.submodules.reader = reader = (ChunkReader if self.config.chunks else GeometryReader)(self.config)
         m.submodules.loader = loader = TableLoader(self.config)
         m.submodules.projection = projection = ProjectionUnit(self.config)
         m.submodules.tile_test = tile_test = TileTest(self.config)
@@ -105,6 +118,8 @@ class GeometryPhase(wiring.Component):
             self.full.eq(writer.full), self.ready.eq(~writer.busy),
         ]
         watch(m, self, (reader.data, projection.sink, tile_test.splats, colour.survivors, writer.entries))
+        if self.config.chunks:
+            self._test_chunks(m, loader, reader)
         self._follow(m, loader, tile_test, colour)
         if self.config.stereo:
             m.d.comb += [self.mask_tile.eq(loader.mask_tile), loader.mask.eq(self.mask),
@@ -113,6 +128,31 @@ class GeometryPhase(wiring.Component):
             self._count(m, reader, projection, tile_test)
             self._count_saturated(m, projection, colour)
         return m
+
+    def _test_chunks(self, m: Module, loader: TableLoader, reader: ChunkReader) -> None:
+        """Reads the headers of chunks and gives the reader those that pass the chunk test. The bounds of levels are made anew
+        from the table of tiles of each eye's pass."""
+        m.submodules.headers = headers = ChunkHeaderReader(self.config)
+        m.submodules.bounds = bounds = LevelBounds(self.config)
+        m.submodules.chunk_test = test = ChunkTest(self.config)
+        for unit in (headers, bounds, test):
+            connect_settings(m, self, unit)
+        wiring.connect(m, headers.reads, wiring.flipped(self.reads_chunks))
+        wiring.connect(m, wiring.flipped(self.data_chunks), headers.data)
+        wiring.connect(m, headers.headers, test.headers)
+        wiring.connect(m, test.tested, reader.tested)
+        levels = loader.levels
+        m.d.comb += [
+            headers.start.eq(self.start), bounds.clear.eq(self.clear),
+            bounds.item.eq(levels.payload), bounds.moves.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
+        if self.config.counters:
+            found = Signal.like(self.chunks_read)
+            for count, items in ((found, headers.headers), (self.chunks_read, test.tested)):
+                with m.If(items.valid & items.ready & ~items.payload.end):
+                    m.d.sync += count.eq(count + 1)
+                with m.If(self.clear):
+                    m.d.sync += count.eq(0)
+            m.d.sync += self.chunks_skipped.eq(found - self.chunks_read)
 
     def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
         """Follows the ends of table and frame. `idle_views` falls only a cycle after a write was taken, hence `settled`."""

@@ -52,6 +52,6 @@ def _emit(config: AcceleratorConfig, sh_degree: int) -> str:
 @cache
 def playback(config: AcceleratorConfig, sh_degree: int = 3) -> Playback:
     """The bench of a configuration, emitted as Verilog, with a file at each stream."""
-    name = f"colour-{splat_interval(config)}-{sh_degree}"
+    name = f"colour-{'compact-' * config.compact}{splat_interval(config)}-{sh_degree}"
     verilog = emitted(f"{name}-bench", config, partial(_emit, sh_degree=sh_degree))
     return ColourBench(config, sh_degree).playback(name, "colour_bench", verilog)

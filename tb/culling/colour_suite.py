@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rtl.culling.colour import splat_interval
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import DEFAULT, PAPER, TINY, V3, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -16,11 +16,14 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.culling.colour_device import MOST_DELAY, playback
 from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+TINY_V3 = TINY.with_(name="tiny_v3", order=V3.order, chunks=V3.chunks, records=V3.records)
+"""The smallest machine with compact records."""
+
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper")
-"""Configurations with different units: they take a splat every 32, 16 and 4 cycles."""
+DISTINCT = ("tiny", "default", "paper", "tiny_v3", "v3")
+"""Configurations with different units: they take a splat every 32, 16 and 4 cycles, and with compact records every 16 and 2."""
 
 PORTS = ("survivors", "data", "reads", "writes")
 
@@ -63,11 +66,17 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Runs at full rate: one splat per interval, whatever its level, with the longest memory latency that costs no time."""
+    """Runs at full rate: one splat per interval, whatever its level, with the longest memory latency that costs no time. With
+    compact records a splat with more levels than that takes a cycle for each."""
     plan = []
     for degree in range(4):
         case = random_case(config, seed, degree, [300], levels=ONE_LEVEL, name=f"rate, degree {degree}")
         plan.append(plan_of(config, case, delay=MOST_DELAY - 8, most_cycles=300 * splat_interval(config) + SETTLING))
+        if config.compact:
+            case = random_case(config, seed, degree, [300], name=f"rate of all levels, degree {degree}")
+            levels = np.bitwise_count(case.frames[0]["levels"].astype(np.uint8))
+            most = int(np.maximum(levels, splat_interval(config)).sum()) + SETTLING
+            plan.append(plan_of(config, case, delay=MOST_DELAY - 8, most_cycles=most))
     return plan
 
 

@@ -95,8 +95,8 @@ def performance(
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in read_clients(config)},
             "writes": {name: BEAT_BYTES * r[f"write_beats_{name}"] for name in write_clients(config)}},
-        "memory": speed.kind, "activates": result.activates, "refreshes": result.refreshes,
-        "memory_busy_cycles": result.busy, "latency": speed.latency, "bytes_per_cycle": speed.bytes_per_cycle,
+        "activates": result.activates, "refreshes": result.refreshes,
+        "memory_busy_cycles": result.busy, **speed.record,
         "wall_s": round(result.seconds, 3), "cpu_s": round(result.cpu_seconds, 3),
         "cycles_per_s": round(result.cycles / result.seconds)}
 

@@ -17,8 +17,8 @@ from tb.top.progress import Pass
 def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: int | None = None) -> Pass:
     """The expected work of the pass of one eye.
 
-    In the geometry phase every Gaussian, the tile table, and the colours of the survivors are read, and the survivors' splat
-    records and the tile lists are written; memory limits this phase, or the units of a small machine. The rendering phase
+    In the geometry phase the headers of chunks, every Gaussian or those of the chunks that are not skipped, the tile table, and
+    the colours of the survivors are read, and the survivors' splat records and the tile lists are written; memory limits this phase, or the units of a small machine. The rendering phase
     reads each splat record at least once.
 
     Args:
@@ -32,8 +32,9 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
     tile_of = np.repeat(np.arange(tiles), np.diff(entries.start))
     survivors = len(np.unique(entries.splat))
     records = len(np.unique(entries.splat.astype(np.int64) * 8 + r.header[tile_of, 0]))
-    config, points = frame.config, len(frame.projected.reason)
-    reads = points + survivors * colour_beats(config, frame.words.sh_degree)
+    config, points = frame.config, int(frame.read.sum())
+    headers = 0 if frame.words.chunks is None else len(frame.words.chunks)
+    reads = headers + -(-points // (2 if config.compact else 1)) + survivors * colour_beats(config, frame.words.sh_degree)
     reads += -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES)
     writes = records + count + tiles
     memory = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle

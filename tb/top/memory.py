@@ -63,6 +63,13 @@ class MemorySpeed:
                              f"not {self.bytes_per_cycle!r}")
 
     @property
+    def record(self) -> dict[str, object]:
+        """The kind of the memory, and the latency and bandwidth of an ideal one, as values for JSON."""
+        ideal = self.kind == IDEAL
+        return {"memory": self.kind, "latency": self.latency if ideal else None,
+                "bytes_per_cycle": self.bytes_per_cycle if ideal else None}
+
+    @property
     def signals(self) -> dict[str, int]:
         """Values of the memory's input ports."""
         rate = Fraction(0) if self.bytes_per_cycle is None else Fraction(str(self.bytes_per_cycle)).limit_denominator(_FINEST)

@@ -7,7 +7,7 @@ import numpy as np
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import ErrorCode, read_clients, write_clients
+from spec.registers import CHUNK_READ_CLIENTS, ErrorCode, read_clients, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
@@ -53,7 +53,8 @@ def broken_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFram
             when = f"after {cycles} cycles{' of the target eye' * late}"
             add(planned(scene, f"reset {when}", cut=cycles, late=late), reset=True)
             add(planned(scene, f"abort {when}", error=ErrorCode.ABORTED, abort=cycles, late=late))
-    for region, client in (("tiles", "tiles"), ("target_tiles", "tiles"), ("geometry", "geometry")):
+    reading = [("tiles", "tiles"), ("target_tiles", "tiles"), ("geometry", "geometry")]
+    for region, client in (*reading, *((name, name) for name in CHUNK_READ_CLIENTS if config.chunks)):
         clients = {"error_clients": 1 << read_clients(config).index(client)}
         add(failing(scene, region, ErrorCode.READ_ERROR, clients))
     for region, client in (("frame", "frame"), ("target_frame", "warp"), ("views", "views")):

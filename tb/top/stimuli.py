@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from golden.msv2_ref.eyes import StereoFrame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
+from spec.chunks import CHUNK
 from spec.config import AcceleratorConfig
 
 
@@ -54,6 +55,16 @@ def crowd(rng: np.random.Generator, count: int) -> GaussianModel:
     return _model(rng, means, np.log(0.02 * z)[:, None] + rng.normal(0, 0.2, (count, 3)), 1, 0, faint=True)
 
 
+def clusters(rng: np.random.Generator, count: int, size: int, levels: int) -> GaussianModel:
+    """`count` tight clusters of `size` Gaussians in all directions from the camera, near and far, so that whole chunks lie
+    behind it, beside the frame, in tiles whose level none of their Gaussians has, and around the camera itself."""
+    centres = camera_of(16, 16).position + rng.uniform((-9, -7, -6), (9, 7, 12), (count, 3))
+    centres[0] = camera_of(16, 16).position
+    means = (centres[:, None] + rng.normal(0, 0.15, (count, size, 3))).reshape(-1, 3)
+    model = _model(rng, means, rng.normal(-3, 0.5, (len(means), 3)), levels, 1)
+    return replace(model, quality_bound=np.repeat(model.quality_bound[:count], size))
+
+
 def _model(rng: np.random.Generator, means: np.ndarray, log_scales: np.ndarray, levels: int, sh: int,
            faint: bool = False) -> GaussianModel:
     count = len(means)
@@ -75,6 +86,23 @@ def case(
     return Case(name, frame, beta, obb)
 
 
+def chunk_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
+    """Frames of models with many chunks: most are read, few, or none."""
+    levels = config.levels
+    scene, full = clusters(rng, 40, 70, levels), clusters(rng, 6, CHUNK, 1)
+    giant = replace(scene, log_scales=np.where(np.arange(len(scene))[:, None] % 500 == 3, 2.0, scene.log_scales))
+    behind = replace(full, means=full.means - [0, 0, 1e3])
+    faint = replace(full, opacity=np.zeros_like(full.opacity))
+    return [
+        case(config, "clusters", scene, (64, 48)),
+        case(config, "clusters, gaze", scene, (90, 60), **({"gaze": (80, 10)} if levels > 1 else {})),
+        case(config, "clusters with giants", giant, (64, 48)),
+        case(config, "full chunks", full, (64, 48)),
+        case(config, "all behind", behind, (40, 20)),
+        case(config, "all faint", faint, (40, 20)),
+    ]
+
+
 def small_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     """Small frames of every kind."""
     rng, levels = np.random.default_rng(seed), config.levels
@@ -84,6 +112,7 @@ def small_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     gazes = {"in a corner": (0, 0), "in the middle": (45, 30), "at the side": (89, 20)} if levels > 1 else {}
     cases += [case(config, f"gaze {place}", scene, (90, 60), gaze=gaze) for place, gaze in gazes.items()]
     cases += [case(config, f"beta {beta}", scene, (90, 60), beta=beta) for beta in (0, 1, 60, 100_000)]
+    cases += chunk_cases(config, rng) if config.chunks else []
     cases += [
         case(config, "bounding boxes", scene, (90, 60), obb=True),
         case(config, "needles and giants", cloud(rng, 120, wild=True), (64, 64)),

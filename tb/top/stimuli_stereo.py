@@ -12,7 +12,7 @@ from golden.scenes.model import GaussianModel
 from golden.scenes.stereo import stereo_pair
 from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
-from tb.top.stimuli import Case, camera_of, cloud, crowd
+from tb.top.stimuli import Case, camera_of, cloud, clusters, crowd
 
 
 def stereo_case(
@@ -64,7 +64,11 @@ def stereo_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     def make(name: str, model: GaussianModel = scene, size: tuple[int, int] = (90, 60), **options: object) -> Case:
         return stereo_case(config, name, model, size, **options)
 
+    chunks = []
+    if config.chunks:
+        chunks = [make("clusters", clusters(rng, 40, 70, levels), gaze=(45, 30), baseline=0.4, threshold_deg=20)]
     return [
+        *chunks,
         make("gaze in the middle", solid, gaze=(45, 30)),
         make("right eye first, gaze at the side", solid, gaze=(80, 20), source_eye="right"),
         make("two gazes", solid, gaze=(5, 5), gaze_target=(70, 50), baseline=0.2),

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
+from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, V3, AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import WRITE_CLIENTS, ErrorCode, read_clients
+from spec.registers import CHUNK_READ_CLIENTS, WRITE_CLIENTS, ErrorCode, read_clients
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
@@ -25,15 +25,21 @@ from tb.top.planned import SPEEDS, PlannedFrame, failing, planned, problems
 from tb.top.player import play_frames
 from tb.top.stimuli import case, cloud, crowd, small_cases
 
+TINY_V3 = TINY.with_(name="tiny_v3", order="spatial", chunks=True, records="compact")
+"""The small machine with what V3 has besides PAPER."""
+
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT, "paper": PAPER,
     "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
     "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4),
-    "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree)}
+    "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree),
+    "tiny_v3": TINY_V3, "tiny_chunks": TINY_V3.with_(name="tiny_chunks", records="wide"),
+    "tiny_v3_stereo": TINY_V3.with_(name="tiny_v3_stereo", stereo=True), "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short")
-"""Configurations with different machines: both ways of handing over, and the presets' number formats. Larger machines are
+DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_v3", "tiny_chunks",
+            "tiny_v3_stereo")
+"""Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines are
 simulated with whole frames (`tb.frame`)."""
 
 
@@ -71,7 +77,7 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     for cycles in (1, 40, 250, least // 3, 2 * least // 3, least - 1):
         add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
         add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
-    for name in ("geometry", "tiles", "colour"):
+    for name in ("geometry", "tiles", "colour", *(CHUNK_READ_CLIENTS if config.chunks else ())):
         clients = {"error_clients": 1 << read_clients(config).index(name)}
         add(failing(scene, name, ErrorCode.READ_ERROR, clients))
     for name in ("entries", "views", "frame"):

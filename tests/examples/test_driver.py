@@ -20,7 +20,9 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from spec.config import TINY
+from spec.errors import InputError
 from spec.host_settings import settings, with_every_register
+from spec.images import IMAGE_MAGIC, IMAGE_VERSION, RECORD_FORMATS, record_format
 from spec.paths import DOCS, ROOT
 from spec.registers import MAGIC, SETTINGS_BASE, VERSION_MAJOR, ErrorCode, fingerprint, identity, register_map
 from tb.top.check import frame_run
@@ -28,7 +30,8 @@ from tb.top.player import Map, setting_writes
 
 DRIVER = ROOT / "examples" / "driver"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes", "-Werror")
-OK, NO_MACHINE, OTHER_VERSION, BAD_IMAGE, OTHER_MACHINE, BAD_ADDRESS, BUSY, TIMEOUT, FRAME_FAILED = range(9)
+(OK, NO_MACHINE, OTHER_VERSION, BAD_IMAGE, OTHER_MACHINE, BAD_ADDRESS, BUSY, TIMEOUT, FRAME_FAILED, OTHER_IMAGE,
+ OTHER_FORMAT) = range(11)
 AT = {register.name: register.offset for register in register_map(TINY)}
 DRAM = 0x40000
 
@@ -105,7 +108,7 @@ def image(frame: Frame) -> MemoryImage:
 
 @pytest.fixture(scope="module")
 def packed(image: MemoryImage) -> bytes:
-    return example("frame_image").image_bytes(image)
+    return example("frame_image").frame_image_bytes(image)
 
 
 def opened(library: ctypes.CDLL, data: bytes) -> tuple[int, Words, bytes]:
@@ -158,7 +161,7 @@ def test_every_base_is_moved(library: ctypes.CDLL) -> None:
     """Of a machine with all registers: whatever setting is an address in memory, and no other."""
     registers, machine = Registers(library), with_every_register(TINY)
     at = {setting.name: SETTINGS_BASE + 4 * setting.number for setting in settings(machine)}
-    head = [0x3249534D, 2, fingerprint(machine), len(at), 0, 1, 1, 4, 0, 0]
+    head = [IMAGE_MAGIC, IMAGE_VERSION, record_format(machine), fingerprint(machine), len(at), 0, 1, 1, 4, 0, 0]
     data = np.array([*head, *(word for offset in at.values() for word in (offset, 5))], "<u4").tobytes()
     result, found, _ = opened(library, data)
     assert result == OK
@@ -171,19 +174,21 @@ def test_images_that_are_none_are_refused(library: ctypes.CDLL, packed: bytes) -
     def changed(word: int, value: int) -> bytes:
         return packed[:4 * word] + struct.pack("<I", value) + packed[4 * word + 4:]
 
-    first = 10 + 2 * struct.unpack_from("<I", packed, 12)[0]
+    first = 11 + 2 * struct.unpack_from("<I", packed, 16)[0]
     wrong = {
-        "empty": b"", "head alone": packed[:36], "settings cut off": packed[:80], "contents cut off": packed[:-1],
-        "magic": changed(0, 1), "version": changed(1, 1), "few settings": changed(3, 50),
-        "many settings": changed(3, 0xFFFFFFFF),
-        "many settings of 8 bytes": changed(3, (len(packed) - 40) // 8 + 1),
-        "setting before the settings": changed(10, 0x20), "setting behind them": changed(10, 0x400),
-        "setting within a word": changed(10, 0x102), "many segments": changed(4, 0xFFFFFFFF), "little memory": changed(9, 32),
+        "empty": b"", "magic alone": packed[:4], "head cut off": packed[:40],
+        "settings cut off": packed[:80], "contents cut off": packed[:-1],
+        "magic": changed(0, 1), "few settings": changed(4, 50), "many settings": changed(4, 0xFFFFFFFF),
+        "many settings of 8 bytes": changed(4, (len(packed) - 44) // 8 + 1),
+        "setting before the settings": changed(11, 0x20), "setting behind them": changed(11, 0x400),
+        "setting within a word": changed(11, 0x102), "many segments": changed(5, 0xFFFFFFFF), "little memory": changed(10, 32),
         "segment beyond memory": changed(first, 1 << 31),
         "segment of 4 GB": changed(first + 1, 0xFFFFFFFF), "place beyond the file": changed(first + 2, 0xFFFFFFE0)}
     assert opened(library, packed)[0] == OK
     for name, data in wrong.items():
         assert opened(library, data)[0] == BAD_IMAGE, name
+    for version in (0, IMAGE_VERSION - 1, IMAGE_VERSION + 1):
+        assert opened(library, changed(1, version))[0] == OTHER_IMAGE
 
 
 @needs_gcc
@@ -197,9 +202,45 @@ def test_loading_is_refused(library: ctypes.CDLL, packed: bytes) -> None:
     registers.values[AT["status"]] = Map(TINY).value("status", busy=1)[1]
     assert library.msv2_load(None, ctypes.byref(machine), ctypes.byref(found), DRAM) == BUSY
     assert library.msv2_start(None) == BUSY
+    _, compact, _ = opened(library, struct.pack("<III", IMAGE_MAGIC, IMAGE_VERSION, 2) + packed[12:])
+    assert library.msv2_load(None, ctypes.byref(machine), ctypes.byref(compact), DRAM) == OTHER_FORMAT
     machine.words[2] ^= 1
     assert library.msv2_load(None, ctypes.byref(machine), ctypes.byref(found), DRAM) == OTHER_MACHINE
     assert not registers.stored and not registers.written
+
+
+@needs_gcc
+@pytest.mark.parametrize("chunks", [0, 1])
+@pytest.mark.parametrize("compact", [0, 1])
+def test_images_of_another_record_format_are_refused(
+    library: ctypes.CDLL, packed: bytes, chunks: int, compact: int,
+) -> None:
+    """A machine tells by its identity register what it reads; only an image of that format passes."""
+    registers = Registers(library)
+    for bits in next(register for register in register_map(TINY) if register.name == "machine_array").bits:
+        if bits.name in ("chunks", "compact"):
+            registers.values[AT["machine_array"]] |= {"chunks": chunks, "compact": compact}[bits.name] << bits.low
+    machine, wanted = probed(library), 2 if compact else chunks
+    for records in (*range(len(RECORD_FORMATS)), 77):
+        _, found, _ = opened(library, packed[:8] + struct.pack("<I", records) + packed[12:])
+        result = library.msv2_load(None, ctypes.byref(machine), ctypes.byref(found), DRAM)
+        assert result == (OK if records == wanted else OTHER_FORMAT)
+
+
+def test_an_image_is_read_back_by_its_machine_alone(
+    packed: bytes, image: MemoryImage, tmp_path: Path, capsys: pytest.CaptureFixture,
+) -> None:
+    path, module = tmp_path / "frame.img", example("frame_image")
+    path.write_bytes(packed)
+    assert module.main(["--config", "tiny", "--read", str(path)]) == 0
+    assert f"32x32 pixels, wide records, {len(list(settings(TINY)))} settings" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"frame.img is not accepted: it holds wide records, and config 'v3' reads"):
+        module.main(["--config", "v3", "--read", str(path)])
+    with pytest.raises(InputError, match=r"missing.img is not accepted: No such file"):
+        module.main(["--read", str(tmp_path / "missing.img")])
+    done = subprocess.run([sys.executable, str(DRIVER / "frame_image.py"), "--config", "v3", "--read", str(path)],
+                          capture_output=True, text=True, check=False, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert done.returncode == 2 and done.stderr.startswith("error: image ") and done.stdout == ""
 
 
 @needs_gcc
@@ -268,9 +309,11 @@ def test_the_frame_on_the_rtl_is_the_golden_renderers(simulated: tuple[Path, sub
 @needs_gcc
 @pytest.mark.long
 @pytest.mark.parametrize(("word", "value", "timeout", "status", "said"), [
-    (10 + 2 * 29 + 1, 0, "1000", FRAME_FAILED, "the frame failed: error 1, setting 0x174"),
-    (None, 0, "0", TIMEOUT, "render: result 7"), (2, 1, "1000", OTHER_MACHINE, "load: result 4"),
-    (0, 1, "1000", BAD_IMAGE, "image: result 3")], ids=["bad setting", "no time", "another machine", "no image"])
+    (11 + 2 * 29 + 1, 0, "1000", FRAME_FAILED, "the frame failed: error 1, setting 0x174"),
+    (None, 0, "0", TIMEOUT, "render: result 7"), (3, 1, "1000", OTHER_MACHINE, "load: result 4"),
+    (0, 1, "1000", BAD_IMAGE, "image: result 3"), (1, 2, "1000", OTHER_IMAGE, "image: result 9"),
+    (2, 2, "1000", OTHER_FORMAT, "load: result 10")],
+    ids=["bad setting", "no time", "another machine", "no image", "another version", "another record format"])
 def test_what_goes_wrong_on_the_rtl(
     word: int | None, value: int, timeout: str, status: int, said: str, simulated: tuple[Path, subprocess.CompletedProcess],
     tmp_path: Path,

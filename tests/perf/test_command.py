@@ -69,15 +69,31 @@ def test_a_kept_trace_gives_the_same_frame(perf, tmp_path):
     assert len(list((tmp_path / "traces").iterdir())) == 3
 
 
+def test_the_memory_is_lpddr3_and_the_ideal_one_a_bound(perf):
+    real, bound, slow = perf(), perf("--memory", "ideal"), perf("--bandwidth", "6.4")
+    assert [found["memory"] for found in (real, bound, slow)] == ["lpddr3", "ideal", "ideal"]
+    assert real["total"] > bound["total"] < slow["total"] and real["activates"] > 0 == bound["activates"]
+    assert (bound["bytes_per_cycle"], slow["bytes_per_cycle"], real["bytes_per_cycle"]) == (25.6, 6.4, None)
+
+
 def test_changed_machines_are_modelled_and_recorded(perf):
     found = perf("--set", "sort_buffer_bytes=512", "--pipeline", "0", "--merge", "0")
     assert found["configuration"]["sort_buffer_bytes"] == 512 and found["config"].startswith("tiny_x")
     assert (found["pipeline"], found["merge"]) == (False, False)
 
 
+def test_the_clock_matters_to_dram_alone(perf):
+    ideal = [perf(*clock)["total"] for clock in ((), ("--clock-mhz", "500"))]
+    assert ideal[0] == ideal[1]
+    fast, slow = (perf("--memory", "lpddr3", *clock) for clock in ((), ("--clock-mhz", "500")))
+    assert (fast["clock_mhz"], slow["clock_mhz"]) == (1000, 500) and slow["total"] < 0.9 * fast["total"]
+    assert fast["latency"] is fast["bytes_per_cycle"] is None and fast["memory"] == "lpddr3"
+
+
 @pytest.mark.parametrize(("argv", "says"), [
     (["--machine", "half"], "machine 'half'"),
     (["--memory", "ddr5"], "memory 'ddr5' is not accepted: choose one of ideal, lpddr3"),
+    (["--clock-mhz", "0.5"], "clock of 0.5 MHz is not accepted: 1..100,000 MHz are"),
     (["--stereo", "--pixels", "wide"], "pixels 'wide' is not accepted with --stereo"), (["--config", "huge"], "config 'huge'"),
     (["--effects", "fog"], "effect 'fog'"), (["--size", "0x1"], "'0x1'"),
 ])

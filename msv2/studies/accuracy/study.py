@@ -22,15 +22,21 @@ from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import MODELS
 from spec.command_line import command_parser
-from spec.config import PAPER
+from spec.config import PAPER, V3
 from spec.paths import REPORTS
 
-BUDGET_DB = 60.0
-"""The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding."""
+BUDGETS_DB = {"wide": 60.0, "compact": 58.0}
+"""The PSNR that the golden renderer must reach against the oracle, before 8-bit rounding, by the format of the records."""
+
+MACHINES = (PAPER, V3)
+"""The machines whose golden renderers are measured."""
 
 
-def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
-    """One row of the report: golden renderer against oracle for the request's camera, with or without a gaze in the centre."""
+def measure(request: Request, name: str, gazing: bool) -> list[dict[str, object]]:
+    """The rows of a view: golden renderers against oracle for the request's camera, with or without a gaze in the centre.
+
+    A row's `mean_error` is the mean of all colours less that of the oracle's, both clamped to [0, 1].
+    """
     camera, model = request.camera, request.model
     display = Display(camera.width, camera.height)
     if gazing:
@@ -39,32 +45,46 @@ def measure(request: Request, name: str, gazing: bool) -> dict[str, object]:
     else:
         foveation = no_foveation(display)
     oracle = render_oracle(model, camera, foveation=foveation, weights="plane")
-    golden = pipeline.render(model, camera, config=PAPER, foveation=foveation)
     exact = render_oracle(model, camera, foveation=foveation, weights="exact") if gazing else oracle
-    both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # farther splats may saturate
-    depth_error = np.abs(golden.depth[both] / oracle.depth[both] - 1)
-    return {
-        "scene": name, "camera": camera.name, "size": [camera.width, camera.height], "gaze": gazing, "splats": len(model),
-        "sh_degree": model.sh_degree, "entries": len(golden.entries.splat), "coverage": float(oracle.coverage.mean()),
-        "psnr_vs_oracle_db": psnr_vs(golden.image, oracle.image), "max_abs_error": max_abs_error(golden.image, oracle.image),
-        "psnr_vs_exact_levels_db": psnr_vs(golden.image, exact.image),
-        "depth_error_p99": float(np.percentile(depth_error, 99)) if both.any() else None,
-    }
+    rows = []
+    for machine in MACHINES:
+        golden = pipeline.render(model, camera, config=machine, foveation=foveation)
+        both = np.isfinite(golden.depth) & (oracle.depth < golden.registers.depth_far / 2)  # farther splats may saturate
+        depth_error = np.abs(golden.depth[both] / oracle.depth[both] - 1)
+        rows.append({
+            "machine": machine.name, "records": machine.records, "scene": name, "camera": camera.name,
+            "size": [camera.width, camera.height], "gaze": gazing, "splats": len(model),
+            "sh_degree": model.sh_degree, "entries": len(golden.entries.splat), "coverage": float(oracle.coverage.mean()),
+            "psnr_vs_oracle_db": psnr_vs(golden.image, oracle.image),
+            "max_abs_error": max_abs_error(golden.image, oracle.image),
+            "mean_error": float(np.clip(golden.image, 0, 1).mean() - np.clip(oracle.image, 0, 1).mean()),
+            "psnr_vs_exact_levels_db": psnr_vs(golden.image, exact.image),
+            "depth_error_p99": float(np.percentile(depth_error, 99)) if both.any() else None,
+        })
+    return rows
+
+
+def worst_db(rows: list[dict[str, object]], records: str) -> float | None:
+    """The lowest PSNR against the oracle among rows of machines with such records; None if there are none."""
+    return min((float(r["psnr_vs_oracle_db"]) for r in rows if r["records"] == records), default=None)
 
 
 def as_markdown(rows: list[dict[str, object]]) -> str:
     """The table of reports/accuracy.md."""
     cells = []
     for r in rows:
-        cells.append([f"{r['scene']}, {r['camera']}", "centre" if r["gaze"] else "none", r["sh_degree"], f"{r['entries']:,}",
-                 f"{r['psnr_vs_oracle_db']:.1f} dB", f"{r['max_abs_error']:.3f}",
-                 f"{r['psnr_vs_exact_levels_db']:.1f} dB" if r["gaze"] else "-",
+        cells.append([f"{r['scene']}, {r['camera']}", "centre" if r["gaze"] else "none", r["sh_degree"], r["machine"],
+                 f"{r['entries']:,}", f"{r['psnr_vs_oracle_db']:.1f} dB", f"{r['max_abs_error']:.3f}",
+                 f"{1e4 * r['mean_error']:+.1f}e-4", f"{r['psnr_vs_exact_levels_db']:.1f} dB" if r["gaze"] else "-",
                  "-" if r["depth_error_p99"] is None else f"{100 * r['depth_error_p99']:.3f} %"])
-    worst = min(r["psnr_vs_oracle_db"] for r in rows)
-    note = (f"Worst: {worst:.1f} dB (budget {BUDGET_DB:.0f} dB). Colours clamped to [0, 1], before 8-bit rounding; with a gaze "
+    worst = ", ".join(f"{db:.1f} dB with {records} records (budget {budget:.0f} dB)" for records, budget in BUDGETS_DB.items()
+                      if (db := worst_db(rows, records)) is not None)
+    note = (f"Worst: {worst}. {V3.name} has compact records and skips chunks; its entries differ because its splats do. Mean "
+            "error: the mean colour less the oracle's. Colours clamped to [0, 1], before 8-bit rounding; with a gaze "
             "the oracle is given the same level planes. Depth: pixels nearer than half the depth scale; splats beyond 4 times "
             "the 99th percentile of z saturate, which shows where a distant sky leaks into a pixel (embedded).")
-    head = ("scene, view", "gaze", "SH", "entries", "golden vs oracle", "worst pixel", "vs exact levels", "depth error, p99")
+    head = ("scene, view", "gaze", "SH", "machine", "entries", "golden vs oracle", "worst pixel", "mean error",
+            "vs exact levels", "depth error, p99")
     return f"{table(head, cells)}\n\n{note}\n"
 
 
@@ -121,6 +141,6 @@ def keep(args: argparse.Namespace, name: str, module: str, report: dict[str, obj
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 when a view misses the budget."""
     rows, args = over_scenes("accuracy", __doc__, argv, lambda request, scene: [
-        measure(request, scene, gazing) for gazing in (False, True)])
-    keep(args, "accuracy", __name__, {"budget_db": BUDGET_DB, "rows": rows}, as_markdown(rows))
-    return int(min(r["psnr_vs_oracle_db"] for r in rows) < BUDGET_DB)
+        row for gazing in (False, True) for row in measure(request, scene, gazing)])
+    keep(args, "accuracy", __name__, {"budgets_db": BUDGETS_DB, "rows": rows}, as_markdown(rows))
+    return int(any(r["psnr_vs_oracle_db"] < BUDGETS_DB[r["records"]] for r in rows))

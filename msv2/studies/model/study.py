@@ -1,9 +1,10 @@
 """Compares the cycle model with the RTL: reports/model.json and reports/model.md.
 
-    msv2 study run model         compares the frames that the RTL has rendered: reports/frames.json, machine.json and
-                                         model_rtl.json
-    msv2 study run model --rtl   first renders the frames of model_rtl.json through the RTL (half an hour, but finished
-                                         runs are kept), and one frame more to time RTL and model in turn
+    msv2 study run model                compares the frames that the RTL has rendered: reports/frames.json, machine.json
+                                        and model_rtl.json
+    msv2 study run model --rtl          first renders the frames of model_rtl.json through the RTL (an hour, but finished
+                                        runs are kept), and one frame more to time RTL and model in turn
+    msv2 study run model --rtl lpddr3   the same for the frames of one memory; those of the other stay as they are
 
 Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
 """
@@ -15,7 +16,9 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 
+from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from golden.scenes.captured import scene_argument
+from golden.scenes.files import read_json
 from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request
@@ -25,7 +28,7 @@ from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import COMMAND, kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
-from spec.command_line import command_parser
+from spec.command_line import choice, command_parser
 from spec.config import CONFIGS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
@@ -41,7 +44,38 @@ RTL_FRAMES = (
     "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4 --levels-from random",
     "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4 --levels-from random",
 )
-"""Frames that the other reports do not have: two eyes, a smaller machine, and one without harmonics and levels."""
+"""Frames of the ideal memory that the other reports do not have: two eyes, a smaller machine, and one without harmonics and
+levels."""
+
+NEAR = {"truck": "--camera auto --orbit 120,35,1.1", "rock_sh3": "--camera auto --orbit 150,35,2.3"}
+"""Cameras close to the object of a scene, where large splats cover many tiles."""
+
+_FOVEATED = "--levels 4 --levels-from random"
+LPDDR3_FRAMES = tuple(f"{line} --memory lpddr3" for line in (
+    "embedded --size 96x64 --config tiny",
+    f"embedded --size 128x96 --config tiny --gaze 64,48 {_FOVEATED}",
+    "truck --size 96x64 --config tiny",
+    f"truck --size 128x80 --config tiny --gaze 64,40 {_FOVEATED}",
+    f"rock_sh3 --size 96x64 --config tiny --gaze 48,32 {_FOVEATED}",
+    f"garden_large --size 96x64 --config tiny --gaze 48,32 {_FOVEATED}",
+    f"truck --size 96x64 --config tiny {NEAR['truck']}",
+    f"rock_sh3 --size 96x64 --config tiny {NEAR['rock_sh3']}",
+    "embedded --size 96x64 --config paper",
+    f"embedded --size 160x96 --config paper --gaze 80,48 {_FOVEATED}",
+    "truck --size 160x96 --config paper --pixels display",
+    f"truck --size 96x64 --config paper --gaze 48,32 {_FOVEATED}",
+    "rock_sh3 --size 96x64 --config paper",
+    f"rock_sh3 --size 128x80 --config paper --gaze 64,40 {_FOVEATED}",
+    "garden_large --size 96x64 --config paper",
+    f"garden_large --size 160x96 --config paper --gaze 80,48 {_FOVEATED} --pixels display",
+    f"truck --size 128x80 --config paper {NEAR['truck']} --gaze 64,40 {_FOVEATED}",
+    f"rock_sh3 --size 96x64 --config paper {NEAR['rock_sh3']}",
+))
+"""Small frames on four channels of LPDDR3: plain, foveated, and close to an object. The first ones are of a small machine,
+whose simulator is built in a minute."""
+
+FRAMES = {IDEAL: RTL_FRAMES, LPDDR3: LPDDR3_FRAMES}
+ALL = "all"
 
 TIMED = "embedded --size 128x128 --config paper"
 """The frame with which RTL and model are timed, one after the other."""
@@ -53,13 +87,14 @@ _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 TIMED_SECONDS = 10.0
 
 PHASES = ("table", "geometry", "render")
+COMMANDS = ("activates", "refreshes")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
 
 _KEPT = (
     "scene", "size", "gaze", "levels", "config", "machine", "effects", "pixels", "merge", "pipeline", "bit_exact",
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
-    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "latency", "bytes_per_cycle", "wall_s", "cpu_s",
-    "cycles_per_s")
+    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "memory", "activates", "refreshes", "latency",
+    "bytes_per_cycle", "wall_s", "cpu_s", "cycles_per_s")
 
 
 def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
@@ -68,6 +103,7 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
     argv += ["--gaze", ",".join(map(str, row["gaze"]))] if row.get("gaze") else []
     argv += ["--levels", str(row["levels"]), "--levels-from", RANDOM] if row["levels"] > 1 else []
     argv += ["--stereo"] if "target_cycles" in row else []
+    argv += row.get("camera_options", [])
     return parse_request(*argv)
 
 
@@ -86,7 +122,8 @@ def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameC
     """The trace of a report's frame, and its numbers from the model."""
     config = machine(row)
     trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
-    memory = MemoryModel(latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
+    lpddr3 = row.get("memory", IDEAL) == LPDDR3
+    memory = MemoryModel(LPDDR3) if lpddr3 else MemoryModel(IDEAL, row["latency"], row["bytes_per_cycle"])
     return trace, simulate(
         trace, config, memory=memory, merge=row["merge"], pipeline=row["pipeline"], display=row["pixels"] == "display")
 
@@ -108,7 +145,9 @@ def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]
     return {
         **{name: row[name] for name in ("scene", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "latency",
                                         "bytes_per_cycle", "entries")},
-        "machine": row.get("machine", "full"), "eyes": len(frame.eyes),
+        "machine": row.get("machine", "full"), "eyes": len(frame.eyes), "memory": row.get("memory", IDEAL),
+        "camera_options": row.get("camera_options", []),
+        "commands": {name: {"rtl": row[name], "model": getattr(frame, name)} for name in COMMANDS if name in row},
         "phases": {name: {"rtl": rtl[name], "model": model[name], "error": _error(model[name], rtl[name])} for name in PHASES},
         "total": {"rtl": totals[1], "model": totals[0], "error": _error(*totals)},
         "stages": stages,
@@ -134,19 +173,31 @@ def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
     if scene is None:
         return None
     row = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
-    return {**{key: row[key] for key in _KEPT if key in row}, "scene": name}
+    camera = {"camera_options": camera_options(options)} if "--camera" in options else {}
+    return {**{key: row[key] for key in _KEPT if key in row}, "scene": name, **camera}
 
 
-def render_rtl() -> None:
-    """Renders the frames of reports/model_rtl.json and measures the speed of RTL and model."""
-    rows, speed = [], side_by_side()
-    for line in RTL_FRAMES:
+def camera_options(options: Sequence[str]) -> list[str]:
+    """Those of a frame's options that choose its camera."""
+    found = (options[i : i + 2] for i, option in enumerate(options) if option in ("--camera", "--up", "--orbit"))
+    return [word for pair in found for word in pair]
+
+
+def render_rtl(kinds: Sequence[str]) -> None:
+    """Renders the frames of reports/model_rtl.json on these kinds of memory; rows of other kinds stay as they are. With the
+    ideal memory, the speed of RTL and model is measured too."""
+    path = REPORTS / "model_rtl.json"
+    old = read_json(path) if path.is_file() and set(kinds) != set(MEMORIES) else None
+    rows = [row for row in (old or {"rows": []})["rows"] if row.get("memory", IDEAL) not in kinds]
+    speed = side_by_side() if IDEAL in kinds else old and old["speed"]
+    for line in (line for kind in kinds for line in FRAMES[kind]):
         row = rtl_row(line)
         print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
         rows += [row] if row else []
+        rows.sort(key=lambda row: MEMORIES.index(row.get("memory", IDEAL)))
         scenes = filter(None, (scene_argument(row["scene"]) for row in rows))
-        write_report(REPORTS / "model_rtl.json", {"rows": rows, "speed": speed}, [__name__, COMMAND],
-                     {"frames": RTL_FRAMES, "timed": TIMED}, scenes)
+        write_report(path, {"rows": rows, "speed": speed}, [__name__, COMMAND],
+                     {"frames": [line for kind in kinds for line in FRAMES[kind]], "timed": TIMED}, scenes, earlier=old)
 
 
 def side_by_side() -> dict[str, object]:
@@ -157,7 +208,7 @@ def side_by_side() -> dict[str, object]:
     trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
-        frame = simulate(trace, CONFIGS[row["config"]], display=False)
+        frame = simulate(trace, CONFIGS[row["config"]], memory=MemoryModel(IDEAL), display=False)
         runs += 1
     seconds = (time.process_time() - begin) / runs
     model, rtl = frame.total / seconds, row["cycles_per_s"] * row["wall_s"] / row["cpu_s"]
@@ -173,7 +224,7 @@ def large_frame() -> dict[str, object] | None:
         return None
     trace = trace_request(request(_LARGE_ROW, scene), CONFIGS["paper"], cache=BUILD / "traces")
     begin = time.process_time()
-    frame = simulate(trace, CONFIGS["paper"], display=True)
+    frame = simulate(trace, CONFIGS["paper"], memory=MemoryModel(IDEAL), display=True)
     return {"frame": LARGE, "cycles": frame.total, "model_seconds": time.process_time() - begin}
 
 
@@ -196,7 +247,9 @@ def summary(rows: Sequence[Mapping[str, object]]) -> dict[str, object]:
     for row in rows:
         for name, stage in row["stages"].items():
             stages.setdefault(name, []).append(abs(stage["error"]))
+    kinds = {kind: [abs(row["total"]["error"]) for row in rows if row["memory"] == kind] for kind in MEMORIES}
     return {
+        "memories": {kind: {"frames": len(e), "worst": max(e), "mean": sum(e) / len(e)} for kind, e in kinds.items() if e},
         "frames": len(rows), "model_error_total": max(totals), "mean_error_total": sum(totals) / len(totals), "phases": worst,
         "stages": {
             name: {"worst": max(e), "mean": sum(e) / len(e), "within_5_percent": sum(x <= STAGE_GOAL for x in e) / len(e)}
@@ -205,12 +258,17 @@ def summary(rows: Sequence[Mapping[str, object]]) -> dict[str, object]:
     }
 
 
+NAMES = {IDEAL: "Ideal memory", LPDDR3: "Four channels of LPDDR3"}
+
+
 def _name(row: Mapping[str, object]) -> str:
     parts = [str(row["scene"]), "x".join(map(str, row["size"])), f"{row['levels']} levels" if row["levels"] > 1 else "",
              row["config"], "of its effects alone" if row["machine"] == "scene" else "",
              "two eyes" if row["eyes"] > 1 else "", row["pixels"],
              "" if row["merge"] else "no merging", "" if row["pipeline"] else "double buffers",
-             f"{row['bytes_per_cycle']:g} B/cycle" if row["bytes_per_cycle"] else "unlimited"]
+             " ".join(row["camera_options"]).replace("--camera auto ", ""),
+             "LPDDR3" if row["memory"] == LPDDR3
+             else f"{row['bytes_per_cycle']:g} B/cycle" if row["bytes_per_cycle"] else "unlimited"]
     return ", ".join(part for part in parts if part)
 
 
@@ -221,6 +279,9 @@ def markdown(report: Mapping[str, object]) -> str:
              f"{s['frames']} frames. Total cycles: worst error {s['model_error_total']:.2%}, mean {s['mean_error_total']:.2%} "
              f"(goal {TOTAL_GOAL:.0%} on every frame). Beats by client "
              f"{'are those of the RTL in every frame' if s['beats_equal'] else 'differ in some frame'}.", ""]
+    lines += [f"{name}: {kind['frames']} frames, worst error {kind['worst']:.2%}, mean {kind['mean']:.2%}." for name, kind in (
+        (NAMES[kind], found) for kind, found in s["memories"].items())]
+    lines += [""]
     if speed:
         lines += [f"Speed, `{speed['frame']}`, one behind the other, in seconds of a processor: RTL "
                   f"{speed['rtl_cycles_per_s']:,} cycles/s, model {speed['model_cycles_per_s']:,} cycles/s: "
@@ -246,10 +307,11 @@ def markdown(report: Mapping[str, object]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a frame's total misses the goal."""
     parser = command_parser("msv2 study run model", __doc__)
-    parser.add_argument("--rtl", action="store_true", help="render the frames of reports/model_rtl.json through the RTL first")
+    parser.add_argument("--rtl", nargs="?", const=ALL, metavar="|".join((ALL, *MEMORIES)),
+                        help="render the frames of reports/model_rtl.json through the RTL first, all or those of one memory")
     args = parser.parse_args(argv)
-    if args.rtl:
-        render_rtl()
+    if args.rtl is not None:
+        render_rtl(MEMORIES if choice("rtl", args.rtl, (ALL, *MEMORIES)) == ALL else (args.rtl,))
     found, missing = frames()
     rows = []
     for row in found:

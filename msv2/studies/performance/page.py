@@ -185,9 +185,9 @@ def _full_hd(content: Mapping) -> str:
         text += (f" 1 GHz is the clock of the model; synthesis reaches {content['reached_ghz']:.2f} GHz in ASAP7 so far (zero "
                  "slack of the slowest unit).")
     if scaled:
-        rates = ", ".join(f"{f['frame']}, {f['memory']}: {f['frames_per_s'] * scaled:.1f}" for f in content["full_hd"])
-        text += (f" At {1e3 * scaled:.0f} MHz, which 1 GHz in ASAP7 is at 16 nm by scaling (docs/area.md), with memory slower "
-                 f"by as much, frames/s: {rates}.")
+        rates = ", ".join(f"{f['frame']}, {f['memory']}: {f['scaled_frames_per_s']:.1f}" for f in content["full_hd"])
+        text += (f" At {1e3 * scaled:.0f} MHz, which 1 GHz in ASAP7 is at 16 nm by scaling (docs/area.md), frames/s: {rates}. "
+                 "LPDDR3 keeps its times in nanoseconds; the ideal memories are slower by as much as the clock.")
     return table(head, rows, left=2, words=("quality",)) + text
 
 

@@ -16,6 +16,9 @@ from spec.stages import StagePhase, watched
 STAGES = tuple(name for name in watched(StagePhase.RENDERING) if name != "list_read")
 """The rows of the timeline."""
 
+SHORT = {LPDDR3: "LPDDR3", UNLIMITED: "unlimited"}
+"""Names of memories in long legends."""
+
 STYLES = {LPDDR3: "-", IDEAL: ":", UNLIMITED: "--"}
 """The lines of the memories."""
 
@@ -187,7 +190,7 @@ def _sweeps(pyplot, content: Mapping):
                     found = [dict(r, value=max(1, r["value"]), shown=r[key] / whole[frame, memory][key])
                              for r in rows if r["value"] is not None
                              and (r["frame"], r["sweep"], r["memory"]) == (frame, sweep, memory)]
-                    label = ", ".join((frame, *["double buffers"] * ("double" in sweep), memory))
+                    label = ", ".join((frame, *["double buffers"] * ("double" in sweep), SHORT[memory]))
                     _lines(axis, found, "value", "shown", label, linestyle=STYLES[memory], color=f"C{colour}",
                            markersize=3 if "double" in sweep else 6)
         axis.set_xscale("log", base=2)

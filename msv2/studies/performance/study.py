@@ -125,7 +125,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
     large = []
     if hd:
         with progress.step(FULL_HD):
-            large = list(full_hd())
+            large = list(full_hd(1 / areas["delay_to_16nm"] if areas else None))
     shown = timelines(swept[0])
     for name, cycles in shown.items():
         (folder / f"perfetto_{name}.json").write_text(json.dumps(trace_events(cycles)))

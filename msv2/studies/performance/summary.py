@@ -70,8 +70,8 @@ def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequ
     waits = geomean(frame["tile_granular"]["waiting"] / frame["tile_granular"]["never_waiting"] for frame in frames)
     limited = (f"LPDDR3 moves {100 * bound[LPDDR3]:.0f} % of what its wires could, the ideal memory "
                f"{100 * bound[IDEAL]:.0f} %. With buffers of one tile between sorting and array, as the paper draws its base, "
-               f"a base would take {waits:.2f} of what never waits; in ours, the 64 KB before and in the sorter hold many tiles "
-               "at a time")
+               f"a base would take {waits:.2f} of what never waits; in ours, the 64 KB before and in the sorter hold many "
+               "tiles at a time")
     again = sum(frame["target_rendered"] for frame in frames) / len(frames)
     alone = {memory: warping[memory]["speedup"] / eyes[memory]["speedup"] for memory in MEMORIES}
     found = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from msv2.studies.memory import ALL_NAMES, MEMORY_NAMES, cycles_cells, cycles_heads
 from msv2.studies.page import table
 
 SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
@@ -30,10 +31,11 @@ def presets_table(reports: dict[str, dict]) -> str | None:
         if row["knob"] in ("default", "preset"):
             area = "-" if row["area_mm2"] is None else f"{row['area_mm2']:.3f}"
             rows.append([
-                f"`{row['value'] or 'paper'}`", f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
+                f"`{row['value'] or 'paper'}`", *cycles_cells(row), f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
                 f"{row['dram_mj']:.4f}", area, f"{row['loss_db']:+.4f}", f"{100 * row['hvsq_change']:+.2f} %",
                 f"{row['worst_error_255']:.1f}"])
-    return table(["configuration", "cycles", "speed", "chip, mJ", "DRAM, mJ", "mm², one eye", "loss, dB", "HVSQ",
+    cycles = cycles_heads(reports["tradeoff"]["machine"])
+    return table(["configuration", *cycles, "speed", "chip, mJ", "DRAM, mJ", "mm², one eye", "loss, dB", "HVSQ",
                    "worst hard case, /255"], rows)
 
 
@@ -127,17 +129,18 @@ def energy_table(reports: dict[str, dict]) -> str | None:
     for f in reports["energy"]["frames"]:
         size = f["size"] if isinstance(f["size"], str) else "x".join(map(str, f["size"]))
         levels = f"{f['levels']} level{'s' if f['levels'] > 1 else ''}"
-        rows.append([f"{f['scene']}, {size}, {levels}", f["work"], f"{f['cycles']:,}", f"{f['chip_mj']:.3f}",
-                     f"{f['dram_mj']:.3f}", f"{f['assumed_mj']:.3f}", f"{f['total_mj']:.3f}"])
-    return table(["frame", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ", "all, mJ"], rows)
+        rows.append([f"{f['scene']}, {size}, {levels}", MEMORY_NAMES[f["memory"]], f["work"], f"{f['cycles']:,}",
+                     *(f"{f[key]:.3f}" for key in ("chip_mj", "dram_mj", "assumed_mj", "total_mj"))])
+    return table(["frame", "memory", "work by", "cycles", "chip, mJ", "DRAM, mJ", "wires and clock tree (assumed), mJ",
+                  "all, mJ"], rows)
 
 
 def performance_table(reports: dict[str, dict]) -> str | None:
     """The paper's speedups and ours."""
     if "performance" not in reports:
         return None
-    return table(["geomean", "paper", "ours, 25.6 B a cycle", "ours, unlimited memory", "why they differ"], [
-        [r["what"], f"{r['paper']:.2f}", *(f"{r['ours'][memory]:.2f}" for memory in ("paper_bandwidth", "unlimited")), r["why"]]
+    return table(["geomean", "paper", *(f"ours, {name}" for name in ALL_NAMES.values()), "why they differ"], [
+        [r["what"], f"{r['paper']:.2f}", *(f"{r['ours'][memory]:.2f}" for memory in ALL_NAMES), r["why"]]
         for r in reports["performance"]["beside_paper"]])
 
 
@@ -150,7 +153,7 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
     for f in p["full_hd"]:
         rate = f["frames_per_s"]
         rows.append([f"{f['frame']}, {f['points']:,} points; {f['quality']}", f["memory"], f"{rate:,.0f}",
-                     f"{rate * p['scaled_clock']:,.0f}", f"{f['chip_mj']:.2f}", f"{f['dram_mj']:.2f}"])
+                     f"{f['scaled_frames_per_s']:,.0f}", f"{f['chip_mj']:.2f}", f"{f['dram_mj']:.2f}"])
     chip = p["chip_129"]
     rows.append([f"{chip['design']}, {chip['node']}, silicon; model {chip['model']}", "its own",
                  f"{chip['frames_per_s']:,.0f}", "-", f"{chip['chip_mj']:.2f}", "-"])

@@ -18,7 +18,7 @@ from golden.scenes.gaze import Display, FoveationMap, foveation_map
 from golden.scenes.stereo import StereoPair, stereo_pair, warpable_tiles
 from msv2.studies.cycles import MODEL
 from msv2.studies.threshold.scenes import TableScene
-from perf.model import simulate
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_of
 from spec.config import PAPER
 from spec.constants import IPD_METRES
@@ -27,6 +27,9 @@ from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
 
 CONFIG = PAPER.with_(stereo=True)
 """The machine's configuration."""
+
+IDEAL_MEMORY = MemoryModel("ideal")
+"""The memory of this study. Its cycles stand beside bounds by each stage's work, which know no rows."""
 
 ALL = 180.0
 """A threshold in degrees beyond which no tile lies, so that both eyes are rendered."""
@@ -123,19 +126,19 @@ def _dense(words: GaussianWords, pair: StereoPair) -> EyePair:
 
 
 def eye_cycles(eye: Frame) -> int:
-    """Cycles of an eye that is rendered as a whole by a machine for one eye."""
-    return simulate(trace_of(eye), eye.config.with_(stereo=False), display=True).total
+    """Cycles of an eye that is rendered as a whole by a machine for one eye, with the ideal memory."""
+    return simulate(trace_of(eye), eye.config.with_(stereo=False), memory=IDEAL_MEMORY, display=True).total
 
 
 def stereo_cycles(frame: StereoFrame) -> dict[str, object]:
-    """Cycles of a frame of two eyes by the cycle model, as JSON-ready values.
+    """Cycles of a frame of two eyes by the cycle model with the ideal memory, as JSON-ready values.
 
     `source`, `target` and `total` are the cycles of the eyes and of the frame; `geometry` and `render` are those of both eyes
     by phase. `stages` is the work of the rendering stages for what is rendered, and `busiest` the largest of it. `overhead` is
     the ratio of all cycles to those that the frame would take if warping were free, which are `geometry` and `busiest`. All are
     defined as in frame.json of `python -m tb.frame`.
     """
-    found = simulate(trace_of(frame), frame.source.config)
+    found = simulate(trace_of(frame), frame.source.config, memory=IDEAL_MEMORY)
     render = found.phases["render"]
     geometry = found.total - render
     beats = (sum(moved[name] for name in names) // BEAT_BYTES

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from golden.scenes.request import make_folder, parse_request, resolve
+from msv2.studies.memory import MEMORY_NAMES, memory_arguments
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
 from msv2.studies.scenes import TILE_SIZE, available, places
 from msv2.studies.tile_size.area import array_mm2, basis, output_mm2, tile_memory_mm2
 from msv2.studies.tile_size.measure import ARRAYS, measured
 from msv2.studies.tile_size.page import page
-from perf.model import simulate
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
 from spec.command_line import command_parser
 from spec.config import PAPER
@@ -36,7 +37,8 @@ def _modelled(args: object) -> dict[str, object]:
     """What the integer renderer and the cycle model say of the tile size that there is."""
     trace = trace_request(args, PAPER, cache=CACHE)
     machines = {array.name: PAPER.with_(cores_x=array.cores, cores_y=array.cores) for array in ARRAYS if array.expressible}
-    cycles = {name: simulate(trace, machine, display=True).total for name, machine in machines.items()}
+    cycles = {memory: {name: simulate(trace, machine, memory=MemoryModel(**memory_arguments(memory)), display=True).total
+                       for name, machine in machines.items()} for memory in MEMORY_NAMES}
     return {"golden_intersections": trace.entries, "model_cycles": cycles}
 
 

@@ -14,9 +14,10 @@ from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.stereo import stereo_pair
 from msv2.studies.energy.frame import frame_energy, load_table, model_counts
+from msv2.studies.memory import IDEAL, IDEAL_CYCLES, LPDDR3, memory_arguments
 from msv2.studies.tradeoff.knobs import Setting
 from msv2.studies.tradeoff.scene import SceneRequest, TradeoffScene, load
-from perf.model import simulate
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_of
 from spec.constants import REGION_START_DEG
 
@@ -32,7 +33,8 @@ def measure(request: SceneRequest, setting: Setting) -> dict[str, object]:
         hvsq, hvsq_regions: of the frame, and by region around its middle, against the photographs, or else against the float64
             renderer; None without torch.
         ring_psnr_db, ring_max_error: by eccentricity, against the float64 renderer.
-        cycles, entries, fps, chip_mj, dram_mj: of a frame, by the cycle model.
+        cycles, entries, fps, chip_mj, dram_mj: of a frame, by the cycle model with LPDDR3.
+        ideal_cycles: of the same frame with the ideal memory, a bound.
     """
     scene = load(request)
     rows = [_view(scene, view, setting) for view in range(len(scene.cameras))]
@@ -71,12 +73,14 @@ def _view(scene: TradeoffScene, view: int, setting: Setting) -> dict[str, object
         frame = render_stereo(model, pair, config=setting.config, threshold_deg=setting.threshold_deg, gaze=centre)
         image, camera = frame.target_pixels["colour"] / 255.0, pair.target
     trace = trace_of(frame)
-    cycles = simulate(trace, setting.config)
+    cycles, ideal = (simulate(trace, setting.config, memory=MemoryModel(**memory_arguments(memory)))
+                     for memory in (LPDDR3, IDEAL))
     energy = frame_energy(model_counts(trace, cycles), cycles.total, setting.config, load_table(), clock_hz=CLOCK_HZ)
     return {
         **quality(image, scene.ideal(camera, setting.variant), scene.photograph(view, camera), display.eccentricity(centre)),
-        "cycles": cycles.total, "geometry_cycles": cycles.phases["geometry"], "render_cycles": cycles.phases["render"],
-        "entries": cycles.entries, "fps": CLOCK_HZ / cycles.total, "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram")}
+        "cycles": cycles.total, IDEAL_CYCLES: ideal.total, "geometry_cycles": cycles.phases["geometry"],
+        "render_cycles": cycles.phases["render"], "entries": cycles.entries, "fps": CLOCK_HZ / cycles.total,
+        "chip_mj": energy.chip_mj, "dram_mj": energy.sum_mj("dram")}
 
 
 def quality(

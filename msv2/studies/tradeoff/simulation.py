@@ -19,7 +19,7 @@ from golden.scenes.request import parse_request, resolve
 from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.speed import float32
 from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
-from perf.model import simulate
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_of
 from spec.config import CONFIGS
 from spec.errors import InputError
@@ -62,7 +62,8 @@ def renderers(request: SceneRequest, config_name: str, rtl: Mapping[str, object]
     seconds, golden = best_of(lambda: pipeline.render(words, camera, config=config))
     rows.append(_row("integer golden", "every bit of the RTL", seconds, golden.image, ideal))
 
-    more, frame = best_of(lambda: simulate(trace_of(golden), config))
+    ideal_memory = MemoryModel("ideal")  # that of the RTL's frame beside it
+    more, frame = best_of(lambda: simulate(trace_of(golden), config, memory=ideal_memory))
     row = _row("cycle model", "golden, its trace, and the model", seconds + more, golden.image, ideal)
     row["cycles"] = frame.total - frame.phases["clear"]  # the phases in frame.json do not include it
     rows.append(row)

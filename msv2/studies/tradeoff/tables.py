@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from msv2.studies.memory import cycles_cells, cycles_heads
 from msv2.studies.page import table
 from msv2.studies.tradeoff.choose import BUDGETS
 from msv2.studies.tradeoff.knobs import DEFAULT, PRESET
@@ -12,7 +13,7 @@ from spec.constants import REGION_START_DEG
 
 Content = Mapping[str, Any]
 
-COSTS = ("cycles", "times the default's speed", "frames/s at 1 GHz", "chip, mJ", "DRAM, mJ", "area, mm²", "bits of all formats",
+COSTS = ("times the default's speed", "frames/s at 1 GHz", "chip, mJ", "DRAM, mJ", "area, mm²", "bits of all formats",
          "loss, dB", "HVSQ")
 
 
@@ -39,14 +40,14 @@ def what(row: Mapping[str, Any]) -> str:
 
 def recommendation(content: Content) -> str:
     """A table of the fastest setting for each budget."""
-    rows = []
+    rows, head = [], [*cycles_heads(content["machine"]), *COSTS]
     for budget in BUDGETS:
         row = content["recommended"][budget.name]
         if row is None:
-            rows.append([budget.name, "none", *["-"] * len(COSTS)])
+            rows.append([budget.name, "none", *["-"] * len(head)])
             continue
         rows.append([budget.name, what(row), *_costs(row)])
-    return table(["loss accepted", "fastest setting", *COSTS], rows)
+    return table(["loss accepted", "fastest setting", *head], rows)
 
 
 def presets(content: Content) -> str:
@@ -57,30 +58,30 @@ def presets(content: Content) -> str:
             worst = f"{row['worst_error_255']:.2f}" + (f" **breaks {len(row['broken'])}**" if row["broken"] else "")
             rows.append(["the default" if row["knob"] == DEFAULT else f"`{row['value']}`", *_costs(row),
                          f"{row['psnr_oracle_db']:.2f}", worst])
-    return table(["machine", *COSTS, "PSNR oracle, dB", "worst hard case, /255"], rows)
+    return table(["machine", *cycles_heads(content["machine"]), *COSTS, "PSNR oracle, dB", "worst hard case, /255"], rows)
 
 
 def _costs(row: Mapping[str, Any]) -> list[str]:
-    """The cells for the columns COSTS."""
-    return [f"{row['cycles']:,.0f}", f"{row['speedup']:.2f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}",
+    """The cells of the cycles and for the columns COSTS."""
+    return [*cycles_cells(row), f"{row['speedup']:.2f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}",
             f"{row['dram_mj']:.4f}", _area(row), str(row["word_bits"]), _cell(row["loss_db"], "+.4f"),
             _cell(row["hvsq_change"], "+.2%")]
 
 
 def machine_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     """A table of all settings; those on the frontier are bold."""
-    cells = []
+    cells, cycles = [], cycles_heads(rows)
     for row in rows:
         name = (("**" if row["pareto"] else "") + what(row) + ("**" if row["pareto"] else ""))
         stable = f"{row['worst_error_255']:.2f}" + (f" **breaks {len(row['broken'])}**" if row["broken"] else "")
         if row.get("error"):
-            cells.append([name, *["-"] * 11, stable + f"; cannot be: {row['error']}"])
+            cells.append([name, *["-"] * (10 + len(cycles)), stable + f"; cannot be: {row['error']}"])
             continue
         cells.append([
-            name, f"{row['cycles']:,.0f}", f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}", f"{row['dram_mj']:.4f}", _area(row),
+            name, *cycles_cells(row), f"{row['fps']:,.0f}", f"{row['chip_mj']:.4f}", f"{row['dram_mj']:.4f}", _area(row),
             _cell(row["psnr_photo_db"], ".3f"), _cell(row["ssim_photo"], ".4f"), _cell(row["loss_db"], "+.4f"),
             f"{row['psnr_oracle_db']:.2f}", _cell(row["hvsq"], ".3f", 1e5), _cell(row["hvsq_change"], "+.2%"), stable])
-    return table(["setting", "cycles", "frames/s", "chip, mJ", "DRAM, mJ", "area, mm²", "PSNR photo, dB", "SSIM", "loss, dB",
+    return table(["setting", *cycles, "frames/s", "chip, mJ", "DRAM, mJ", "area, mm²", "PSNR photo, dB", "SSIM", "loss, dB",
                    "PSNR oracle, dB", "HVSQ, 1e-5", "HVSQ change", "worst hard case, /255"], cells)
 
 

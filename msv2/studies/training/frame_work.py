@@ -1,4 +1,5 @@
-"""The work of the machine for a frame of trained models: intersections by the golden renderer, cycles by the cycle model."""
+"""The work of the machine for a frame of trained models: intersections by the golden renderer, cycles by the cycle model with
+LPDDR3."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from golden.scenes.camera import Camera
 from golden.scenes.gaze import no_foveation
 from golden.training.foveated import FoveatedModel
 from golden.training.level_quality import Levels, centre_foveation
-from msv2.studies.cycles import MODEL
-from perf.model import simulate
+from msv2.studies.cycles import LPDDR3_MODEL
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_of
 from spec.config import PAPER, AcceleratorConfig
 
@@ -56,7 +57,7 @@ class FrameWork:
 
     def record(self) -> dict[str, Any]:
         """The frame as JSON-ready values, with the source of the cycles."""
-        return asdict(self) | {"cycles": self.cycles, "entries_per_tile": self.entries_per_tile, "cycles_by": MODEL}
+        return asdict(self) | {"cycles": self.cycles, "entries_per_tile": self.entries_per_tile, "cycles_by": LPDDR3_MODEL}
 
     @classmethod
     def mean(cls, works: Sequence[FrameWork]) -> FrameWork:
@@ -72,7 +73,7 @@ class FrameWork:
 
 def frame_work(frame: Frame) -> FrameWork:
     """The work of a golden frame."""
-    cycles = simulate(trace_of(frame), frame.config)
+    cycles = simulate(trace_of(frame), frame.config, memory=MemoryModel("lpddr3"))
     render = cycles.phases["render"]
     return FrameWork(len(frame.projected.reason), cycles.entries, len(frame.registers.header), cycles.total - render, render)
 

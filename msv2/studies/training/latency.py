@@ -15,7 +15,7 @@ import numpy as np
 from golden.diff.gaussians import Gaussians
 from golden.scenes.camera import Camera
 from golden.training.efficiency import Scores, without_lowest
-from msv2.studies.cycles import CYCLES, MODEL, RTL
+from msv2.studies.cycles import CYCLES, LPDDR3_MODEL, RTL
 from msv2.studies.training.frame_work import FrameWork, whole_frame_work
 from msv2.studies.training.rtl_cycles import RtlCycles
 
@@ -102,14 +102,14 @@ def series(versions: Sequence[Version]) -> dict[str, np.ndarray]:
     """(V,) float64 of each quantity: points, intersections, cycles by the model, and RTL cycles if all were measured."""
     result = {
         "points": [v.points for v in versions], "entries": [v.work.entries for v in versions],
-        MODEL: [v.work.cycles for v in versions]}
+        LPDDR3_MODEL: [v.work.cycles for v in versions]}
     if all(v.rtl is not None for v in versions):
         result[RTL] = [v.rtl.cycles for v in versions]
     return {name: np.array(values, np.float64) for name, values in result.items()}
 
 
 def proportionality(versions: Sequence[Version]) -> dict[str, dict[str, dict[str, float]]]:
-    """How latency follows points and intersections: by the source of the latency (model, rtl), then by points or entries.
+    """How latency follows points and intersections: by the source of the latency (model, RTL), then by points or entries.
 
     `pearson` is the correlation. `off` is the mean over versions of |ln(latency / dense's) - ln(quantity / dense's)|. It is 0
     if both fall at the same rate, and 0.69 if one falls to half of what the other does.

@@ -1,6 +1,7 @@
 """One set of options: the same names with the same meaning in every command that has them."""
 
 import re
+from dataclasses import replace
 from importlib import import_module
 
 import pytest
@@ -15,7 +16,7 @@ from spec.errors import InputError
 REQUEST = ("--scene", "--size", "--camera", "--gaze", "--levels", "--levels-from", "--background", "--seed", "--effects",
            "--depth", "--stereo", "--ecc-thresh", "--ipd", "--units-per-metre", "--source", "--gaze-right", "--config", "--set",
            "--out")
-RUN = ("--machine", "--pixels", "--merge", "--pipeline", "--beta", "--bandwidth", "--latency")
+RUN = ("--machine", "--pixels", "--merge", "--pipeline", "--beta", "--memory", "--bandwidth", "--latency")
 DRAWING = ("render", "frame", "perf")
 
 
@@ -86,9 +87,9 @@ def test_commands_that_show_a_scene_take_the_trained_one(module, scene, monkeypa
     assert reached.value.args[0] == scene
 
 
-def parsed(*argv: str, stereo: bool = False) -> RunOptions:
+def parsed(*argv: str, stereo: bool = False, memory: str | None = "ideal") -> RunOptions:
     parser = command_parser("python -m some.room", "")
-    add_run_arguments(parser)
+    add_run_arguments(parser, memory=memory)
     parser.set_defaults(stereo=stereo)
     return run_options(parser.parse_args(argv))
 
@@ -98,7 +99,16 @@ def test_run_options():
     assert parsed(stereo=True).display and not parsed("--pixels", "wide", stereo=True).display
     assert parsed("--merge", "0", "--beta", "9").beta == 0 and parsed("--beta", "9").beta == 9
     assert parsed("--pipeline", "0").incremental is False and parsed("--machine", "full").full
+    assert parsed("--memory", "lpddr3") == replace(parsed(), memory="lpddr3") and parsed().memory == "ideal"
     assert parsed("--bandwidth", "unlimited").bytes_per_cycle is None and parsed("--latency", "7").latency == 7
+
+
+def test_the_memory_is_lpddr3_unless_the_ideal_one_is_described():
+    assert parsed(memory=None) == parsed("--memory", "lpddr3") and parsed(memory=None).memory == "lpddr3"
+    for option in ("--bandwidth", "25.6"), ("--latency", "100"), ("--memory", "ideal"):
+        assert parsed(*option, memory=None) == parsed(), option
+    with pytest.raises(InputError, match="latency is not accepted with memory 'lpddr3'"):
+        parsed("--memory", "lpddr3", "--latency", "100", memory=None)
 
 
 @pytest.mark.parametrize(("argv", "says"), [
@@ -108,8 +118,11 @@ def test_run_options():
     (["--bandwidth", "65"], "bandwidth '65' is not accepted: 0.01..64 bytes a cycle are, which is what the bus moves at most"),
     (["--bandwidth", "fast"], "bandwidth 'fast'"), (["--bandwidth", "0"], "bandwidth '0'"),
     (["--bandwidth", "nan"], "bandwidth 'nan'"), (["--latency", "0"], "latency 0"),
+    (["--memory", "ddr5"], "memory 'ddr5' is not accepted: choose one of ideal, lpddr3"),
+    (["--memory", "lpddr3", "--bandwidth", "25.6"], "bandwidth is not accepted with memory 'lpddr3'"),
+    (["--memory", "lpddr3", "--latency", "100"], "latency is not accepted with memory 'lpddr3'"),
 ])
 def test_bad_run_options_are_named(argv, says):
-    argv = [argv[0] + "=" + argv[1]]
+    argv = [f"{name}={value}" for name, value in zip(argv[::2], argv[1::2], strict=True)]
     with pytest.raises(InputError, match=re.escape(says)):
         parsed(*argv)

@@ -62,6 +62,17 @@ def results(out: Path) -> list[dict]:
     return json.loads((out / "results.json").read_text())["points"]
 
 
+def test_the_memory_is_lpddr3_unless_a_bandwidth_is_named():
+    def memories(content: dict) -> list[str]:
+        return [point.checked()[1].memory.kind for point in points_of(content)]
+
+    assert memories({"vary": {"culling_units": [1, 2]}}) == ["lpddr3"] * 2
+    assert memories({"vary": {"bandwidth": [12.8, 25.6]}, "point": [{"culling_units": 1}]}) == ["ideal"] * 3
+    assert memories({"vary": {"memory": ["lpddr3", "ideal"]}}) == ["lpddr3", "ideal"]
+    mixed = points_of({"base": {"memory": "lpddr3"}, "point": [{"culling_units": 1}, {"memory": "ideal", "bandwidth": 6.4}]})
+    assert [dict(point.varied)["bandwidth"] for point in mixed] == ["of lpddr3", "6.4"]
+
+
 def test_points_are_combinations_and_single_ones_each_once(sweep, capsys):
     found = read_sweep(sweep)
     assert len(found) == 5

@@ -12,6 +12,7 @@ from golden.msv2_ref import pipeline
 from golden.msv2_ref.frame_memory import display_pixels
 from spec.config import DEFAULT, TINY
 from spec.constants import TILE
+from spec.lpddr3 import CHANNELS
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel, page_beats
 from spec.packing import pack
 from spec.registers import STAGES
@@ -152,6 +153,20 @@ def test_an_equal_frame_passes_and_is_reported(copied, tmp_path, capfd):
     picture = np.asarray(Image.open(tmp_path / "frame.png"))
     assert picture.shape == (24, 40, 3) and picture.std() > 5
     assert "bit-exact" in capfd.readouterr().out
+
+
+def test_a_frame_on_lpddr3_is_compared_and_reported_the_same(copied, tmp_path):
+    copied["beta"] = 0
+    status, ideal = run_command(SCENE, tmp_path)
+    assert (ideal["memory"], ideal["activates"], ideal["refreshes"]) == ("ideal", 0, 0)
+    picture = np.asarray(Image.open(tmp_path / "frame.png"))
+    status, report = run_command(f"{SCENE} --memory lpddr3", tmp_path)
+    assert status == 0 and report["bit_exact"] is True and report["counter_errors"] == [] == report["stream_errors"]
+    assert np.array_equal(picture, np.asarray(Image.open(tmp_path / "frame.png")))
+    assert report["memory"] == "lpddr3" and report["latency"] is report["bytes_per_cycle"] is None
+    assert report["dram_bytes"] == ideal["dram_bytes"] and report["bounds"] == ideal["bounds"]
+    assert 0 < report["activates"] < 2 * 480 and report["cycles"] > ideal["cycles"] > 1.9 * 480 * 32 / 25.6
+    assert CHANNELS * report["cycles"] / 3900 - CHANNELS <= report["refreshes"] <= CHANNELS * report["cycles"] / 3900 + CHANNELS
 
 
 def test_an_equal_frame_for_displays_passes(copied, tmp_path):

@@ -7,7 +7,9 @@ import pytest
 
 from golden.host.memory_image import REGIONS, gaussian_bytes, memory_image, read_frame
 from golden.msv2_ref import pipeline
-from spec.config import CONFIGS, PAPER, TINY
+from spec.chunks import chunk_header
+from spec.compact import compact_colour, compact_geometry, compact_harmonics
+from spec.config import CONFIGS, PAPER, RECORDS, TINY, V3
 from spec.formats import Fixed
 from spec.host_settings import first_illegal
 from spec.memory import (
@@ -29,6 +31,7 @@ from spec.records import gaussian_colour, gaussian_geometry
 from tb.top.check_stereo import stereo_run
 from tb.top.player import setting_writes
 from tb.top.stimuli_stereo import stereo_case, wall
+from tb.top.suite import TINY_V3
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
@@ -44,6 +47,10 @@ def frame_of(gaze=None, levels=1, sh=0, size=(50, 37), config=TINY, points=300):
     camera = view(*size)
     model = random_model(np.random.default_rng(7), points, levels, sh)
     return pipeline.render(model, camera, config=config, foveation=map_for(camera, gaze, levels), background=(0.1, 0.5, 1.0))
+
+
+def number(data):
+    return int.from_bytes(data.tobytes(), "little")
 
 
 def image_of(frame, **options):
@@ -62,6 +69,53 @@ def test_gaussians_lie_by_index(sh):
         assert bits == colour.pack(frame.words.colour[i])
 
 
+@pytest.mark.parametrize("sh", range(4))
+@pytest.mark.parametrize("records", RECORDS)
+def test_chunks_and_records_lie_by_index(sh, records):
+    """Every byte of the three regions, by the text of `spec.memory`."""
+    config = V3.with_(records=records)
+    frame = frame_of((0.5, 0.5), 4, sh, config=config, points=301)
+    words, contents = frame.words, gaussian_bytes(config, frame.words)
+    header, beats = chunk_header(config), colour_beats(config, sh)
+    assert {int(bound) for bound in words.chunks["bound"]} == {0, 1, 2, 3}
+    assert contents["chunks"].shape == (len(words.chunks), BEAT_BYTES)
+    for i, chunk in enumerate(words.chunks):
+        assert number(contents["chunks"][i]) == header.pack(chunk)
+    assert len(contents["geometry"]) == (151 if records == "compact" else 301)
+    assert len(contents["colour"]) == beats * 301
+    geometry = contents["geometry"].reshape(-1, 16 if records == "compact" else 32)
+    assert not geometry[301:].any()
+    colour = contents["colour"].reshape(-1, beats, BEAT_BYTES)
+    for i in range(301):
+        coarse = bool(words.geometry["bound"][i] == 3)
+        if records == "wide":
+            assert number(geometry[i]) == gaussian_geometry(config).pack(words.geometry[i])
+            assert number(colour[i]) == gaussian_colour(config, sh).pack(words.colour[i])
+            continue
+        assert number(geometry[i]) == compact_geometry(config, coarse).pack(words.compact.geometry[i])
+        held = compact_colour(config, coarse)
+        assert number(colour[i, 0]) == held.pack({
+            f.name: words.compact.colour[f.name][i][: f.count] if f.count > 1 else words.compact.colour[f.name][i]
+            for f in held.fields})
+        if sh:
+            assert number(colour[i, 1]) == compact_harmonics(config).pack(words.compact.harmonics[i])
+
+
+def test_chunks_lie_first_and_the_settings_name_them():
+    frame = frame_of(config=V3)
+    image = image_of(frame)
+    assert list(image.regions) == [name for name in REGIONS if not name.startswith("target")]
+    assert image.settings["chunks"] == len(frame.words.chunks) == image.regions["chunks"].beats == 5
+    assert image.settings["chunks_base"] == image.regions["chunks"].base < image.regions["geometry"].base
+    assert image.settings["gaussians"] == 300 and image.regions["geometry"].beats == 150
+
+
+def test_a_model_without_gaussians_has_an_image():
+    image = image_of(frame_of(config=V3, points=0))
+    assert image.settings["chunks"] == image.settings["gaussians"] == image.regions["chunks"].beats == 0
+    assert all(len(image.contents[name]) == 0 for name in ("chunks", "geometry", "colour"))
+
+
 def test_tiles_lie_row_by_row():
     frame = frame_of(gaze=(0.1, 0.2), levels=4, size=(200, 90))
     tiles, record = image_of(frame).contents["tiles"], tile_setting(TINY)
@@ -73,13 +127,18 @@ def test_tiles_lie_row_by_row():
     assert len({int(level) for level in frame.registers.header[:, 0]}) > 2
 
 
+@pytest.mark.parametrize("config", [TINY, TINY_V3], ids=["tiny", "tiny_v3"])
 @pytest.mark.parametrize(("gaze", "levels", "size", "shift"), [
     (None, 1, (50, 37), 0), ((0.5, 0.5), 3, (40, 24), 2), ((0.0, 0.0), 4, (500, 300), 2), ((0.4, 0.4), 2, (500, 300), 1)])
-def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift):
-    frame = frame_of(gaze, levels, 2, size)
+def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift, config):
+    frame = frame_of(gaze, levels, 2, size, config=config)
     image = image_of(frame)
-    places = [image.regions[name] for name in REGIONS if not name.startswith("target")]
+    absent = ("target", *(() if config.chunks else ("chunks",)))
+    places = [image.regions[name] for name in REGIONS if not name.startswith(absent)]
     assert len(places) == len(image.regions)
+    if config.chunks:
+        assert image.regions["geometry"].beats == 150 and image.regions["colour"].beats == 600
+        assert image.settings["chunks"] == image.regions["chunks"].beats == len(frame.words.chunks) > 4
     assert all(a.end < b.base for a, b in pairwise(places)) and places[0].base > 0
     assert image.beats == places[-1].end
     for name, rows in image.contents.items():
@@ -160,8 +219,8 @@ def test_the_second_eye_has_a_table_and_a_frame_of_its_own(source_eye):
     assert [[row["level"], row["blend"]] for row in rows] == target.header[:, :2].tolist()
     first = [record.unpack(int.from_bytes(row.tobytes(), "little")) for row in image.contents["tiles"].reshape(-1, 8)]
     assert not any(row["warp"] for row in first)
-    places = [image.regions[name] for name in REGIONS]
-    assert len(image.regions) == len(REGIONS) and all(a.end < b.base for a, b in pairwise(places))
+    places = [image.regions[name] for name in REGIONS if name != "chunks"]
+    assert len(image.regions) == len(places) and all(a.end < b.base for a, b in pairwise(places))
     patterns = setting_writes(config, image, {})
     assert first_illegal(config, patterns) is None
     assert first_illegal(config, patterns | {"display": 0}) is not None

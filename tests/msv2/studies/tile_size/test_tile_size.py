@@ -13,7 +13,7 @@ from msv2.studies.tile_size import study
 from msv2.studies.tile_size.area import array_mm2, tile_memory_mm2
 from msv2.studies.tile_size.measure import ARRAYS, SIZES, Array, footprint_pixels, foveation_of, measured
 from msv2.studies.tile_size.page import page
-from perf.model import simulate
+from perf.model import MemoryModel, simulate
 from perf.trace import trace_request
 from spec.config import PAPER
 from spec.paths import DOCS, REPORTS
@@ -44,7 +44,8 @@ def test_counts_at_sixteen_pixels_are_those_of_the_machine(frame):
     for array in ARRAYS:
         if array.expressible:
             bound = next(a for a in frame["arrays"] if (a["tile"], a["cores"]) == (16, array.cores))
-            model = simulate(trace, PAPER.with_(cores_x=array.cores, cores_y=array.cores), display=True)
+            model = simulate(trace, PAPER.with_(cores_x=array.cores, cores_y=array.cores), memory=MemoryModel("ideal"),
+                             display=True)
             assert model.total == pytest.approx(bound["cycles"], rel=0.2)
             assert model.ops <= bound["operations"] * 1.02 + array.blocks * 2 * len(trace.eyes[0].counts)
 

@@ -97,8 +97,8 @@ def versions_of(rows):
 
 def test_proportionality_in_closed_form():
     result = latency.proportionality(versions_of([(100, 40, 400, 1000), (50, 20, 200, 1000), (25, 30, 300, 1000)]))
-    assert result["model"]["entries"] == pytest.approx({"pearson": 1.0, "off": 0.0})
-    assert result["model"]["points"]["off"] == pytest.approx(np.log(3) / 3)
+    assert result["model, lpddr3"]["entries"] == pytest.approx({"pearson": 1.0, "off": 0.0})
+    assert result["model, lpddr3"]["points"]["off"] == pytest.approx(np.log(3) / 3)
     assert np.isnan(result["rtl"]["points"]["pearson"])  # what never changes correlates with nothing
     assert result["rtl"]["entries"]["off"] == pytest.approx((np.log(2) + np.log(4 / 3)) / 3)
     assert "rtl" not in latency.proportionality(versions_of([(1, 1, 1, 5), (2, 2, 2, None)]))

@@ -1,0 +1,223 @@
+"""Stimuli of the chunk test: headers made by hand at the limits of the arithmetic, random headers, and those of models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from golden.host.quantise import quantise_model
+from golden.host.registers import FrameRegisters, frame_registers
+from golden.msv2_ref.chunk_test import ChunkTest, judged_chunks, level_bounds
+from golden.scenes.camera import Camera
+from golden.scenes.gaze import Display, foveation_map
+from msv2.cases.makers import random_model, splats
+from rtl.chunks.chunk_test import SETTINGS
+from rtl.chunks.level_bounds import SIDES, octagon_layout
+from spec.chunks import BOX_SHIFT, CHUNK, chunk_header, header_item
+from spec.compact import STEP_BIAS
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.formats import SmallFloat
+from spec.memory import frame_settings
+from spec.records import Record
+
+
+@dataclass(frozen=True)
+class Case:
+    """Consecutive frames of one camera.
+
+    Attributes:
+        name: the case's name, for messages.
+        config: the machine.
+        frames: the headers of each frame, ChunkHeader records.
+        registers: the frame registers.
+        rendered: (tiles,) bool, the tiles that are rendered; None: all.
+    """
+
+    name: str
+    config: AcceleratorConfig
+    frames: tuple[np.ndarray, ...]
+    registers: FrameRegisters
+    rendered: np.ndarray | None = None
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks of all frames."""
+        return sum(map(len, self.frames))
+
+    def judged(self, frame: int) -> ChunkTest:
+        """The golden results of a frame."""
+        return judged_chunks(self.config, self.frames[frame], self.registers, self.rendered)
+
+    @property
+    def items(self) -> np.ndarray:
+        """The HeaderItem items of all frames."""
+        return np.concatenate([header_items(self.config, headers) for headers in self.frames])
+
+    @property
+    def tested(self) -> np.ndarray:
+        """The items that must leave the unit."""
+        return np.concatenate([
+            header_items(self.config, headers[self.judged(i).read]) for i, headers in enumerate(self.frames)])
+
+    @property
+    def observed(self) -> dict[str, int]:
+        """The counters after the last frame."""
+        read = self.judged(-1).read
+        return {"chunks_read": int(read.sum()), "chunks_skipped": int((~read).sum())}
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """Bit patterns of the unit's settings."""
+        fields = {f.name: f for f in frame_settings(self.config).fields}
+        found = {}
+        for name in SETTINGS:
+            f, value = fields[name], np.ravel(getattr(self.registers, name))
+            raw = f.format.quantise(value).tolist() if isinstance(f.format, SmallFloat) else value.tolist()
+            found[name] = Record(name, "", (f,)).pack({name: raw})
+        octagons = octagon_patterns(self.config, self.registers, self.rendered)
+        width = octagon_layout(self.config).size
+        return found | {"bounds": sum(bits << i * width for i, bits in enumerate(octagons))}
+
+
+def header_items(config: AcceleratorConfig, headers: np.ndarray) -> np.ndarray:
+    """The items of a frame with these headers; the last one is the frame's `end`."""
+    items = np.zeros(len(headers) + 1, header_item(config).dtype)
+    for name in headers.dtype.names:
+        items[name][:-1] = headers[name]
+    items["end"][-1] = 1
+    return items
+
+
+def octagon_patterns(config: AcceleratorConfig, registers: FrameRegisters, rendered: np.ndarray | None) -> list[int]:
+    """The bit pattern of the octagon of every quality bound."""
+    bounds = level_bounds(registers.header[:, 0], registers.tiles_x, rendered)
+    return [octagon_layout(config).const({
+        "present": int(bounds.present[b]),
+        **{end: dict(zip(SIDES, getattr(bounds, end)[b].tolist(), strict=True)) for end in ("least", "most")}}).as_bits()
+        for b in range(MAX_LEVELS)]
+
+
+def camera(rng: np.random.Generator, size: tuple[int, int], turned: bool = True) -> Camera:
+    """A camera of any focal length; without `turned`, at the origin, looking along z."""
+    width, height = size
+    focal = max(size) * 2 ** rng.uniform(-2, 3)
+    centre = width * rng.uniform(0.2, 0.8), height * rng.uniform(0.2, 0.8)
+    q = np.linalg.qr(rng.normal(size=(3, 3)))[0] if turned else np.eye(3)
+    q = q * np.sign(np.linalg.det(q))
+    return Camera(q, rng.normal(size=3) if turned else np.zeros(3), focal, focal * rng.uniform(0.7, 1.4), *centre, width, height,
+                  near=float(rng.choice([0.2, 1.0, 10 ** rng.uniform(-3, 1)])))
+
+
+def view(config: AcceleratorConfig, rng: np.random.Generator, c: Camera) -> FrameRegisters:
+    """The frame registers of a camera whose gaze is anywhere on the frame."""
+    gaze = tuple(float(rng.choice([0.0, 0.5, 1.0, rng.random()])) * size for size in (c.width, c.height))
+    levels = foveation_map(Display(c.width, c.height, float(rng.uniform(60, 140))), gaze, MAX_LEVELS)
+    return frame_registers(config, c, quantise_model(config, splats((0, 0, 5))), levels, np.zeros(3))
+
+
+def any_headers(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Headers with any bits."""
+    rows = np.zeros(count, chunk_header(config).dtype)
+    for f in chunk_header(config).fields:
+        rows[f.name] = rng.integers(*f.raw_range, rows[f.name].shape, endpoint=True)
+    return rows
+
+
+def boxes(
+    config: AcceleratorConfig, rng: np.random.Generator, low: np.ndarray, size: np.ndarray, sigma: np.ndarray,
+) -> np.ndarray:
+    """Headers of boxes with these corners and sizes, (C, 3), and with largest standard deviations (C,)."""
+    n, rows = config.formats, np.zeros(len(low), chunk_header(config).dtype)
+    step = np.ceil(np.log2(np.maximum(size, 2.0**-32))) + STEP_BIAS - BOX_SHIFT - rng.integers(0, 9, size.shape)
+    rows["step"] = np.clip(step, 0, 63)
+    units = np.ceil(size / np.ldexp(1.0, rows["step"].astype(int) + BOX_SHIFT - STEP_BIAS)) - 1
+    rows["low"], rows["extent"] = n.position.quantise(low), np.clip(units, 0, 255)
+    rows["scale_top"] = np.clip(np.ceil(16 * (np.log2(np.maximum(sigma, 1e-12)) + n.scale.bias)), 0, 1023)
+    rows["opacity"], rows["bound"] = rng.integers(1, 512, len(low)), rng.integers(0, MAX_LEVELS, len(low))
+    rows["count"], rows["first"] = rng.integers(1, CHUNK + 1, len(low)), np.arange(len(low)) * CHUNK
+    return rows
+
+
+def seen(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegisters, count: int, spread: float = 0.3) -> np.ndarray:
+    """Small boxes in and around the frame, at all depths before and behind the near plane."""
+    pixel = np.stack([size * rng.uniform(-spread, 1 + spread, count) for size in (r.width, r.height)], 1)
+    z = r.near * 2 ** rng.uniform(-1, 9, count)
+    across = (pixel - r.centre / (1 << config.formats.mean2d.frac_bits)) * z[:, None]
+    place = np.linalg.solve(r.rotation, np.column_stack([across, z]).T).T + r.position
+    size = z[:, None] * 10 ** rng.uniform(-6, 0.3, (count, 3))
+    return boxes(config, rng, place - size * rng.random((count, 3)), size, z * 10 ** rng.uniform(-6, 0, count))
+
+
+def at_near(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegisters, count: int) -> np.ndarray:
+    """Boxes whose far side is at the near plane, but for a few ulps."""
+    rows = seen(config, rng, r, count)
+    size = np.ldexp(rows["extent"] + 1.0, rows["step"].astype(int) + BOX_SHIFT - STEP_BIAS)
+    depth = r.near * (1 + rng.integers(-40, 41, count) * 2.0**-15) - size @ np.maximum(r.rotation[2], 0) - size @ np.minimum(
+        r.rotation[2], 0)
+    low = np.linalg.solve(r.rotation, np.column_stack([rng.normal(size=(count, 2)) * r.near, depth]).T).T + r.position
+    rows["low"] = config.formats.position.quantise(low)
+    return rows
+
+
+def corners(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegisters, count: int) -> np.ndarray:
+    """Boxes in the frame with fields at the ends of their ranges."""
+    rows = seen(config, rng, r, count, 0.05)
+    for f in chunk_header(config).fields:
+        ends = [0, 1, f.raw_range[1], f.raw_range[1] - 1]
+        where = rng.random(rows[f.name].shape) < (0.03 if f.name == "low" else 0.12)
+        rows[f.name] = np.where(where, rng.choice(ends, rows[f.name].shape), rows[f.name])
+    return rows
+
+
+def extreme(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegisters, count: int) -> np.ndarray:
+    """Boxes of any size at any distance, so that sums and products saturate or vanish."""
+    rows = boxes(config, rng, np.sign(rng.normal(size=(count, 3))) * 2.0 ** rng.uniform(-126, 128, (count, 3)),
+                 2.0 ** rng.uniform(-40, 40, (count, 3)), 2.0 ** rng.uniform(-39, 24, count))
+    return rows
+
+
+KINDS: dict[str, Callable[[AcceleratorConfig, np.random.Generator, FrameRegisters, int], np.ndarray]] = {
+    "seen": seen, "at the near plane": at_near, "ends of fields": corners, "extreme": extreme,
+    "any bits": lambda config, rng, r, count: any_headers(config, rng, count)}
+"""Makers of headers by the kind of a case."""
+
+
+def case_of(
+    config: AcceleratorConfig, rng: np.random.Generator, kind: str, count: int = 300, size: tuple[int, int] | None = None,
+    **options: bool,
+) -> Case:
+    """A frame with headers of a kind."""
+    size = size or (int(rng.integers(1, config.row_width + 1)), int(rng.integers(1, min(config.row_width, 1080) + 1)))
+    registers = view(config, rng, camera(rng, size, **options))
+    if kind == "extreme":
+        registers = replace(registers, rotation=config.formats.view.round(registers.rotation * 2.0 ** rng.integers(0, 90)))
+    tiles = len(registers.header)
+    rendered = [None, rng.random(tiles) < 0.1, np.zeros(tiles, bool), np.arange(tiles) == rng.integers(tiles)][rng.integers(4)]
+    return Case(kind, config, (KINDS[kind](config, rng, registers, count),), registers, rendered)
+
+
+def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, counts: list[int]) -> Case:
+    """Frames with so many headers of all kinds."""
+    case = case_of(config, rng, "seen", 1)
+    makers = [make for kind, make in KINDS.items() if kind != "extreme"]
+    frames = [np.concatenate([make(config, rng, case.registers, len(part)) for make, part in zip(
+        makers, np.array_split(np.arange(count), len(makers)), strict=True)]) for count in counts]
+    return replace(case, name=name, frames=tuple(map(rng.permutation, frames)))
+
+
+def model_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
+    """The chunks of a random model, seen by a camera among its splats."""
+    words = quantise_model(config, random_model(rng, count, levels=MAX_LEVELS))
+    return replace(case_of(config, rng, "seen", 1), name=f"model of {count}", frames=(words.chunks,))
+
+
+def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, read: bool, count: int) -> Case:
+    """A frame whose chunks are all read, or all skipped."""
+    case, found = replace(case_of(config, rng, "seen", 1, (256, 256)), rendered=None), []
+    while sum(map(len, found)) < count:
+        headers = seen(config, rng, case.registers, count)
+        found.append(headers[judged_chunks(config, headers, case.registers).read == read])
+    return replace(case, name="rate read" if read else "rate skipped", frames=(np.concatenate(found)[:count],))

@@ -1,0 +1,106 @@
+"""The chunk test's tests: every header that leaves the unit and both counters are compared with the golden renderer's."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from rtl.chunks.level_bounds import octagon_layout
+from rtl.culling.frame import COUNTER_BITS
+from spec.chunks import TEST_INTERVAL, TESTED_CHUNKS, header_item
+from spec.config import V3, AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.memory import frame_settings
+from tb.chunks.chunk_test_stimuli import KINDS, SETTINGS, Case, case_of, mixed_case, model_case, uniform_case
+from tb.common import exact
+from tb.common.emission import emitted
+from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.playback import Playback, Stream
+
+NARROW = V3.with_(name="v3_narrow", records="wide", row_width=256, support_sigma=None, stereo=True)
+"""A machine with narrower frames and a wider margin."""
+
+VARIANTS: dict[str, AcceleratorConfig] = {"v3": V3, "v3_narrow": NARROW}
+"""Configurations that can be tested."""
+
+DISTINCT = ("v3", "v3_narrow")
+"""Configurations with different units."""
+
+PORTS = ("headers", "tested")
+
+COUNTERS = ("chunks_read", "chunks_skipped")
+
+_SETTLING = 100
+"""Most cycles from a frame's last header to its `end` at the output."""
+
+_RATE_CHUNKS = 400
+
+
+@cache
+def playback(config: AcceleratorConfig) -> Playback:
+    """The unit of a configuration, emitted as Verilog, with a file at each stream."""
+    widths = {f.name: f.width for f in frame_settings(config).fields}
+    return Playback(
+        name=f"chunk-test-{config.name}", module="chunk_test", verilog=emitted("chunk_test", config),
+        inputs=(Stream("headers", header_item(config)),), outputs=(Stream("tested", header_item(config)),),
+        settings=(*((name, widths[name]) for name in SETTINGS), ("bounds", octagon_layout(config).size * MAX_LEVELS)),
+        observed=tuple((name, COUNTER_BITS) for name in COUNTERS))
+
+
+def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
+    """The run that plays a case; `options` are those of `planned`."""
+    return planned(name or case.name, {"headers": case.items}, {"tested": case.tested}, observed=case.observed,
+                   settings=case.settings, **options)
+
+
+def most_cycles(case: Case) -> int:
+    """Cycles of a case at full rate: an interval per header, and the latency of the unit."""
+    return TEST_INTERVAL * (case.chunks + len(case.frames)) + _SETTLING
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Every kind of header, frames of every size, patterns of pauses, runs cut off by resets, and runs back to back."""
+    rng = np.random.default_rng(seed)
+    plan = [plan_of(case_of(config, rng, kind), f"{kind} {i}") for kind in KINDS for i in range(6)]
+    for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
+        plan += [plan_of(case_of(config, rng, kind, size=size, turned=False), f"{kind}, {size[0]}x{size[1]}") for kind in KINDS]
+    plan += [plan_of(model_case(config, rng, count)) for count in (1, 64, 5000)]
+    streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(streams, name, patterns=patterns, reset=False))
+    for cycles in (3, 60, 200, 900):
+        plan.append(plan_of(mixed_case(config, rng, f"cut off after {cycles} cycles", [1000]), abort=cycles))
+        plan.append(plan_of(streams, f"frames after a reset at {cycles}"))
+    for k in range(3):
+        case = mixed_case(config, rng, f"back to back {k}", [70, 3, 150])
+        plan.append(plan_of(case, reset=False, quiet=0, most_cycles=most_cycles(case)))
+    return plan
+
+
+def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Headers that are all read, or all skipped. One must be accepted every interval."""
+    rng, plan = np.random.default_rng(seed), []
+    for read in (True, False):
+        case = uniform_case(config, rng, read, _RATE_CHUNKS)
+        plan.append(plan_of(case, most_cycles=most_cycles(case), least_rate={"headers": (1 - 1e-9) / TEST_INTERVAL}))
+    return plan
+
+
+def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """All runs."""
+    return [*unit_plan(config, seed), *rate_plan(config, seed)]
+
+
+def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
+    """One line per run at full rate with its speed."""
+    lines = []
+    for item, recording in exact.at_full_rate(plan, outcome):
+        chunks, read = len(item.run.inputs["headers"]) - 1, len(item.expected["tested"]) - 1
+        lines.append(f"{item.name}: {chunks} chunks, {read} read, {recording.cycles / chunks:.4f} cycles a chunk, queue of "
+                     f"{TESTED_CHUNKS}")
+    return lines
+
+
+run_plan = exact.runner(playback)
+"""Plays a plan and compares all results."""
