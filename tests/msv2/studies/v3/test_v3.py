@@ -67,8 +67,9 @@ def test_goals_are_judged(rows, loss, reached):
 
 
 def test_the_page_shows_lpddr3_first_and_every_goal(rows):
-    content = {"missing": ["rock_sh3"], "missing_runs": ["bonsai"], "goals": summary.goals(rows, [photo("fern", 1, 0.006)]),
-               "steps": summary.steps(rows, []), "frames": rows, "photographs": [photo("fern", 1, 0.006)], "orders": []}
+    lost = [photo("fern", 1, 0.006)]
+    content = {"missing": ["rock_sh3"], "missing_runs": ["bonsai"], "ordered": [], "goals": summary.goals(rows, lost),
+               "steps": summary.steps(rows, []), "frames": rows, "photographs": lost, "orders": []}
     text = page(content)
     assert text.index("4 x LPDDR3-1600") < text.index("ideal, 25.6 B a cycle")
     assert "missed" in text and "Missing: rock_sh3." in text and "No finished run in build/train: bonsai." in text
