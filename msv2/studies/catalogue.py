@@ -180,6 +180,8 @@ STUDIES = (
           kept_by=BY_OUT),
     Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them",
           (Report("--keep", ("untrained_levels.json",), 5, SCENES),)),
+    Study("v3", "msv2.studies.v3.study", "what the steps from `paper` to `v3` give: bytes, cycles, energy, photographs",
+          (Report("--keep", _files("v3", "json", "md"), 15, f"{SCENES}, {TORCH}, runs in build/train"),)),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("--keep", _files("write_combining", "json", "md"), 2, SCENES),)),
 )
