@@ -89,20 +89,47 @@ def test_small_splats_do_not_share_a_chunk_with_giants(config):
     assert cut_chunks(config, order)["count"].tolist() == [2, 1, 2]
 
 
+def rows_at(x, scale):
+    """Wide geometry of splats along x, as it lies in memory; no origin is subtracted."""
+    geometry = np.zeros(len(x), quantise_model(WIDE, splats((0, 0, 0))).geometry.dtype)
+    geometry["mean"][:, 0], geometry["scale"] = F.position.quantise(np.array(x)), F.scale.quantise(np.array(scale))[:, None]
+    return geometry
+
+
+def test_a_splat_without_size_fits_where_positions_are_exact():
+    """Beside splats of any size, but only where the grid is finer than the ulp of the positions."""
+    x, scale = 10 + 0.01 * np.arange(6), [0.0, 1.0] * 3
+    assert cut_chunks(V3, rows_at(x, scale))["count"].tolist() == [6]
+    assert cut_chunks(V3, rows_at(x - 10, scale))["count"].tolist() == [1] * 6
+    assert cut_chunks(V3, rows_at(np.full(6, 3.0), scale))["count"].tolist() == [6]
+    assert cut_chunks(V3, rows_at([16.0, 15.0], [0.0, 0.0]))["count"].tolist() == [2]
+    assert cut_chunks(V3, rows_at([16.0, 14.99], [0.0, 0.0]))["count"].tolist() == [1, 1]
+    assert cut_chunks(V3, rows_at([-16.0, -15.0], [0.0, 0.0]))["count"].tolist() == [2]
+
+
 @BOTH
-def test_a_splat_without_size_fits_every_chunk(config):
-    model = splats(*[(0.01 * i, 0, 0) for i in range(6)], scale=[[0.0] * 3, [1.0] * 3] * 3)
-    words = quantise_model(config, model)
-    found = check(words)
-    assert len(found) == 1 and (words.decoded.scale.max(axis=1) == 0).sum() == 3
-    empty = quantise_model(config, splats((0, 0, 0), (1, 1, 1), scale=0.0))
-    assert len(check(empty)) == 1 and empty.chunks["scale_top"].tolist() == [0] and not empty.decoded.scale.any()
+def test_a_model_of_splats_without_size(config):
+    words = quantise_model(config, splats((0, 0, 0), (0, 0, 0), scale=0.0))
+    assert len(check(words)) == 1 and words.chunks["scale_top"].tolist() == [0] and not words.decoded.scale.any()
+
+
+def test_a_far_splat_does_not_coarsen_the_grid_of_near_ones():
+    """A grid has at least 16 steps in the smallest splat's standard deviation."""
+    assert cut_chunks(V3, rows_at([0.0, 1.0, 4096.0], [1.0] * 3))["count"].tolist() == [3]
+    assert cut_chunks(V3, rows_at([0.0, 1.0, 4100.0], [1.0] * 3))["count"].tolist() == [2, 1]
+    assert cut_chunks(V3, rows_at([0.0, 4096.0, 4096.0], [1.0, 1.0, 0.99]))["count"].tolist() == [2, 1]
+    assert cut_chunks(V3, rows_at([0.0, 4096.0, 4096.0], [0.99, 1.0, 1.0]))["count"].tolist() == [1, 2]
+    model = splats((0, 0, 1), (0.01, 0, 1), (0, 0.01, 1), (1e6, 0, 1), scale=0.01)
+    words = quantise_model(V3, model)
+    mean = words.decoded.mean[np.argsort(words.model_index)] + words.origin
+    assert np.abs(mean - model.means)[:3].max() < 0.01 / 32
 
 
 @BOTH
 def test_coordinates_that_no_grid_holds_split_a_chunk(config):
     rng = np.random.default_rng(5)
-    means = [*rng.normal(size=(40, 3)), *(rng.normal(size=(40, 3)) + np.array([1e20, 0, -3e25])), (1e37, -1e37, 1e37), (-1e37, 0, 5.0)]
+    far = rng.normal(size=(40, 3)) + np.array([1e20, 0, -3e25])
+    means = [*rng.normal(size=(40, 3)), *far, (1e37, -1e37, 1e37), (-1e37, 0, 5.0)]
     words = quantise_model(config, splats(*means, scale=0.1))
     found = check(words)
     assert len(found) >= 4
