@@ -106,7 +106,7 @@ def component_square(let: Let, q: Value) -> Value:
     -q."""
     negative = q[-1]
     m = let("ones", q[:13] ^ negative.replicate(13))
-    return (square(m) + Cat(negative, m & negative.replicate(13)))[:26]
+    return square(m, Cat(negative, m & negative.replicate(13)))
 
 
 def remainder(let: Let, squares: list[Value]) -> Value:
