@@ -84,8 +84,8 @@ def offers_point(s, t, chunk_points):
 
 @step
 def _give_points(s, t, chunk_first, chunk_points):
-    """Steps the decode unit, whose stages all wait for the last one, and the chunk reader's items, which go there. Wide records go
-    straight to projection."""
+    """Steps the decode unit, whose stages all wait for the last one, and the chunk reader's items, which go there. Wide records
+    go straight to projection."""
     waits = bus.offered(s, GEOMETRY, t)
     moves = s.point_taken
     if s.halves > 1:

@@ -71,7 +71,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Culling:
-    """The four datapaths of a configuration. `colour_waiting` is the depth of the queue before the colour unit's datapath."""
+    """The datapaths of a configuration. `colour_waiting` is the depth of the queue before the colour unit's datapath."""
 
     near: Timing
     projection: Timing

@@ -12,13 +12,16 @@ from unittest import mock
 
 import numpy as np
 
-from golden.msv2_ref import array_kernel, pipeline, projection, tile_merge, warp
+from golden.msv2_ref import array_kernel, chunk_test, pipeline, projection, tile_merge, warp
 from golden.oracle import project as oracle_project
 from golden.scenes.model import GaussianModel
 from msv2.cases.check import Cell, cell
 from msv2.cases.registry import case_named
+from spec.chunks import SCALE_TOP_STEPS
 from spec.constants import SH_C0
 from spec.formats import Fixed, Rounding
+
+_INTERVALS = chunk_test._intervals
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,11 @@ def _wrapping(self: Fixed, x: np.ndarray | float, rounding: Rounding = Rounding.
     """A `Fixed.quantise` that wraps where it must saturate."""
     raw = np.floor(np.ldexp(np.clip(np.asarray(x, float), -(2.0**40), 2.0**40), self.frac_bits) + 0.5).astype(np.int64)
     return self.from_bits(self.to_bits(raw))
+
+
+def _sides_swapped(*asked: object) -> tuple[np.ndarray, np.ndarray]:
+    low, high = _INTERVALS(*asked)
+    return high, low
 
 
 def _ties_by_arrival(depth_key: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -155,6 +163,10 @@ FAULTS = (
     Fault("broken rows are kept", "golden", "nan-position", replaced(_ALL)),
     Fault("infinite rows are kept", "golden", "infinite-fields", replaced(_ALL)),
     Fault("zero rotations are kept", "golden", "zero-quaternion", replaced(_ALL)),
+    Fault("the chunk test forgets the splats' sizes", "golden", "giant-in-a-far-chunk",
+          replaced(("golden.msv2_ref.chunk_test.sigma_significands", lambda config: (0,) * SCALE_TOP_STEPS))),
+    Fault("the chunk test takes the near side for the far one", "golden", "chunk-around-the-camera",
+          replaced(("golden.msv2_ref.chunk_test._intervals", _sides_swapped))),
     Fault("colours are not filtered with the rest", "oracle", "fields-stay-aligned",
           replaced(("golden.scenes.model.GaussianModel.select", _without_colours))),
     Fault("nothing is not finite", "oracle", "nan-scale-or-rotation",

@@ -138,7 +138,7 @@ STUDIES = (
     Study("metric_scale", "msv2.studies.metric_scale.study", "units per metre of a scene, from a metric depth map"),
     Study("model", "msv2.studies.model.study", "the cycle model against the RTL",
           (Report("--keep", _files("model", "json", "md"), 5, SCENES),
-           Report("--rtl --keep", ("model_rtl.json",), 30, SCENES))),
+           Report("--rtl --keep", ("model_rtl.json",), 50, SCENES))),
     Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
           (Report("--keep", ("order.json",), 3, SCENES),), ("--only", "order")),
     Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",
@@ -180,6 +180,8 @@ STUDIES = (
           kept_by=BY_OUT),
     Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them",
           (Report("--keep", ("untrained_levels.json",), 5, SCENES),)),
+    Study("v3", "msv2.studies.v3.study", "what the steps from `paper` to `v3` give: bytes, cycles, energy, photographs",
+          (Report("--keep", _files("v3", "json", "md"), 15, f"{SCENES}, {TORCH}, runs in build/train"),)),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("--keep", _files("write_combining", "json", "md"), 2, SCENES),)),
 )

@@ -41,8 +41,8 @@ class ChunkReader(wiring.Component):
         busy: high from the cycle after `start` until `end` is taken.
         error: memory answered with an error since `start`. The items of such beats are undefined, but are passed on.
 
-    Throughput: one Gaussian per cycle, or as many as memory gives, also from chunk to chunk. Memory may take 128 cycles to
-    answer without lowering it, provided that chunks have at least 8 Gaussians (CHUNKS_AHEAD). Latency: one cycle from a chunk
+    Throughput: one Gaussian per cycle, or as many as memory gives, also from chunk to chunk. Memory may take 130 cycles to
+    answer without lowering it, provided that chunks have at least 9 Gaussians (CHUNKS_AHEAD). Latency: one cycle from a chunk
     to its first request; from a beat to its first item none with wide records, else that of GeometryDecode.
     """
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from perf import constants, model
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.culling.colour import LEAST_INTERVAL, ColourUnit
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -54,6 +56,14 @@ def test_compact_colour_records_take_the_rtls_steps(units, degree):
     unit = ColourUnit(config, sh_degree=degree)._sum
     for used in range(degree + 1):
         assert len(constants.colour_steps(config, used)) == unit._steps
+
+
+@pytest.mark.parametrize("config", (V3, V3.with_(name="wide", records="wide"), V3.with_(name="v3_1", culling_units=1)),
+                         ids=lambda config: config.name)
+def test_the_units_of_chunks_have_the_rtls_latencies(config):
+    schedule, timing = ChunkTest(config).datapath.schedule, constants.culling(config).chunk_test
+    assert (schedule.length, schedule.interval, schedule.depth) == (timing.length, timing.interval, timing.rows)
+    assert constants.DECODE_STAGES == GeometryDecode.latency
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)

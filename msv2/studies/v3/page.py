@@ -31,8 +31,8 @@ def page(content: Mapping[str, Any]) -> str:
         "refreshes, standby, I/O and termination; `msv2 study run energy` names the sources.", _energy(rows),
         "## Against photographs", "PSNR in dB of golden frames against photographs of test views, which training does not see. "
         "Frames of four levels have the gaze in the centre.", _photographs(content),
-        "## Orders of the model", "Gains over `paper` with the order of the file, as geometric means over the frames. "
-        "`golden.host.order` defines the orders.", _orders(content["orders"]),
+        "## Orders of the model", "Gains over `paper` with the order of the file, as geometric means over the frames "
+        f"{'; '.join(content['ordered']) or NONE}. `golden.host.order` defines the orders.", _orders(content["orders"]),
     ]
     return "\n\n".join(part for part in parts if part)
 

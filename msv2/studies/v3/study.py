@@ -36,7 +36,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
     parser.add_argument("--size", action="append", default=[], metavar="WxH",
                         help=f"size of the frames; can be repeated (default: {', '.join(frames.SIZES)})")
-    parser.add_argument("--orders", default="1", choices=("0", "1"), help="compare the orders of the model (default: 1)")
+    parser.add_argument("--orders", default="1", choices=("0", "1"),
+                        help="compare the orders of the model, on the frames of the first size (default: 1)")
     parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
                         help="output folder (default: build/reports; --keep: reports)")
@@ -53,7 +54,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
     todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
     runs, missing_runs = photographs.runs_here() if args.photographs == "1" else ({}, [])
-    ordered = todo if args.orders == "1" else []
+    ordered = [subject for subject in todo if subject.size == todo[0].size] if args.orders == "1" else []
     progress = Progress("v3", [*(subject.name for subject in todo), *(f"orders: {subject.name}" for subject in ordered),
                                *(f"photographs: {scene}" for scene in runs)])
     table, rows, order_rows, photo_rows = load_table(), [], [], []
@@ -69,7 +70,8 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         with progress.step(f"photographs: {scene}"):
             photo_rows += photographs.photo_rows(scene, run)
     return {
-        "clock_hz": frames.CLOCK_HZ, "missing": missing, "missing_runs": missing_runs, "goals": summary.goals(rows, photo_rows),
+        "clock_hz": frames.CLOCK_HZ, "missing": missing, "missing_runs": missing_runs,
+        "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows),
         "steps": summary.steps(rows, photo_rows), "frames": rows, "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
 

@@ -1,0 +1,89 @@
+"""The study of the steps from `paper` to `v3`."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from golden.scenes.load import EMBEDDED
+from msv2.studies.memory import IDEAL, LPDDR3
+from msv2.studies.v3 import frames, photographs, study, summary
+from msv2.studies.v3.page import page
+from spec.config import PAPER, V3
+
+
+def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
+    return {"frame": frame, "scene": frame, "size": "64x48", "machine": machine, "memory": memory, "cycles": cycles,
+            "phases": {"geometry": cycles // 2, "render": cycles // 2}, "bytes": {"read": {"geometry": total}, "write": {}},
+            "total_bytes": total, "activates": cycles // 10, "refreshes": 1, "points": 100, "points_read": 100, "chunks": None,
+            "chunks_read": None, "survivors": 50, "entries": 60,
+            "energy_mj": {"chip": 1e-6 * cycles, "dram": 2e-6 * cycles, "dram_by_use": {}}} | more
+
+
+@pytest.fixture
+def rows() -> list[dict[str, object]]:
+    """Two frames. `v3` is 2 and 8 times as fast, which is 4 as a geometric mean, and moves half of the bytes."""
+    out = []
+    for frame, gain in (("truck", 2), ("garden_large", 8)):
+        for memory, cycles in ((LPDDR3, 8_000), (IDEAL, 4_000)):
+            for machine in frames.MACHINES:
+                v3 = machine == V3.name
+                out.append(row(frame, machine, memory, cycles // gain if v3 else cycles, 500 if v3 else 1000,
+                               **({"chunks": 10, "chunks_read": 10 // gain} if v3 else {})))
+    return out
+
+
+def photo(scene: str, levels: int, loss: float) -> dict[str, object]:
+    return {"scene": scene, "size": "64x48", "points": 10, "sh_degree": 3, "levels": levels, "views": 2, "paper_db": 27.0,
+            "v3_db": 27.0 - loss, "loss_db": loss, "worst_view_db": loss, "limit_db": photographs.LIMITS[levels]}
+
+
+def test_gains_are_geometric_means_over_the_frames(rows):
+    gains = summary.gains(rows, V3.name)
+    assert math.isclose(gains["lpddr3_gain"], 4) and math.isclose(gains["ideal_gain"], 4)
+    assert math.isclose(gains["bytes_gain"], 2) and math.isclose(gains["dram_energy_gain"], 4)
+    assert math.isclose(summary.gains(rows, "paper, spatial order")["lpddr3_gain"], 1)
+
+
+def test_steps_have_the_worst_loss_and_their_parts_beside_them(rows):
+    step = summary.steps(rows, [photo("fern", 4, 0.004), photo("bonsai", 1, -0.001)])["records"]
+    assert step["worst_photo_loss_db"] == 0.004
+    assert set(step["beside"]) == {"paper, spatial order", "chunks, wide records"}
+    assert step["chunks_read"] == {"truck": 0.5, "garden_large": 0.1}
+    assert summary.steps(rows, [])["records"]["worst_photo_loss_db"] is None
+
+
+@pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
+def test_goals_are_judged(rows, loss, reached):
+    goals = {goal["goal"]: goal["reached"] for goal in summary.goals(rows, [photo("fern", 1, loss), photo("fern", 4, loss)])}
+    assert goals["bytes of a frame, times fewer"] and goals["LPDDR3 cycles of a frame, times fewer"]
+    assert goals["share of garden_large's chunks that is read"]
+    assert goals["dB lost against photographs, 1 level"] is reached
+    assert goals["dB lost against photographs, 4 levels"]
+    slower = [r | {"cycles": 8_000} if r["machine"] == V3.name else r for r in rows]
+    assert not {g["goal"]: g["reached"] for g in summary.goals(slower, [])}["LPDDR3 cycles of a frame, times fewer"]
+
+
+def test_the_page_shows_lpddr3_first_and_every_goal(rows):
+    lost = [photo("fern", 1, 0.006)]
+    content = {"missing": ["rock_sh3"], "missing_runs": ["bonsai"], "ordered": [], "goals": summary.goals(rows, lost),
+               "steps": summary.steps(rows, []), "frames": rows, "photographs": lost, "orders": []}
+    text = page(content)
+    assert text.index("4 x LPDDR3-1600") < text.index("ideal, 25.6 B a cycle")
+    assert "missed" in text and "Missing: rock_sh3." in text and "No finished run in build/train: bonsai." in text
+    assert "| truck | 8,000 | 8,000 | 8,000 | 4,000 | 2.000 |" in text
+
+
+def test_a_small_frame_is_measured_on_every_machine(tmp_path):
+    study.main([EMBEDDED, "--size", "96x64", "--orders", "0", "--photographs", "0", "--out", str(tmp_path)])
+    content = json.loads((tmp_path / "v3.json").read_text())
+    found = {(r["machine"], r["memory"]): r for r in content["frames"]}
+    assert len(found) == len(frames.MACHINES) * len(frames.MEMORIES)
+    paper, spatial, wide, v3 = (found[name, LPDDR3] for name in frames.MACHINES)
+    assert paper["total_bytes"] > v3["total_bytes"] and paper["points_read"] == paper["points"] >= v3["points_read"]
+    assert spatial["bytes"]["read"]["geometry"] == paper["bytes"]["read"]["geometry"] >= wide["bytes"]["read"]["geometry"]
+    assert v3["bytes"]["read"]["chunks"] == 32 * v3["chunks"] and "chunks" not in paper["bytes"]["read"]
+    assert v3["bytes"]["read"]["geometry"] < 0.6 * wide["bytes"]["read"]["geometry"]
+    assert PAPER.name in (tmp_path / "v3.md").read_text()
