@@ -79,7 +79,7 @@ def _giants() -> Mapping[str, InChunks]:
 def _straddling() -> Mapping[str, InChunks]:
     """64 splats from behind the camera to before it, of which the 30 beyond the near plane are seen; 64 behind the camera."""
     around = [(0.0, 0.0, 0.1 * (i - 32) + 0.05) for i in range(CHUNK)]
-    return {"around": InChunks(splats(*around, *_row(CHUNK, 0.0, 0.0, -30.0, gap=0.1), scale=0.001), 2, 1, 30)}
+    return {"around": InChunks(splats(*around, *_row(CHUNK, 0.0, 0.0, -30.0, gap=0.1), scale=0.002), 2, 1, 30)}
 
 
 def _with_an_empty_chunk(words: GaussianWords) -> GaussianWords:

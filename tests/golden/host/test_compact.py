@@ -2,6 +2,7 @@
 encode."""
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 
@@ -342,11 +343,23 @@ def test_opacity_of_zero_cannot_be_seen(levels):
 
 
 def test_amplified_opacity_and_bright_colours_are_held():
-    words = single(opacity=128.0, colour=3.9)
+    words = single(opacity=128.0)
     assert words.decoded.opacity.tolist() == [7168] and words.chunks["opacity"].tolist() == [479]
-    assert words.colour["dc"][0, 0] == pytest.approx(3.9 * 2048, abs=4)
-    dark = single(colour=-4.5)
-    assert (dark.colour["dc"] == -8192).all() and dark.saturated["dc"] == 3
+    for colour, raw, clipped in ((3.9, 3.9 * 2048, 0), (-4.5, -8192, 3), (5.0, 8191, 3), (1.5, 3072, 0), (-0.6, -1228.8, 0)):
+        model = splats((0, 0, 0), scale=1.0, colour=colour)
+        found = quantise_model(V3, replace(model, sh_rest=np.zeros((1, 3, 3))))
+        assert found.colour["dc"][0, 0] == pytest.approx(raw, abs=4) and found.saturated["dc"] == clipped
+
+
+@pytest.mark.parametrize("levels", [1, 4])
+def test_without_harmonics_base_colours_beyond_black_and_white_cost_no_range(levels):
+    """A colour of 0.5 beside channels that are clamped anyway keeps its precision. What is clamped stays beyond the limits."""
+    model = splats((0, 0, 0), scale=1.0, colour=(0.5, -3.0, 0.25), levels=levels)
+    words = quantise_model(V3, model)
+    assert words.compact.colour["dc_range"].tolist() == [0] and words.colour["dc"][0, :3].tolist() == [1024, 0, 512]
+    bright = quantise_model(V3, splats((0, 0, 0), scale=1.0, colour=(0.5, 3.5, 1.0), levels=levels))
+    assert bright.colour["dc"][0, 0] == 1024 and bright.colour["dc"][0, 1] >= 4092
+    assert F.colour.raw_max == (4092 + 2) // 4
 
 
 def test_the_largest_harmonics_are_clipped_and_counted():
