@@ -1,7 +1,8 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
 TINY is for fast simulation. PAPER has the resources of the paper (section 7, "Hardware Implementation"). DEFAULT is
-PAPER's array with fewer front-end units and a narrower row. PRECISE, BALANCED and FAST are PAPER with the shortest word lengths
+PAPER's array with fewer front-end units and a narrower row. V3 is PAPER with a model in spatial order, read in chunks of
+compact records. PRECISE, BALANCED and FAST are PAPER with the shortest word lengths
 and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB of PSNR (docs/tradeoff.md).
 """
 
@@ -83,6 +84,8 @@ class NumberFormats:
     """Colour sums."""
     depth_accumulator: Fixed = UQ(0, 18)
     """Depth sums."""
+    chunk: SmallFloat = SmallFloat(sig_bits=14, exp_bits=8, bias=127)
+    """The chunk test (`spec.chunks`), whose margins cover the rounding of this format."""
     plane: Fixed = SQ(6, 12)
     """Coefficients of a tile's blend plane."""
     blend_weight: Fixed = UQ(1, 8)
@@ -95,6 +98,12 @@ class NumberFormats:
         """Distance of a row of pixels, or of an ellipse's edge, from a splat's mean: a difference of two `mean2d`."""
         return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
 
+
+ORDERS = ("file", "spatial")
+"""Orders of a model's Gaussians in memory; `golden.host.order` makes the second."""
+
+RECORDS = ("wide", "compact")
+"""Formats of a Gaussian in memory: `spec.records` has the first, `spec.compact` the second."""
 
 MOST_CULLING_UNITS = 8
 """Culling units with which a Gaussian enters in every cycle. More would change nothing but the number."""
@@ -143,6 +152,11 @@ class AcceleratorConfig:
             are filled.
         warp_veiled: whether pixels with a coverage from 1/255 to 1/2, which have no valid depth, are warped too, by the depth
             of the splats that they show.
+        order: the order of the Gaussians in memory, which the host makes: that of the file, or one in which neighbours in
+            memory are neighbours in space.
+        chunks: whether Gaussians are read in chunks of up to 64, each of which is skipped where its header shows that nothing
+            of it can be seen (`spec.chunks`); this needs spatial order.
+        records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         formats: number formats.
     """
 
@@ -168,6 +182,9 @@ class AcceleratorConfig:
     warp_columns: int = 512
     warp_fill: str = "majority"
     warp_veiled: bool = False
+    order: str = "file"
+    chunks: bool = False
+    records: str = "wide"
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -193,11 +210,18 @@ class AcceleratorConfig:
         for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled"):
+        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         if self.warp_fill not in WARP_FILLS:
             raise ValueError(f"warp_fill must be one of {', '.join(WARP_FILLS)}, not {self.warp_fill!r}")
+        for name, accepted in (("order", ORDERS), ("records", RECORDS)):
+            if getattr(self, name) not in accepted:
+                raise ValueError(f"{name} must be one of {', '.join(accepted)}, not {getattr(self, name)!r}")
+        if self.chunks and self.order != "spatial":
+            raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
+        if self.records == "compact" and not self.chunks:
+            raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -251,6 +275,11 @@ class AcceleratorConfig:
         """Cycles that a splat takes in the colour unit: 32 with one culling unit."""
         return 4 * MOST_CULLING_UNITS // self.culling_units
 
+    @property
+    def compact(self) -> bool:
+        """Whether Gaussians lie in memory as compact records."""
+        return self.records == "compact"
+
     def with_(self, **changes: Any) -> AcceleratorConfig:
         """A copy with some parameters changed."""
         return replace(self, **changes)
@@ -261,6 +290,7 @@ TINY = AcceleratorConfig(
     splat_cache_lines=64, warp_lanes=1, warp_columns=128)
 DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
 PAPER = AcceleratorConfig(name="paper")
+V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
 
 SHORT_FORMATS = NumberFormats(
     work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),
@@ -275,4 +305,4 @@ FAST = PRECISE.with_(name="fast", sh_degree=1)
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
-CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, *PRESETS.values())}
+CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}

@@ -2,8 +2,10 @@
 
 All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transaction is one beat. The regions are:
 
-    geometry    GaussianGeometry, one beat per Gaussian, by index
-    colour      GaussianColour, `colour_beats` beats per Gaussian, by index
+    chunks      ChunkHeader, one beat per chunk; only machines with chunks read it
+    geometry    GaussianGeometry, one beat per Gaussian, by index; with compact records CompactGeometry, half a beat
+    colour      GaussianColour, `colour_beats` beats per Gaussian, by index; with compact records CompactColour, one beat, and
+                CompactHarmonics, one beat, where the model has harmonics
     tiles       TileSetting, 8 bytes per tile, row-major; the host writes this table for each gaze
     views       splat records (SplatRecord), one beat each; that of Gaussian i for tiles of level L lies at beat
                 (i << view_shift) + L; only Gaussians with an intersection have any
@@ -174,7 +176,9 @@ def display_pixel(config: AcceleratorConfig) -> Record:
 
 
 def colour_beats(config: AcceleratorConfig, sh_degree: int) -> int:
-    """Beats of a GaussianColour: 1, 2, 2, 3 for SH degree 0, 1, 2, 3."""
+    """Beats of a Gaussian in the region `colour`: 1, 2, 2, 3 for SH degree 0, 1, 2, 3; with compact records 1, 2, 2, 2."""
+    if config.compact:
+        return 1 + (sh_degree > 0)
     return -(-gaussian_colour(config, sh_degree).width // (8 * BEAT_BYTES))
 
 
@@ -207,8 +211,18 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("spill_beats", uint(BEAT_BITS), "size of the region of spilled runs in beats"),
         Field("display", uint(1), "1: the frame consists of DisplayPixels; 0: of FramePixels"),
         beat("frame_base"),
+        *(_chunk_settings(config) if config.chunks else ()),
         *(_stereo_settings(config) if config.stereo else ()),
     ))
+
+
+def _chunk_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """Additional settings of machines with chunks."""
+    return (
+        Field("chunks", uint(INDEX_BITS), "number of chunks of the model"), beat("chunks_base"),
+        Field("reach", config.formats.view, "pixels that a standard deviation of 1 at z = 1 reaches, along x, along y "
+              "(`spec.chunks`)", 2),
+    )
 
 
 def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:

@@ -16,7 +16,7 @@ between two beats."""
 IN_FLIGHT = 256
 """Most reads of all clients together, and most writes of each client, that may wait for their answers."""
 
-READ_DEPTHS = {"geometry": 128, "tiles": 16, "colour": 128, "entries": 64, "spill": 64, "views": 512}
+READ_DEPTHS = {"geometry": 128, "tiles": 16, "colour": 128, "entries": 64, "spill": 64, "views": 512, "chunks": 32}
 """Most beats of each read client that are outstanding or wait in its queue: what the client's rate needs at a latency of 100
 cycles.
 

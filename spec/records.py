@@ -267,6 +267,12 @@ def intersection_item(config: AcceleratorConfig) -> Record:
     ))
 
 
+def opacities_carried(config: AcceleratorConfig) -> int:
+    """Opacities of a Gaussian that pass through projection: one per level, or with compact records the strongest alone, because
+    the colour unit reads the others."""
+    return 1 if config.compact else MAX_LEVELS
+
+
 def gaussian_point(config: AcceleratorConfig) -> Record:
     """A Gaussian's geometry on its way into projection. A frame ends with an item with `end`, which is no Gaussian."""
     return Record("GaussianPoint", gaussian_point.__doc__, (

@@ -40,8 +40,9 @@ REGISTER_ADDRESS_BITS = 12
 MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
-VERSION_MAJOR, VERSION_MINOR = 2, 0
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. Version 1 had
+VERSION_MAJOR, VERSION_MINOR = 3, 0
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. Version 2 had
+no machines with chunks, whose settings and counters stand before those of stereo. Version 1 had
 a field `sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters
 of saturated values."""
 
@@ -67,6 +68,9 @@ the directory of its pages."""
 WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 """Clients that write memory, named by the region that they write; the position is the AXI write ID. The region `entries`
 includes the directory of its pages."""
+
+CHUNK_READ_CLIENTS = ("chunks",)
+"""Additional read clients of machines with chunks: `chunks` reads the chunks' headers."""
 
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
@@ -209,6 +213,12 @@ EVENTS = {
 }
 """Events that the units report when a frame ends: by name, what is counted. A frame of two eyes counts both passes together."""
 
+CHUNK_EVENTS = {
+    "chunks_read": "chunks whose Gaussians were read",
+    "chunks_skipped": "chunks that the chunk test skipped",
+}
+"""Additional events of machines with chunks."""
+
 STEREO_EVENTS = {
     "warped": "pixels of the target eye to which a pixel of the source eye was warped, background included",
     "filled": "holes of the target eye filled from their neighbours",
@@ -224,6 +234,11 @@ def stages(config: AcceleratorConfig) -> tuple[str, ...]:
     return STAGES + STEREO_STAGES if config.stereo else STAGES
 
 
+def read_clients(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The read clients of a machine, in the order of their AXI IDs."""
+    return READ_CLIENTS + CHUNK_READ_CLIENTS if config.chunks else READ_CLIENTS
+
+
 def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
     """The write clients of a machine, in the order of their AXI IDs."""
     return WRITE_CLIENTS + STEREO_WRITE_CLIENTS if config.stereo else WRITE_CLIENTS
@@ -231,12 +246,12 @@ def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
 
 def events(config: AcceleratorConfig) -> dict[str, str]:
     """Events that the units of a machine report when a frame ends: by name, what is counted."""
-    return EVENTS | (STEREO_EVENTS if config.stereo else {}) | {s.name: s.doc for s in SATURATIONS}
+    return EVENTS | (CHUNK_EVENTS if config.chunks else {}) | (STEREO_EVENTS if config.stereo else {}) | {s.name: s.doc for s in SATURATIONS}
 
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
-    """Every counter of a machine, in the order of its registers: first those of all machines, then those of stereo, at the end
-    those of saturated values."""
+    """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks and those of
+    stereo, at the end those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -248,6 +263,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         return [Counter(f"{stage}_{what}", f"busy cycles in which stage {stage} {doc}")
                 for stage in names for what, doc in per_stage.items()]
 
+    chunks = (*of_clients("read", CHUNK_READ_CLIENTS), *(Counter(name, doc) for name, doc in CHUNK_EVENTS.items()))
     stereo = (
         Counter("cycles_target", "cycles of the target eye's pass", 64), *of_clients("write", STEREO_WRITE_CLIENTS),
         *of_stages(STEREO_STAGES), *(Counter(name, doc) for name, doc in STEREO_EVENTS.items()))
@@ -258,6 +274,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         Counter("write_beats", "beats written to memory"),
         *of_clients("read", READ_CLIENTS), *of_clients("write", WRITE_CLIENTS), *of_stages(STAGES),
         *(Counter(name, doc) for name, doc in EVENTS.items()),
+        *(chunks if config.chunks else ()),
         *(stereo if config.stereo else ()),
         *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
@@ -273,7 +290,7 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
     parts = {
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
-            config.sh_degree, config.blend),
+            config.sh_degree, config.blend, config.chunks, config.compact),
         "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width,),
     }
@@ -296,7 +313,8 @@ _IDENTITY = (
         Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
         Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
         Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
-        Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"))),
+        Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"),
+        Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
@@ -330,7 +348,7 @@ _CONTROL = (
 
 
 def _control_registers(config: AcceleratorConfig) -> Iterator[Register]:
-    clients = (Bits("read", 0, len(READ_CLIENTS), "one bit per read client"),
+    clients = (Bits("read", 0, len(read_clients(config)), "one bit per read client"),
                Bits("write", 16, len(write_clients(config)), "one bit per write client"))
     return (replace(r, bits=clients) if r.name == "error_clients" else r for r in _CONTROL)
 
