@@ -122,7 +122,8 @@ class ChunkReader(wiring.Component):
             wiring.connect(m, self._decode.points, wiring.flipped(self.points))
             half = Mux(index[0], words[len(words) // 2:], words[: len(words) // 2])
             m.d.comb += [
-                *(Value.cast(codes.payload[name]).eq(Value.cast(chunk[name])) for name in ("low", "step", "scale_top", "bound")),
+                *(Value.cast(codes.payload[name]).eq(Value.cast(chunk[name]))
+                  for name in ("low", "step", "scale_top", "bound")),
                 Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, half))]  # without a valid beat these words may change
         else:
             record = gaussian_geometry(self.config)
