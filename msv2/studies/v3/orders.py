@@ -10,7 +10,7 @@ from msv2.studies.memory import memory_arguments
 from msv2.studies.performance.frames import request
 from msv2.studies.v3.frames import MEMORIES, Subject, chunks, chunks_read, total_bytes
 from perf.model import MemoryModel, simulate
-from perf.trace import trace_of
+from perf.trace import FrameTrace, trace_of
 from spec.config import PAPER, V3, AcceleratorConfig
 
 
@@ -31,7 +31,10 @@ def order_rows(subject: Subject) -> list[dict[str, object]]:
     return rows
 
 
-def _row(subject, name, config: AcceleratorConfig, memory: str, trace) -> dict[str, object]:
+def _row(
+    subject: Subject, name: str, config: AcceleratorConfig, memory: str, trace: FrameTrace,
+) -> dict[str, object]:
+    """The numbers of a frame with the model in an order."""
     frame = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True)
     return {"frame": subject.name, "order": name, "machine": config.name, "memory": memory, "cycles": frame.total,
             "total_bytes": total_bytes(frame), "activates": frame.activates, "chunks": chunks(trace),

@@ -14,6 +14,8 @@ import pytest
 from amaranth.sim import Simulator
 
 from golden.msv2_ref.colour import survivor_records
+from rtl.chunks import decode_colour
+from rtl.culling import compact_sum, compact_views
 from rtl.culling.colour import LEAST_INTERVAL, ColourUnit, carried_layout, splat_interval
 from rtl.culling.colour_sum import record_steps
 from rtl.culling.compact_sum import CompactColourSum, band_of, lane_groups
@@ -22,7 +24,7 @@ from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import cost, schedule
 from rtl.emit import to_verilog
 from spec import harmonics
-from spec.compact import BAND_BITS
+from spec.compact import BAND_BITS, OPACITY_LOG2
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY, V3
 from spec.formats import SQ, UQ
 from spec.harmonics import terms
@@ -144,6 +146,24 @@ def test_faults_in_the_rtl_are_caught(monkeypatch, tmp_path):
             patch.setattr(harmonics, name, lambda formats, fault=fault: fault)
             broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY), "colour_bench"))
         assert broken.verilog != clean.verilog
+        failures = exact.run_plan(broken, plan, tmp_path / name).failures
+        assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
+
+
+@pytest.mark.long
+def test_faults_in_the_rtl_of_compact_records_are_caught(monkeypatch, tmp_path):
+    """The value of one opacity, the largest exponent of a band, and the bound of coarse records."""
+    clean = colour_device.playback(TINY_V3)
+    plan = [colour_suite.plan_of(TINY_V3, random_case(TINY_V3, 8, 3, [2000]))]
+    opacities = list(OPACITY_LOG2)
+    opacities[100] += 1
+    for module, name, fault in (
+        (decode_colour, "OPACITY_LOG2", tuple(opacities)), (compact_sum, "BAND_EXPONENT_MOST", (5, 7, 6)),
+        (compact_views, "COARSE_BOUND", 2),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, fault)
+            broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY_V3), "colour_bench"))
         failures = exact.run_plan(broken, plan, tmp_path / name).failures
         assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
 
