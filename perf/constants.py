@@ -49,7 +49,7 @@ SETUP_LATENCY = 15
 """LATENCY of `rtl.vrc_array.setup`: the registers of the setup unit's pipeline and its output buffer."""
 
 
-CHUNK_TEST = 70
+CHUNK_TEST = 78
 """The length of the schedule of the chunk test (`rtl.chunks.chunk_test`)."""
 
 DECODE_STAGES = 6

@@ -26,6 +26,7 @@ from spec.constants import ENTRY_BYTES, TILE
 from spec.lpddr3 import Lpddr3, check_clock
 from spec.memory import (
     BEAT_BYTES,
+    BEAT_ENTRIES,
     BUS_BYTES_PER_CYCLE,
     DISPLAY_PIXEL_BYTES,
     DRAM_BYTES_PER_CYCLE,
@@ -331,7 +332,7 @@ def _render(
     stages, keys = chunks.chunk_stages(capacity)
     chunks.begin_stages(stages, plan.chunk_ends)
     s.incremental, s.ring_runs = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
-    s.spill_base = where.spill
+    s.spill_base, s.ring_beats = where.spill, plan.ring_runs * capacity // BEAT_ENTRIES
     s.way_room[: config.merge_ways] = 32
     s.views_base, s.frame_base = where.views, where.target_frame if number else where.frame
     s.rendered_tiles = len(plan.drawn)
@@ -345,7 +346,7 @@ def _render(
         eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn],
         plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
         plan.chunk_ends, plan.arrival, stages, keys, plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
-        plan.job_out, plan.job_waits, plan.way_of, trace.holes, times, tile_times, LIMIT)
+        plan.job_out, plan.job_waits, plan.way_of, plan.job_begin, plan.job_goal, trace.holes, times, tile_times, LIMIT)
     events = _commands(s) | {
         "ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.missed),
         "spilled_entries": int(plan.way_of.size)}

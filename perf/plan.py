@@ -125,6 +125,8 @@ class RenderPlan:
             merge, the place of its runs in `job_length`, their lengths and sum, whether its result leaves the sorter, and
             whether it waits until the results of earlier merges are in memory.
         way_of: for each intersection of each merge, in order, the run from which it comes.
+        job_begin, job_goal: where each run of each merge begins, and each merge's result: in beats from the group's first run
+            in the ring, or -1 - beats from the start of the scratch half behind it.
         ring_runs: the runs that the ring buffer in the spill region holds. spill_beats: the size of that region.
     """
 
@@ -147,6 +149,8 @@ class RenderPlan:
     job_out: np.ndarray
     job_waits: np.ndarray
     way_of: np.ndarray
+    job_begin: np.ndarray
+    job_goal: np.ndarray
     ring_runs: int
     spill_beats: int
 
@@ -183,7 +187,7 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     place = np.repeat(before[large], counts[large]) + eye.rank[np.repeat(large, counts)]
     runs = -(-largest // capacity) if largest > capacity else 1
     parts, run_of = chunks > 1, (place // capacity).astype(np.int64)
-    merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways)
+    merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways, capacity // BEAT_ENTRIES)
     return RenderPlan(
         groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
         _cache_misses(eye, counts, config.splat_cache_lines), view, length, spill, last,
@@ -203,22 +207,27 @@ def _by_entry(counts, rank, splat, level, view_shift, arrival, view):
             at += 1
 
 
-def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray, ways: int) -> tuple[np.ndarray, ...]:
-    """The arrays `job_start` to `way_of` of a RenderPlan, in the way of rtl.sort_tmu.merge_plan.
+def _merges(
+    run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray, ways: int, run_beats: int,
+) -> tuple[np.ndarray, ...]:
+    """The arrays `job_start` to `job_goal` of a RenderPlan, in the way of rtl.sort_tmu.merge_plan.
 
     Args:
         run_of: (intersections of spilled groups,) int64, in order: the chunk of its group in which each lies.
         part_runs, part_entries: the runs and the intersections of each such group.
         ways: the number of runs that are merged at a time.
+        run_beats: the beats of a full chunk's run.
     """
     start, lengths, entries, out, waits, way_of = [0], [], [], [], [], [np.zeros(0, np.int64)]
+    begins, goals = [], []
     firsts = np.cumsum(part_entries) - part_entries
     for count, total, first in zip(part_runs.tolist(), part_entries.tolist(), firsts.tolist(), strict=True):
         run = run_of[first : first + total].copy()
         this, longer, fresh, made = list(range(count)), [], False, count
+        places, scratch = [k * run_beats for k in this], False
         while True:
             if not this:
-                this, longer, fresh = longer, [], True
+                this, longer, fresh, scratch = longer, [], True, not scratch
             left = len(this) + len(longer)
             last = left <= ways
             chosen = longer + this if last else this[: min(ways, left - ways + 1)]
@@ -231,12 +240,16 @@ def _merges(run_of: np.ndarray, part_runs: np.ndarray, part_entries: np.ndarray,
             entries.append(len(way_of[-1]))
             out.append(last)
             waits.append(last or fresh)
+            begins += [-1 - places[r] if scratch != (r in longer) else places[r] for r in chosen]
+            goals.append(places[chosen[0]] if scratch else -1 - places[chosen[0]])
+            places.append(places[chosen[0]])  # a result lies in one half where its first run lies in the other
             if last:
                 break
             run[way >= 0] = made
             this, longer, fresh, made = this[len(chosen) :], [*longer, made], False, made + 1
     return (np.array(start, np.int64), np.array(lengths, np.int64), np.array(entries, np.int64), np.array(out, np.bool_),
-            np.array(waits, np.bool_), np.concatenate(way_of).astype(np.int64))
+            np.array(waits, np.bool_), np.concatenate(way_of).astype(np.int64), np.array(begins, np.int64),
+            np.array(goals, np.int64))
 
 
 def eye_groups(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None) -> np.ndarray:

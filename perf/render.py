@@ -66,7 +66,7 @@ def _rows(s, t, writer, tile_number, tile_times, fills):
 def render_phase(
     s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
     use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start,
-    job_length, job_entries, job_out, job_waits, way_of, fills, times, tile_times, limit,
+    job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal, fills, times, tile_times, limit,
 ):
     """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
     tiles = len(tile_counts)
@@ -95,7 +95,7 @@ def render_phase(
         offers = chunks.chunk_offers(stages, at + s.spilled)
         if sorter.step_sort_out(
             s, t, ways, reader == SPILL, offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start,
-            job_length, job_entries, job_out, job_waits, way_of,
+            job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal,
         ):
             _note(s, t, HANDING, group_end[at], times)
         shown = s.entry_shown

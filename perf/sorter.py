@@ -12,22 +12,26 @@ from spec.queues import SORT_MERGES
 
 layout = Layout(before)
 layout.words("capacity sort_taken chunk_out place_out sorted incremental ring_runs used active spilled freeing")
-layout.words("pack_full pack_place pack_fence run_queue_in run_queue_out fenced spill_write_beat")
+layout.words("pack_full pack_place pack_fence run_queue_in run_queue_out fenced")
+layout.words("spill_base ring_beats pack_beat back_beat ring_next part_first parts_closed plan_part")
 layout.words("""
     parts_there open_part planning plan_way plan_at merges_planned merges_started merges_finished merges_pending parts_freed
-    way_turn spill_read_full fetch_in fetch_out merge_left merged out_left tree_in tree_out spill_base spill_read_beat reading
+    way_turn spill_read_full fetch_in fetch_out merge_left merged out_left tree_in tree_out spill_read_beat reading
     headless back_full back_place back_last""")
 layout.words("line_in line_out half_states filling filled showing half_next source source_last source_half line_size line_mask")
 
 _WRITER_QUEUE, _WAY_BEATS, _WAYS, _TREE, _PENDING = 32, 32, 32, 8, 15
 """RunWriter's depth, RunReader's `way_beats`, the most ways, the entries that the tree holds between its leaves and its output,
 and the most merge results that are not yet in memory."""
+_PARTS = 32  # more spilled groups than the sorter holds
 LINE_MOST = 1 << 17
 """Number of entries of the longest line buffer that a configuration can have."""
 layout.ring("half_ends", 2)
 layout.ring("run_queue_times", _WRITER_QUEUE)
 layout.ring("run_queue_fence", _WRITER_QUEUE)
-for _name in ("left", "room", "in", "out", "place", "entries"):
+layout.ring("run_queue_beat", _WRITER_QUEUE)
+layout.ring("part_offset", _PARTS)  # where a spilled group's first run begins, in beats from the start of the ring
+for _name in ("left", "room", "beat", "in", "out", "place", "entries"):
     layout.ring(f"way_{_name}", _WAYS)
 layout.ring("way_times", _WAYS, 2 * _WAY_BEATS)
 layout.ring("way_fetched", _WAYS * _WAY_BEATS)
@@ -38,6 +42,21 @@ _TREE_LATENCY = 3  # with the paper's eight ways; a beat reaches its way after t
 
 
 @step
+def _beat(s, place, part):
+    """The beat of a place in a spilled group's memory; `place` is as in RenderPlan.job_begin."""
+    if place < 0:
+        return s.spill_base + s.ring_beats - 1 - place
+    at = place + s.part_offset[part & _PARTS - 1]
+    return s.spill_base + (at - s.ring_beats if at >= s.ring_beats else at)
+
+
+@step
+def _after(s, beat):
+    """The beat that follows in a run: the ring's first one after its last."""
+    return s.spill_base if beat == s.spill_base + s.ring_beats - 1 else beat + 1
+
+
+@step
 def step_run_writer(s, t, granted):
     """Steps RunWriter: writes the oldest beat and waits at its fence. Merged beats enter its queue before others."""
     at = s.run_queue_out
@@ -45,8 +64,7 @@ def step_run_writer(s, t, granted):
         return
     fence = s.run_queue_fence[at & _WRITER_QUEUE - 1]
     if granted:
-        bus.write(s, W_SPILL, s.spill_base + s.spill_write_beat)
-        s.spill_write_beat += 1
+        bus.write(s, W_SPILL, s.run_queue_beat[at & _WRITER_QUEUE - 1])
         if fence:
             s.fenced = 1
         else:
@@ -62,8 +80,12 @@ def step_run_writer(s, t, granted):
         s.run_queue_fence[at & _WRITER_QUEUE - 1] = 2 * s.back_last if s.back_full else s.pack_fence
         s.run_queue_in = at + 1
         if s.back_full:
+            s.run_queue_beat[at & _WRITER_QUEUE - 1] = s.back_beat
+            s.back_beat = _after(s, s.back_beat)
             s.back_full = 0
         else:
+            s.run_queue_beat[at & _WRITER_QUEUE - 1] = s.pack_beat
+            s.pack_beat = _after(s, s.pack_beat)
             s.pack_full = 0
 
 
@@ -84,6 +106,14 @@ def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
         if s.used == s.ring_runs:
             return
         s.used += 1
+        if s.active == 0:
+            s.ring_next = 0
+        begins = s.ring_next * (s.capacity // BEAT_ENTRIES)
+        s.pack_beat = s.spill_base + begins
+        s.ring_next = 0 if s.ring_next + 1 == s.ring_runs else s.ring_next + 1
+        if s.part_first == 0:
+            s.part_first = 1
+            s.part_offset[s.parts_closed & _PARTS - 1] = begins
     s.active = 1
     last = place + 1 == chunk_length[chunk]
     s.spilled += 1
@@ -92,10 +122,13 @@ def _spill(s, t, offers, chunk_length, chunk_spill, chunk_last):
         s.pack_full, s.pack_place, s.pack_fence = 1, 0, last and chunk_last[chunk]
     s.place_out = 0 if last else place + 1
     s.chunk_out = chunk + last
+    if last and chunk_last[chunk]:
+        s.part_first = 0
+        s.parts_closed += 1
 
 
 @step
-def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
+def _plan(s, t, ways, job_start, job_length, job_out, job_waits, job_begin):
     """Steps MergePlan: plans the merges of a group that is in memory, and assigns runs to ways, in two cycles each."""
     job = s.merges_planned
     if s.planning == 0:
@@ -116,20 +149,21 @@ def _plan(s, t, ways, job_start, job_length, job_out, job_waits):
         if s.way_left[way]:
             return
         s.way_left[way] = -(-job_length[job_start[job] + way] // BEAT_ENTRIES)
+        s.way_beat[way] = _beat(s, job_begin[job_start[job] + way], s.plan_part)
         s.reading += s.way_left[way]
     s.plan_way, s.plan_at = way + 1, t + 2
     if way + 1 == ways:
         s.merges_planned, s.planning, s.plan_at = job + 1, 0, t + 3
         if job_out[job]:
             s.open_part = 0
+            s.plan_part += 1
 
 
 @step
 def _read_runs(s, t, ways, granted):
     """Steps RunReader: requests the next beat of a way, and moves received beats into their ways."""
     if granted:
-        bus.read(s, SPILL, s.spill_base + s.spill_read_beat)
-        s.spill_read_beat += 1
+        bus.read(s, SPILL, s.spill_read_beat)
         s.spill_read_full = 0
     if s.spill_read_full == 0 and s.reading:
         way = s.way_turn
@@ -140,6 +174,8 @@ def _read_runs(s, t, ways, granted):
                 s.reading -= 1
                 s.way_room[way] -= 1
                 s.way_turn, s.spill_read_full = way, 1
+                s.spill_read_beat = s.way_beat[way]
+                s.way_beat[way] = _after(s, s.way_beat[way])
                 s.way_fetched[s.fetch_in & _WAYS * _WAY_BEATS - 1] = way
                 s.fetch_in += 1
                 break
@@ -210,11 +246,13 @@ def _take_merged(s, left):
 
 
 @step
-def _merge_back(s, t, job_entries, job_out):
+def _merge_back(s, t, job_entries, job_out, job_goal):
     """Moves an entry of a merge whose result goes back to memory into its beat."""
     left = _tree_gives(s, t, job_entries)
     if left == 0 or job_out[s.merges_finished] or s.back_full:
         return
+    if left == job_entries[s.merges_finished]:
+        s.back_beat = _beat(s, job_goal[s.merges_finished], s.parts_freed)
     s.back_place += 1
     s.back_last = left == 1
     if s.back_place == BEAT_ENTRIES or left == 1:
@@ -234,7 +272,7 @@ def _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out):
 @step
 def step_sort_out(
     s, t, ways, granted, chunk_offers, group_end, chunk_length, chunk_spill, chunk_last, part_runs, job_start, job_length,
-    job_entries, job_out, job_waits, way_of,
+    job_entries, job_out, job_waits, way_of, job_begin, job_goal,
 ):
     """Moves a sorted entry to the handover. Returns whether one moved. `chunk_offers`: the chunk sorter offers an entry."""
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
@@ -262,11 +300,11 @@ def step_sort_out(
         s.used -= freed
         s.active = s.used != 0
     if s.used or (s.ring_runs and chunk_offers):
-        _merge_back(s, t, job_entries, job_out)
+        _merge_back(s, t, job_entries, job_out, job_goal)
         _spill(s, t, chunk_offers and not (moves and offers < 0), chunk_length, chunk_spill, chunk_last)
         _merge(s, t, way_of, job_start, job_length)
         _read_runs(s, t, ways, granted)
-        _plan(s, t, ways, job_start, job_length, job_out, job_waits)
+        _plan(s, t, ways, job_start, job_length, job_out, job_waits, job_begin)
     return moves
 
 

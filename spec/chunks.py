@@ -170,4 +170,4 @@ def pad(config: AcceleratorConfig) -> int:
     return math.ceil(support(config) * math.sqrt(LOW_PASS) + 2 * TILE_EDGE_MARGIN)
 
 
-CHUNK_RECORDS = (chunk_header, header_item)
+CHUNK_RECORDS = (chunk_header, header_item, coded_point)

@@ -33,7 +33,8 @@ fields and 3 for coarse ones. So the codes cover -0.5 to 1.5, times 2^r.
 *Levels.* A fine record has three levels; the words of the fourth, which no tile uses, repeat the third.
 
 *Harmonics.* code << e in raw `sh_rest`, where e is the `exponent` of the coefficient's band (degree), but at most the band's
-BAND_EXPONENT_MOST, so that no coefficient exceeds the format. The colour unit multiplies by the codes and shifts the band's sum.
+BAND_EXPONENT_MOST, so that no coefficient exceeds the format. The colour unit multiplies by the codes and shifts the band's
+sum.
 
 **Losses.** `msv2 study run v3` measures them. Encoding rounds to nearest, ties to even, so that no mean is shifted.
 """

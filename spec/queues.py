@@ -32,8 +32,8 @@ CACHE_WAYS = 4
 """Ways of the splat cache: the number of lines in which a splat record may lie."""
 
 CHUNKS_AHEAD = 16
-"""Most chunks whose Gaussians have been requested and not all arrived. The test of chunks lets one pass every 8 cycles, so that
-even chunks of 8 Gaussians hide a latency of 128 cycles."""
+"""Most chunks whose Gaussians have been requested and not all arrived: chunks of 9 Gaussians and more then hide a latency of
+130 cycles. Shorter ones need no more, because the chunk test lets at most one chunk pass every 8 cycles."""
 
 COLOUR_LOOKAHEAD = 128
 """Cycles of memory latency that the colour unit hides by reading ahead."""

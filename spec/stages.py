@@ -60,7 +60,7 @@ STAGES = (
         golden=("golden.msv2_ref.chunk_test",),
         rtl=("rtl.chunks.level_bounds", "rtl.chunks.chunk_test"),
         units=("level_bounds", "chunk_test"),
-        suites=("tb.chunks.chunk_test_suite",), test="chunk_test"),
+        suites=("tb.chunks.chunk_test_suite", "tb.chunks.chunk_graph_suite"), test="chunk_test"),
     Stage(
         "chunk_read", "Chunk reading", StagePhase.GEOMETRY,
         "Headers of chunks and the Gaussians of chunks that pass their test are read, and compact records are decoded.",

@@ -32,8 +32,9 @@ GROUPS = (ARRAY, BLENDING, CULLING, COLOUR, LISTS, SORTING, WARP, CONTROL)
 
 UNIT_GROUPS = {
     "": CONTROL, "registers": CONTROL, "controller": CONTROL, "master": CONTROL, "counters": CONTROL,
-    **{f"queue_{client}": LISTS for client in ("geometry", "tiles", "colour", "entries", "spill", "views")},
+    **{f"queue_{client}": LISTS for client in ("geometry", "tiles", "colour", "entries", "spill", "views", "chunks")},
     "geometry": CONTROL, "geometry.reader": LISTS, "geometry.loader": LISTS, "geometry.projection": CULLING,
+    "geometry.headers": LISTS, "geometry.bounds": CULLING, "geometry.chunk_test": CULLING,
     "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS, "geometry.saturations": CONTROL,
     "render": CONTROL, "render.tile_merge": SORTING, "render.fork": LISTS, "render.reader": LISTS, "render.headers": LISTS,
     "render.sorter": SORTING, "render.sorter.sorter": SORTING, "render.sorter.writer": SORTING,
@@ -43,6 +44,9 @@ UNIT_GROUPS = {
     "render.broadcast": WARP, "render.warp": WARP,
 }
 """The group of each unit, by the unit's path below the machine. A frame around other units is the logic left between them."""
+
+CHUNK_UNITS = ("queue_chunks", "geometry.headers", "geometry.bounds", "geometry.chunk_test")
+"""Units that only machines with chunks have."""
 
 FRAMES = ("", "geometry", "render")
 """Units of which every direct submodule must be a unit, too."""

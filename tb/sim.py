@@ -12,7 +12,7 @@ from spec.overrides import add_set_argument, changed, parse_sets
 from spec.paths import BUILD
 from spec.private import private_folder
 from tb.axi import suite as axi
-from tb.chunks import chunk_test_suite, decode_suite, reader_suite
+from tb.chunks import chunk_graph_suite, chunk_test_suite, decode_suite, reader_suite
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
 from tb.culling import colour_suite as colour
@@ -32,7 +32,7 @@ from tb.warp_unit import suite as warp
 
 UNITS = {
     "float": {"float": float_units},
-    "chunk_test": {"chunk_test": chunk_test_suite},
+    "chunk_test": {"chunk_test": chunk_test_suite, "chunk_graph": chunk_graph_suite},
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},

@@ -27,6 +27,11 @@ SIZE_SPAN = 8 * SCALE_TOP_STEPS
 """Most steps, SCALE_TOP_STEPS in an octave, between the largest scales of two splats of a chunk. A compact scale reaches 16
 octaves below the chunk's largest, so each splat has 8 octaves and more below its own largest scale."""
 
+FINE_STEPS = 1 << 4
+"""Steps of a grid in the smallest of the largest scales of a chunk's splats, at least: no position is more than 1/32 of its
+splat's standard deviation off. One far splat beside near ones would coarsen their grid. Where the step is below an ulp of the
+chunk's positions, it may be any size."""
+
 _NO_SIZE = -1  # of a splat without any size, which fits every chunk
 
 
@@ -48,16 +53,19 @@ def largest_scale(config: AcceleratorConfig) -> float:
 
 
 @compiled
-def _starts(bound, mean, size, widest, span):
+def _starts(bound, mean, size, sigma, widest, span, per_sigma, per_place):
     """Where chunks begin: greedily, each takes Gaussians as long as its rules hold."""
     starts, count = np.empty(len(bound), np.int64), 0
     low, high = np.zeros(3), np.zeros(3)
     smallest = largest = -1
+    finest = 0.0
     for i in range(len(bound)):
         fits = count > 0 and i - starts[count - 1] < CHUNK and bound[i] == bound[i - 1]
         if fits:
             for k in range(3):
-                fits &= max(high[k], mean[i, k]) - min(low[k], mean[i, k]) <= widest
+                first, last = min(low[k], mean[i, k]), max(high[k], mean[i, k])
+                fine = max(per_sigma * min(finest, sigma[i]), per_place * max(last, -first))
+                fits &= last - first <= min(widest, fine)
             if size[i] >= 0 and largest >= 0:
                 fits &= max(largest, size[i]) - min(smallest, size[i]) <= span
         if not fits:
@@ -66,6 +74,8 @@ def _starts(bound, mean, size, widest, span):
             low[:] = mean[i]
             high[:] = mean[i]
             smallest = largest = -1
+            finest = sigma[i]
+        finest = min(finest, sigma[i])
         for k in range(3):
             low[k] = min(low[k], mean[i, k])
             high[k] = max(high[k], mean[i, k])
@@ -131,9 +141,9 @@ def strongest(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
 def cut_chunks(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
     """(C,) headers, records of `chunk_header`, of a model's chunks, without their opacities.
 
-    A chunk begins where the one before is full, where the bound changes, where the means would not fit a grid (WIDEST), and
-    where sizes would span too much (SIZE_SPAN). `opacity` stays 0 (`golden.host.quantise.with_opacities`), because with compact
-    records it is known only after encoding.
+    A chunk begins where the one before is full, where the bound changes, where the means would not fit a grid (WIDEST) or one
+    that is fine enough (FINE_STEPS), and where sizes would span too much (SIZE_SPAN). `opacity` stays 0
+    (`golden.host.quantise.with_opacities`), because with compact records it is known only after encoding.
 
     Args:
         config: the machine.
@@ -144,8 +154,9 @@ def cut_chunks(config: AcceleratorConfig, geometry: np.ndarray) -> np.ndarray:
         return chunks
     n = config.formats
     mean, bound = n.position.to_float(geometry["mean"]), geometry["bound"].astype(np.int64)
-    size = sixteenths(config, geometry["scale"]).max(axis=1)
-    first = _starts(bound, mean, size, WIDEST, SIZE_SPAN)
+    size, sigma = sixteenths(config, geometry["scale"]).max(axis=1), n.scale.to_float(geometry["scale"]).max(axis=1)
+    per_sigma, per_place = 2.0**POSITION_BITS / FINE_STEPS, 2.0 ** (POSITION_BITS - n.position.sig_bits)
+    first = _starts(bound, mean, size, sigma, WIDEST, SIZE_SPAN, per_sigma, per_place)
     chunks = np.zeros(len(first), chunk_header(config).dtype)
     low = np.minimum.reduceat(mean, first)
     step, extent = _grids(config, low, np.maximum.reduceat(mean, first))

@@ -204,6 +204,8 @@ def encode(
     level = np.minimum(np.arange(MAX_LEVELS), geometry["bound"].astype(np.int64)[:, None])
     rows = np.arange(len(colour))[:, None]
     dc = colour["dc"].reshape(-1, MAX_LEVELS, 3)[rows, level].reshape(-1, 3 * MAX_LEVELS)
+    if not sh_degree:  # nothing is added to a base colour that is clamped, so that no range needs to hold what lies beyond
+        dc = np.clip(dc, 0, 1 << n.sh_dc.frac_bits + n.colour.int_bits)
     c["opacity"] = opacity_codes(config, geometry["log2_opacity"][rows, level])
     c["dc_range"], c["dc"] = _encode_dc(dc, column)
     c["opacity"][~coarse, FINE_LEVELS:] = 0

@@ -192,6 +192,7 @@ class Case:
         absent: by column, the reason why the case has no part there.
         rtl: whether the integer renderer's frames are played through the machine.
         eyes: by name, the frames of two eyes (`msv2.cases.eyes.TwoEyes`) that the machine plays; None if the case has none.
+        chunks: by name, the frames of models in chunks (`msv2.cases.chunks.InChunks`); None if the case has none.
     """
 
     number: int
@@ -206,6 +207,7 @@ class Case:
     absent: Mapping[str, str] = field(default_factory=dict)
     rtl: bool = True
     eyes: Callable[[], Mapping[str, Any]] | None = None
+    chunks: Callable[[], Mapping[str, Any]] | None = None
 
     @property
     def id(self) -> str:

@@ -12,13 +12,17 @@ from unittest import mock
 
 import numpy as np
 
-from golden.msv2_ref import array_kernel, pipeline, projection, tile_merge, warp
+from golden.host import compact
+from golden.msv2_ref import array_kernel, chunk_test, pipeline, projection, tile_merge, warp
 from golden.oracle import project as oracle_project
 from golden.scenes.model import GaussianModel
 from msv2.cases.check import Cell, cell
 from msv2.cases.registry import case_named
+from spec.chunks import SCALE_TOP_STEPS
 from spec.constants import SH_C0
 from spec.formats import Fixed, Rounding
+
+_INTERVALS, _ENCODE_QUATERNION, _ENCODE_DC = chunk_test._intervals, compact._encode_quaternion, compact._encode_dc
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,23 @@ def _wrapping(self: Fixed, x: np.ndarray | float, rounding: Rounding = Rounding.
     """A `Fixed.quantise` that wraps where it must saturate."""
     raw = np.floor(np.ldexp(np.clip(np.asarray(x, float), -(2.0**40), 2.0**40), self.frac_bits) + 0.5).astype(np.int64)
     return self.from_bits(self.to_bits(raw))
+
+
+def _sides_swapped(*asked: object) -> tuple[np.ndarray, np.ndarray]:
+    low, high = _INTERVALS(*asked)
+    return high, low
+
+
+def _unsigned_quaternion(quat: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """As the encoder, but for the sign of the codes where the largest component is negative."""
+    largest, code, clipped = _ENCODE_QUATERNION(quat, coarse)
+    negative = quat[np.arange(len(quat)), largest] < 0
+    return largest, np.where(negative[:, None], -1 - code, code), clipped
+
+
+def _smallest_range(dc: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As the encoder, but colours beyond the smallest range are clipped to it."""
+    return _ENCODE_DC(np.clip(dc, -1024, 3000), coarse)
 
 
 def _ties_by_arrival(depth_key: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -155,6 +176,20 @@ FAULTS = (
     Fault("broken rows are kept", "golden", "nan-position", replaced(_ALL)),
     Fault("infinite rows are kept", "golden", "infinite-fields", replaced(_ALL)),
     Fault("zero rotations are kept", "golden", "zero-quaternion", replaced(_ALL)),
+    Fault("the chunk test forgets the splats' sizes", "golden", "giant-in-a-far-chunk",
+          replaced(("golden.msv2_ref.chunk_test.sigma_significands", lambda config: (0,) * SCALE_TOP_STEPS))),
+    Fault("the chunk test takes the near side for the far one", "golden", "chunk-around-the-camera",
+          replaced(("golden.msv2_ref.chunk_test._intervals", _sides_swapped))),
+    Fault("a far splat coarsens the grid of near ones", "golden", "far-splat-beside-near-ones",
+          replaced(("golden.host.chunks.FINE_STEPS", 2.0**-100))),
+    Fault("giants share a chunk with small splats", "golden", "sizes-of-24-octaves",
+          replaced(("golden.host.chunks.SIZE_SPAN", 1 << 20))),
+    Fault("the largest component of a quaternion keeps its sign", "golden", "equal-quaternion-components",
+          replaced(("golden.host.compact._encode_quaternion", _unsigned_quaternion))),
+    Fault("all base colours take the smallest range", "golden", "ranges-of-colours-and-opacities",
+          replaced(("golden.host.compact._encode_dc", _smallest_range))),
+    Fault("the model keeps the order of its file", "golden", "shuffled-coincident-points",
+          replaced(("golden.host.quantise.memory_order", lambda config, geometry, *_: np.arange(len(geometry))))),
     Fault("colours are not filtered with the rest", "oracle", "fields-stay-aligned",
           replaced(("golden.scenes.model.GaussianModel.select", _without_colours))),
     Fault("nothing is not finite", "oracle", "nan-scale-or-rotation",

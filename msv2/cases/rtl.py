@@ -8,6 +8,7 @@ from pathlib import Path
 
 from msv2.cases.case import GOLDEN, Case
 from msv2.cases.check import MACHINE, Cell, see_golden
+from msv2.cases.chunks import CHUNK_MACHINE
 from msv2.cases.eyes import STEREO_MACHINE
 from spec.config import AcceleratorConfig
 from tb.common.runner import SimulationError
@@ -15,7 +16,7 @@ from tb.top.planned import PlannedFrame, planned
 from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
 
-MACHINES: Mapping[str, AcceleratorConfig] = {"one eye": MACHINE, "two eyes": STEREO_MACHINE}
+MACHINES: Mapping[str, AcceleratorConfig] = {"one eye": MACHINE, "two eyes": STEREO_MACHINE, "chunks": CHUNK_MACHINE}
 """The configurations that play cases."""
 
 
@@ -32,6 +33,10 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
     if case.eyes is not None:
         for name, eyes in case.eyes().items():
             found["two eyes"].append(planned(Played(f"{case.id}: {name}", eyes.frame, None, False), reset=False, poison=False))
+    if case.chunks is not None:
+        for name, shot in case.chunks().items():
+            played = Played(f"{case.id}: {name}", shot.check(name), None, False)
+            found["chunks"].append(planned(played, reset=False, poison=False))
     return {machine: frames for machine, frames in found.items() if frames}
 
 

@@ -46,7 +46,7 @@ def warmers(plain: Path) -> tuple[Warmer, ...]:
         Warmer("cycle model: a foveated frame", perf.main, ("embedded", *FOVEATED, "--no-cache")),
         Warmer("cycle model: two eyes", perf.main, ("embedded", *FOVEATED, "--stereo", "--pixels", "display", "--no-cache")),
         Warmer("cycle model: the baseline", perf.main, (str(plain), "--merge", "0", "--pipeline", "0", "--no-cache")),
-        Warmer("cycle model: LPDDR3", perf.main, (str(plain), "--memory", "lpddr3", "--config", "paper", "--no-cache")),
+        Warmer("cycle model: ideal memory", perf.main, (str(plain), "--memory", "ideal", "--config", "paper", "--no-cache")),
     )
 
 

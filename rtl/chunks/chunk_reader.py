@@ -41,9 +41,10 @@ class ChunkReader(wiring.Component):
         busy: high from the cycle after `start` until `end` is taken.
         error: memory answered with an error since `start`. The items of such beats are undefined, but are passed on.
 
-    Throughput: one Gaussian per cycle, or as many as memory gives, also from chunk to chunk. Memory may take 128 cycles to
-    answer without lowering it, provided that chunks have at least 8 Gaussians (CHUNKS_AHEAD). Latency: one cycle from a chunk
-    to its first request; from a beat to its first item none with wide records, else that of GeometryDecode.
+    Throughput: one Gaussian per cycle, or as many as memory gives, also from chunk to chunk. Memory may take 130 cycles to
+    answer without lowering it, provided that chunks have at least 9 Gaussians (CHUNKS_AHEAD). Latency: one cycle from a chunk
+    to its first request, and two to its first item if the beat is there; from a beat to its first item none with wide records,
+    else that of GeometryDecode.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -97,28 +98,33 @@ class ChunkReader(wiring.Component):
             m.d.sync += [left.eq(beats), beat.eq(self.geometry_base + (chunk.first >> halves))]
 
     def _arrive(self, m: Module, headers: SyncFIFOBuffered) -> None:
-        """Gives every Gaussian of a beat its header and its index."""
-        kept, words = data.View(self._kept, headers.r_data), self.data.payload.word.as_value()
-        place, index, last, valid, moves = Signal(range(CHUNK)), Signal.like(kept.first), Signal(), Signal(), Signal()
+        """Gives every Gaussian of a beat its header and its index. The header in use is in registers, because the queue's data
+        come too late in a cycle to be added to."""
+        waiting, words = data.View(self._kept, headers.r_data), self.data.payload.word.as_value()
+        chunk, present = Signal(self._kept), Signal()
+        index, last, valid, moves, loads = chunk.first, Signal(), Signal(), Signal(), Signal()
         codes = self._decode.codes if self._decode else self.points
         m.d.comb += [
-            index.eq(kept.first + place),
-            last.eq(kept.end | (place + 1 == kept.count)),
-            valid.eq(headers.r_rdy & (kept.end | self.data.valid)),
+            last.eq(chunk.end | (chunk.count == 1)),
+            valid.eq(present & (chunk.end | self.data.valid)),
             moves.eq(valid & codes.ready),
-            headers.r_en.eq(moves & last),
-            codes.valid.eq(valid), codes.payload.index.eq(index), codes.payload.end.eq(kept.end),
-            self.data.ready.eq(headers.r_rdy & ~kept.end & codes.ready & ((index[0] | last) if self._decode else 1)),
+            loads.eq(headers.r_rdy & (~present | moves & last)),
+            headers.r_en.eq(loads),
+            codes.valid.eq(valid), codes.payload.index.eq(index), codes.payload.end.eq(chunk.end),
+            self.data.ready.eq(present & ~chunk.end & codes.ready & ((index[0] | last) if self._decode else 1)),
         ]
-        with m.If(moves):
-            m.d.sync += place.eq(Mux(last, 0, place + 1))
+        with m.If(loads):
+            m.d.sync += [chunk.eq(waiting), present.eq(1)]
+        with m.Elif(moves):  # `first` and `count` become the index and the number of those that are left
+            m.d.sync += [index.eq(index + 1), chunk.count.eq(chunk.count - 1), present.eq(~last)]
         if self._decode:
             m.submodules.decode = self._decode
             wiring.connect(m, self._decode.points, wiring.flipped(self.points))
             half = Mux(index[0], words[len(words) // 2:], words[: len(words) // 2])
             m.d.comb += [
-                *(Value.cast(codes.payload[name]).eq(Value.cast(kept[name])) for name in ("low", "step", "scale_top", "bound")),
-                Value.cast(codes.payload.word).eq(Mux(kept.end, 0, half))]  # without a valid beat these words may change
+                *(Value.cast(codes.payload[name]).eq(Value.cast(chunk[name]))
+                  for name in ("low", "step", "scale_top", "bound")),
+                Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, half))]  # without a valid beat these words may change
         else:
             record = gaussian_geometry(self.config)
-            m.d.comb += Cat(codes.payload[f.name] for f in record.fields).eq(Mux(kept.end, 0, words[: record.width]))
+            m.d.comb += Cat(codes.payload[f.name] for f in record.fields).eq(Mux(chunk.end, 0, words[: record.width]))

@@ -57,7 +57,7 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
         config: the machine.
         details: whether each reason, and the columns and rows of tiles that the chunk can touch, are outputs, too.
     """
-    n, g = config.formats, Dataflow()
+    n, g = config.formats, Dataflow(registered=True)
     chunk, tile = n.chunk, unsigned(place_bits(config))
     rotation, near, reach = g.settings("rotation", chunk, 9), g.setting("near", chunk), g.settings("reach", chunk, 2)
     centre, last_tile = g.settings("centre", whole_pixels(config), 2), g.settings("last_tile", UQ(place_bits(config), 0), 2)
@@ -207,13 +207,13 @@ class ChunkTest(wiring.Component):
             been tested. The counts stay until the first chunk of the next frame has been tested.
 
     Throughput: one chunk every TEST_INTERVAL cycles, read or skipped, while the queue at the output has free space. Latency:
-    that of the datapath of `chunk_graph`, 72 cycles, and two of the queue. Storage: the datapath's, and a queue of
+    that of the datapath of `chunk_graph`, 80 cycles, and two of the queue. Storage: the datapath's, and a queue of
     TESTED_CHUNKS items, from which chunks are read while others are tested::
 
-        cycle            0      8      16     ..     74     75     ..     82
+        cycle            0      8      16     ..     80     81     82     ..     88
         headers       < A >  < B >  < C >
-        datapath                                  < A >                < B >    one leaves every 8 cycles
-        tested                                              < A  until it is taken
+        datapath                                  < A >                       < B >    one leaves every 8 cycles
+        tested                                                  < A  until it is taken
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

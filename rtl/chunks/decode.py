@@ -101,9 +101,12 @@ def component(code: Value) -> Value:
     return round_shift(code * ROOT_HALF, quaternion_bits(False) - 1)[:14].as_signed()
 
 
-def component_square(q: Value) -> Value:
-    """The square of a component."""
-    return square(Mux(q[-1], -q, q)[:13])
+def component_square(let: Let, q: Value) -> Value:
+    """The square of a component. Where q is negative it is (m + 1)^2 = m^2 + 2m + 1 with m = ~q, which is there sooner than
+    -q."""
+    negative = q[-1]
+    m = let("ones", q[:13] ^ negative.replicate(13))
+    return square(m, Cat(negative, m & negative.replicate(13)))
 
 
 def remainder(let: Let, squares: list[Value]) -> Value:

@@ -110,7 +110,7 @@ class GeometryDecode(wiring.Component):
     ) -> Staged:
         """w, x, y, z, from the codes of three of them and the position of the fourth."""
         q = [p.reg(f"q_{i}", decode.component, code) for i, code in enumerate(codes)]
-        squares = [p.reg(f"square_{i}", decode.component_square, x) for i, x in enumerate(q)]
+        squares = [p.reg(f"square_{i}", lambda q: decode.component_square(let, q), x) for i, x in enumerate(q)]
         x = p.reg("remainder", lambda *squares: decode.remainder(let, list(squares)), *squares)
         line = p.reg("line", lambda x: Cat(*decode.root_line(x)), x)
 

@@ -12,7 +12,8 @@
                 levels of the tiles), tile_columns (the ellipse test) and tile_expand (runs to intersections, the foveation
                 filter)
     colour      computes the colours of splats with an intersection and writes splat records to memory; its parts are harmonics
-                (the basis functions), fixed_multiply, colour_sum and views
+                (the basis functions), fixed_multiply, colour_sum and views, or with compact records compact_sum and
+                compact_views
     frame       ports for settings, and counts of a frame's items
     compare     compares one unit at full rate with several that take turns (`python -m rtl.culling.compare`)
 

@@ -160,7 +160,7 @@ class CompactColourSum(wiring.Component):
         below = min(field_place(compact_colour(self.config, coarse), "dc_range")[0] for coarse in (False, True))
         self._record = Signal(8 * BEAT_BYTES - below, reset_less=True)
         self._below = below
-        self._harmonics = Signal(compact_harmonics(self.config).width, reset_less=True) if self._degree else None
+        self._harmonics = Signal(compact_harmonics(self.config).width if self._degree else 0, reset_less=True)
         record_there, harmonics_there, second, taken = Signal(), Signal(), Signal(), Signal()
         incoming, two = self.data.payload.word.as_value(), self.sh_degree.any() & (self._degree > 0)
         leaves, used_up = self._step & self._first, self._step & self._last
@@ -176,9 +176,8 @@ class CompactColourSum(wiring.Component):
             harmonics_there.eq(taken & second | harmonics_there & ~used_up)]
         with m.If(taken & ~second):
             m.d.sync += self._record.eq(incoming[below:])
-        if self._harmonics is not None:
-            with m.If(taken & second):
-                m.d.sync += self._harmonics.eq(incoming)
+        with m.If(taken & second):
+            m.d.sync += self._harmonics.eq(incoming)
         return (record_there | ~self._first) & (harmonics_there | ~two)
 
     def _codes(self) -> Value:

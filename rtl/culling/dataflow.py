@@ -32,17 +32,19 @@ class Operator:
         operands: formats of the operands, in the order of the unit's ports a, b.
         result: format of the result.
         rounding: rounding of FloatToFixed; None for other units.
+        registered: whether the datapath has registers for the operands, behind the multiplexers of a shared instance.
     """
 
     unit: type[FloatUnit]
     operands: tuple[Format, ...]
     result: Format
     rounding: Rounding | None = None
+    registered: bool = False
 
     @property
     def latency(self) -> int:
         """Cycles from operands to result."""
-        return self.unit.latency
+        return self.unit.latency + self.registered
 
     @property
     def ports(self) -> tuple[str, ...]:
@@ -126,12 +128,15 @@ class Dataflow:
         nodes: all nodes.
         inputs, outputs: nodes by name.
         ports: for every setting, by name, the nodes of its numbers.
+        registered: whether operands are registered before they enter an operator. This takes a cycle for each operation, and
+            keeps the multiplexers of many operations that share an instance out of its first stage.
     """
 
     nodes: list[Node] = field(default_factory=list)
     inputs: dict[str, Node] = field(default_factory=dict)
     ports: dict[str, tuple[Node, ...]] = field(default_factory=dict)
     outputs: dict[str, Node] = field(default_factory=dict)
+    registered: bool = False
 
     def _new(self, *args: Any, **options: Any) -> Node:
         node = Node(*args, **options)
@@ -251,7 +256,7 @@ class Dataflow:
         name = {FloatAdd: "difference" if subtract else "sum", FloatMul: "product", FloatDivide: "quotient",
                 FloatReciprocal: "reciprocal", FloatRsqrt: "rsqrt", FloatSqrt: "root", FloatToFixed: "fixed",
                 FixedToFloat: "number"}[unit]
-        return self._new(name, "operation", to, operands, Operator(unit, formats, to, rounding), subtract)
+        return self._new(name, "operation", to, operands, Operator(unit, formats, to, rounding, self.registered), subtract)
 
     @staticmethod
     def _unused(name: str, names: Mapping[str, object]) -> None:

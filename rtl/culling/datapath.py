@@ -160,7 +160,8 @@ class _Elaboration:
                 self.origin.update(dict.fromkeys(nodes, instance.result))
                 instances.append((name, kind, instance, nodes))
         for name, kind, instance, nodes in instances:
-            self.m.d.comb += instance.valid.eq(Cat(self.now(self.plan.start[node]) for node in nodes).any())
+            valid = Cat(self.now(self.plan.start[node]) for node in nodes).any()
+            enter = self.entry(name, kind, instance, valid)
             for port, operand in enumerate(kind.ports):
                 def value(node: Node, port: int = port) -> Value:
                     return self.read(node.operands[port], self.plan.start[node])
@@ -168,10 +169,31 @@ class _Elaboration:
                 def key(node: Node, port: int = port) -> tuple[Node, int]:
                     return node.operands[port], self.plan.place(node.operands[port], self.plan.start[node])
 
-                self.choose(getattr(instance, operand), f"{name}_{operand}", nodes, value, key)
+                self.choose(enter(operand), f"{name}_{operand}", nodes, value, key)
             if hasattr(instance, "subtract"):
-                self.choose(instance.subtract, f"{name}_subtract", nodes, lambda node: Const(node.subtract, 1),
+                self.choose(enter("subtract"), f"{name}_subtract", nodes, lambda node: Const(node.subtract, 1),
                             lambda node: node.subtract)
+
+    def entry(self, name: str, kind: Operator, instance: FloatUnit, valid: Value) -> Callable[[str], Value]:
+        """Drives an instance's `valid`, and gives for each of its ports the value to drive: the port itself, or the input of
+        its register."""
+        if not kind.registered:
+            self.m.d.comb += instance.valid.eq(valid)
+            return lambda port: getattr(instance, port)
+        enter, entered = Signal(name=f"{name}_enter"), Signal(name=f"{name}_entered")
+        self.m.d.comb += [enter.eq(valid), instance.valid.eq(entered)]
+        self.m.d.sync += entered.eq(enter)
+
+        def register(port: str) -> Value:
+            to = getattr(instance, port)
+            chosen = Signal(Value.cast(to).shape(), name=f"{name}_{port}_chosen")
+            held = Signal.like(chosen, name=f"{name}_{port}_held", reset_less=True)
+            with self.m.If(enter):
+                self.m.d.sync += held.eq(chosen)
+            self.m.d.comb += Value.cast(to).eq(held)
+            return chosen
+
+        return register
 
     def choose(
         self, port: Value, name: str, nodes: list[Node], value: Callable[[Node], Value], key: Callable[[Node], object],

@@ -39,11 +39,11 @@ def near_graph(config: AcceleratorConfig) -> Dataflow:
     mean, alone = [g.input(f"mean_{i}", n.position) for i in range(3)], opacities_carried(config) == 1
     names = ["log2_opacity"] if alone else [f"log2_opacity_{i}" for i in range(MAX_LEVELS)]
     opacity = [g.input(name, n.log2_opacity) for name in names]
-    bound = None if alone else g.input("bound", unsigned(2))
+    bound = [] if alone else [g.input("bound", unsigned(2))]
 
     offset = tuple(g.sub(a, b, view) for a, b in zip(mean, position, strict=True))
     z = g.dot3(view, rotation[6:], offset)
-    strongest = opacity[0] if alone else g.logic("strongest", n.log2_opacity, _strongest, bound, *opacity)
+    strongest = opacity[0] if alone else g.logic("strongest", n.log2_opacity, _strongest, *bound, *opacity)
     faintest, widest = tables.log2_alpha_min(n), tables.support_exponent(config)
     room = g.logic("room", n.log2_opacity.width + 1, lambda x: as_integer(x) - faintest, strongest)
 

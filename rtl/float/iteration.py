@@ -120,9 +120,11 @@ def residual_bits(let: Let, negated: Value, frac_bits: int, keep: int, bound: fl
     return Cat(~bits[:-1], bits[-1])
 
 
-def square(x: Value) -> Value:
-    """x * x for unsigned x, with half as many partial products as a general multiplier."""
+def square(x: Value, plus: Value | None = None) -> Value:
+    """x * x, or x * x + plus, for unsigned x, with half as many partial products as a general multiplier. The sum must have no
+    more than twice the bits of x."""
     total = Cat(*(Cat(bit, Const(0, 1)) for bit in x))
+    total = total if plus is None else total + plus
     for i in range(1, len(x)):
         total = total + raised(x[:i] & x[i].replicate(i), i + 1)
     return total[: 2 * len(x)]

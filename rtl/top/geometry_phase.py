@@ -144,15 +144,9 @@ class GeometryPhase(wiring.Component):
         levels = loader.levels
         m.d.comb += [
             headers.start.eq(self.start), bounds.clear.eq(self.clear),
-            bounds.item.eq(levels.payload), bounds.moves.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
+            bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
         if self.config.counters:
-            found = Signal.like(self.chunks_read)
-            for count, items in ((found, headers.headers), (self.chunks_read, test.tested)):
-                with m.If(items.valid & items.ready & ~items.payload.end):
-                    m.d.sync += count.eq(count + 1)
-                with m.If(self.clear):
-                    m.d.sync += count.eq(0)
-            m.d.sync += self.chunks_skipped.eq(found - self.chunks_read)
+            m.d.comb += [self.chunks_read.eq(test.chunks_read), self.chunks_skipped.eq(test.chunks_skipped)]
 
     def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
         """Follows the ends of table and frame. `idle_views` falls only a cycle after a write was taken, hence `settled`."""

@@ -12,7 +12,7 @@ from golden.host.registers import FrameRegisters, frame_registers
 from golden.msv2_ref.chunk_test import ChunkTest, judged_chunks, level_bounds
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
-from msv2.cases.makers import random_model, splats
+from golden.scenes.model import GaussianModel
 from rtl.chunks.chunk_test import SETTINGS
 from rtl.chunks.level_bounds import SIDES, octagon_layout
 from spec.chunks import BOX_SHIFT, CHUNK, chunk_header, header_item
@@ -100,6 +100,14 @@ def octagon_patterns(config: AcceleratorConfig, registers: FrameRegisters, rende
         for b in range(MAX_LEVELS)]
 
 
+def cloud(rng: np.random.Generator, count: int) -> GaussianModel:
+    """Gaussians around the origin that are used by one level or more."""
+    return GaussianModel(
+        means=rng.normal(0, 3, (count, 3)), log_scales=rng.normal(-2.5, 1, (count, 3)), quats=rng.normal(size=(count, 4)),
+        opacity=rng.uniform(0, 1, (count, MAX_LEVELS)), sh_dc=np.zeros((count, MAX_LEVELS, 3)), sh_rest=np.zeros((count, 0, 3)),
+        quality_bound=rng.integers(1, MAX_LEVELS + 1, count).astype(np.uint8))
+
+
 def camera(rng: np.random.Generator, size: tuple[int, int], turned: bool = True) -> Camera:
     """A camera of any focal length; without `turned`, at the origin, looking along z."""
     width, height = size
@@ -107,15 +115,16 @@ def camera(rng: np.random.Generator, size: tuple[int, int], turned: bool = True)
     centre = width * rng.uniform(0.2, 0.8), height * rng.uniform(0.2, 0.8)
     q = np.linalg.qr(rng.normal(size=(3, 3)))[0] if turned else np.eye(3)
     q = q * np.sign(np.linalg.det(q))
-    return Camera(q, rng.normal(size=3) if turned else np.zeros(3), focal, focal * rng.uniform(0.7, 1.4), *centre, width, height,
-                  near=float(rng.choice([0.2, 1.0, 10 ** rng.uniform(-3, 1)])))
+    near = float(rng.choice([0.2, 1.0, 10 ** rng.uniform(-3, 1)]))
+    return Camera(q, rng.normal(size=3) if turned else np.zeros(3), focal, focal * rng.uniform(0.7, 1.4), *centre, width,
+                  height, near=near)
 
 
 def view(config: AcceleratorConfig, rng: np.random.Generator, c: Camera) -> FrameRegisters:
     """The frame registers of a camera whose gaze is anywhere on the frame."""
     gaze = tuple(float(rng.choice([0.0, 0.5, 1.0, rng.random()])) * size for size in (c.width, c.height))
     levels = foveation_map(Display(c.width, c.height, float(rng.uniform(60, 140))), gaze, MAX_LEVELS)
-    return frame_registers(config, c, quantise_model(config, splats((0, 0, 5))), levels, np.zeros(3))
+    return frame_registers(config, c, quantise_model(config, cloud(rng, 1)), levels, np.zeros(3))
 
 
 def any_headers(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -174,9 +183,8 @@ def corners(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegiste
 
 def extreme(config: AcceleratorConfig, rng: np.random.Generator, r: FrameRegisters, count: int) -> np.ndarray:
     """Boxes of any size at any distance, so that sums and products saturate or vanish."""
-    rows = boxes(config, rng, np.sign(rng.normal(size=(count, 3))) * 2.0 ** rng.uniform(-126, 128, (count, 3)),
-                 2.0 ** rng.uniform(-40, 40, (count, 3)), 2.0 ** rng.uniform(-39, 24, count))
-    return rows
+    place = np.sign(rng.normal(size=(count, 3))) * 2.0 ** rng.uniform(-126, 128, (count, 3))
+    return boxes(config, rng, place, 2.0 ** rng.uniform(-40, 40, (count, 3)), 2.0 ** rng.uniform(-39, 24, count))
 
 
 KINDS: dict[str, Callable[[AcceleratorConfig, np.random.Generator, FrameRegisters, int], np.ndarray]] = {
@@ -210,7 +218,7 @@ def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, c
 
 def model_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
     """The chunks of a random model, seen by a camera among its splats."""
-    words = quantise_model(config, random_model(rng, count, levels=MAX_LEVELS))
+    words = quantise_model(config, cloud(rng, count))
     return replace(case_of(config, rng, "seen", 1), name=f"model of {count}", frames=(words.chunks,))
 
 

@@ -5,3 +5,8 @@ projection.
     *_suite         the test plans, and the required speeds
     colour_device   the colour unit with a memory that delays its answers
 """
+
+from spec.config import TINY, V3
+
+TINY_V3 = TINY.with_(name="tiny_v3", order=V3.order, chunks=V3.chunks, records=V3.records)
+"""The smallest machine with compact records."""

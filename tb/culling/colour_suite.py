@@ -13,11 +13,9 @@ from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
+from tb.culling import TINY_V3
 from tb.culling.colour_device import MOST_DELAY, playback
 from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
-
-TINY_V3 = TINY.with_(name="tiny_v3", order=V3.order, chunks=V3.chunks, records=V3.records)
-"""The smallest machine with compact records."""
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""

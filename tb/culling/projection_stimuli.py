@@ -18,7 +18,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.formats import SmallFloat
 from spec.memory import frame_settings
-from spec.records import Record, gaussian_colour, gaussian_geometry, gaussian_point
+from spec.records import Record, gaussian_colour, gaussian_geometry, gaussian_point, opacities_carried
 
 SETTINGS = ("position", "rotation", "turn", "centre", "limits", "near", "depth_scale", "width", "height")
 REASONS = {"culled_near": NEAR, "culled_faint": FAINT, "culled_outside": OUTSIDE}
@@ -53,7 +53,8 @@ class Case:
         for words in self.frames:
             count = len(words.geometry)
             for name in words.geometry.dtype.names:
-                rows[name][at : at + count] = words.geometry[name]
+                strongest = name == "log2_opacity" and opacities_carried(self.config) == 1
+                rows[name][at : at + count] = words.decoded.opacity if strongest else words.geometry[name]
             rows["index"][at : at + count] = np.arange(count)
             rows["end"][at + count] = 1
             at += count + 1
@@ -263,8 +264,8 @@ def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, fate: str,
 
 
 def traced_case(frame: Frame, name: str) -> Case:
-    """The points of a rendered frame."""
-    return Case(name, frame.config, (frame.words,), frame.registers)
+    """The points of a rendered frame, of all of its chunks."""
+    return Case(name, frame.config, (words_of(frame.config, frame.words.geometry),), frame.registers)
 
 
 def shortened(case: Case, count: int) -> Case:

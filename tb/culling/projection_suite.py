@@ -15,6 +15,7 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
+from tb.culling import TINY_V3
 from tb.culling.projection_stimuli import (
     EDITS,
     REASONS,
@@ -27,11 +28,12 @@ from tb.culling.projection_stimuli import (
     uniform_case,
 )
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper")
-"""Configurations with different units: they take a point every 8 cycles, every 4 cycles, and every cycle."""
+DISTINCT = ("tiny", "default", "paper", "tiny_v3")
+"""Configurations with different units: they take a point every 8 cycles, every 4 cycles, and every cycle; the last one gets one
+opacity for all levels."""
 
 PORTS = ("sink", "source")
 
@@ -46,7 +48,7 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The unit of a configuration, emitted as Verilog, with a file at each stream."""
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
-        name=f"projection-{config.point_interval}", module="projection_unit",
+        name=f"projection-{config.point_interval}{'-compact' * config.compact}", module="projection_unit",
         verilog=emitted("projection_unit", config),
         inputs=(Stream("sink", gaussian_point(config)),), outputs=(Stream("source", projected_splat(config)),),
         settings=tuple((name, widths[name]) for name in SETTINGS),

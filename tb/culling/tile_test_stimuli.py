@@ -15,7 +15,7 @@ from golden.msv2_ref.tile_test import TileTest, tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import EXPONENT_SCALE, LOW_PASS, MAX_LEVELS, TILE
 from spec.queues import LEVEL_GROUP
-from spec.records import INDEX_BITS, projected_splat, tile_level
+from spec.records import INDEX_BITS, opacities_carried, projected_splat, tile_level
 from spec.tables import log2_alpha_min
 
 SHAPES = ("dots", "discs", "needles", "giants", "extremes")
@@ -171,7 +171,8 @@ def random_splats(
     splats["bound"], splats["end"] = rng.integers(0, MAX_LEVELS, count), 0
     splats["mean2d"] = _means(config, rng, count, width, height)
     splats["conic"] = n.conic.quantise(_factors(rng, count, shape))
-    splats["log2_opacity"] = _opacities(config, rng, count)
+    opacity = _opacities(config, rng, count)
+    splats["log2_opacity"] = opacity[:, 0] if opacities_carried(config) == 1 else opacity
     for axis, size in (("x", width), ("y", height)):
         tiles, mean = -(-size // TILE), splats["mean2d"][:, "xy".index(axis)] / 2.0**n.mean2d.frac_bits
         reach = rng.choice([0, 1, 1, 2, 4, tiles], count) * rng.uniform(0, TILE, count)
@@ -229,7 +230,9 @@ def sharp_splats(
     two records of each, one on either side of the step.
     """
     splats = whole_frame(random_splats(config, rng, count, width, height, shape), width, height)
-    splats["log2_opacity"], frac = splats["log2_opacity"][:, :1], config.formats.mean2d.frac_bits
+    frac = config.formats.mean2d.frac_bits
+    if opacities_carried(config) > 1:
+        splats["log2_opacity"] = splats["log2_opacity"][:, :1]
     splats["mean2d"] = rng.integers(0, np.array([width, height]) << frac, (count, 2))
     row = np.clip((splats["mean2d"][:, 1] >> frac) // TILE + rng.integers(-1, 2, count), 0, (height - 1) // TILE)
     splats["first_y"] = splats["last_y"] = row
@@ -301,8 +304,8 @@ def splats_of(frame: Frame) -> np.ndarray:
     splats["offset"] = n.view.quantise(frame.words.decoded.mean[rows] - frame.registers.position)
     for name in ("mean2d", "depth", "depth_key"):
         splats[name] = getattr(p, name)[rows]
-    for name in ("bound", "log2_opacity"):
-        splats[name] = geometry[name][rows]
+    opacity = frame.words.decoded.opacity if opacities_carried(frame.config) == 1 else geometry["log2_opacity"]
+    splats["bound"], splats["log2_opacity"] = geometry["bound"][rows], opacity[rows]
     for k, name in enumerate(("first_x", "last_x", "first_y", "last_y")):
         splats[name] = p.box[rows, k]
     return splats

@@ -15,15 +15,17 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
+from tb.culling import TINY_V3
 from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_case, sharp_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True)}
+    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
+    "tiny_v3": TINY_V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper", "tiny_stereo")
-"""Configurations with different units: they test a run of tiles every 8 cycles, every 4 cycles and every cycle; the last one
-has tiles that are not rendered."""
+DISTINCT = ("tiny", "default", "paper", "tiny_stereo", "tiny_v3")
+"""Configurations with different units: they test a run of tiles every 8 cycles, every 4 cycles and every cycle; one has tiles
+that are not rendered, and one gets one opacity for all levels."""
 
 PORTS = ("splats", "table", "entries", "survivors")
 
@@ -36,8 +38,8 @@ def playback(config: AcceleratorConfig) -> Playback:
     """The unit of a configuration, emitted as Verilog, with a file at each stream."""
     widths = {f.name: f.width for f in frame_settings(config).fields}
     return Playback(
-        name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}", module="tile_test",
-        verilog=emitted("tile_test", config),
+        name=f"tiles-{config.row_width}-{config.point_interval}{'-stereo' * config.stereo}{'-compact' * config.compact}",
+        module="tile_test", verilog=emitted("tile_test", config),
         inputs=(Stream("splats", projected_splat(config)), Stream("table", tile_level(config))),
         outputs=(Stream("entries", intersection_item(config)), Stream("survivors", surviving_splat(config))),
         settings=tuple((name, widths[name]) for name in ("width", "height", "obb")),

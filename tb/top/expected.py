@@ -17,9 +17,9 @@ from tb.top.progress import Pass
 def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: int | None = None) -> Pass:
     """The expected work of the pass of one eye.
 
-    In the geometry phase the headers of chunks, every Gaussian or those of the chunks that are not skipped, the tile table, and
-    the colours of the survivors are read, and the survivors' splat records and the tile lists are written; memory limits this phase, or the units of a small machine. The rendering phase
-    reads each splat record at least once.
+    In the geometry phase the headers of chunks, every Gaussian or those of the chunks that are not skipped, the tile table,
+    and the colours of the survivors are read, and the survivors' splat records and the tile lists are written; memory limits
+    this phase, or the units of a small machine. The rendering phase reads each splat record at least once.
 
     Args:
         frame: the golden frame of the eye.

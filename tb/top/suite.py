@@ -39,8 +39,8 @@ VARIANTS: dict[str, AcceleratorConfig] = {
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_v3", "tiny_chunks",
             "tiny_v3_stereo")
-"""Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines are
-simulated with whole frames (`tb.frame`)."""
+"""Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines
+are simulated with whole frames (`tb.frame`)."""
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:

@@ -250,12 +250,14 @@ def test_a_machine_without_harmonics_does_not_wait_for_them(small):
 def test_merges_are_those_of_the_plan():
     """Nine runs and four ways: four become one, then three; the rest goes out with them (rtl/sort_tmu/merge_plan.py)."""
     run_of = np.tile(np.arange(9), 3)
-    start, lengths, entries, out, waits, way = _merges(run_of, np.array([9]), np.array([27]), 4)
+    start, lengths, entries, out, waits, way, begin, goal = _merges(run_of, np.array([9]), np.array([27]), 4, 10)
     assert np.diff(start).tolist() == [4, 3, 4]
     assert entries.tolist() == [12, 9, 27]
     assert lengths.tolist() == [3] * 7 + [12, 9, 3, 3]
     assert out.tolist() == [False, False, True] and waits.tolist() == [False, False, True]
     assert len(way) == 12 + 9 + 27 and way[:4].tolist() == [0, 1, 2, 3]
+    # results lie in the scratch half, which negative numbers mean, where their first runs lie in the ring
+    assert begin.tolist() == [0, 10, 20, 30, 40, 50, 60, -1, -41, 70, 80] and goal[:2].tolist() == [-1, -41]
 
 
 @pytest.mark.parametrize(("arguments", "error"), [

@@ -13,8 +13,8 @@ from spec.sources import module_file
 from spec.stages import BY_NAME, STAGES, StagePhase, watched
 from tb.sim import UNITS as TESTS
 
-NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read", "sort",
-         "handover", "fetch", "array", "pixel_write", "warp")
+NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read",
+         "sort", "handover", "fetch", "array", "pixel_write", "warp")
 
 
 def test_the_stages_in_the_order_of_the_data():

@@ -111,8 +111,9 @@ def _culling(config: AcceleratorConfig) -> Iterator[Store]:
     kept = surviving_splat(config).width - 1 - _levels_width(config) + _key_width(config)
     yield Store("tile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
     if paths.colour.rows:
-        yield Store("colour_unit", "path", COLOUR, paths.colour.rows, 220)
-    yield Store("colour_unit", "waiting", COLOUR, paths.colour_waiting - 1, surviving_splat(config).width - 1)
+        yield Store("colour_unit", "path", COLOUR, paths.colour.rows, 160 if config.compact else 220)
+    waiting = surviving_splat(config).width - 1 - (config.formats.log2_opacity.width if config.compact else 0)
+    yield Store("colour_unit", "waiting", COLOUR, paths.colour_waiting - 1, waiting)
 
 
 def _levels_width(config: AcceleratorConfig) -> int:

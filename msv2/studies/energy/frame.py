@@ -198,13 +198,15 @@ def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
 def counter_counts(frame: Mapping[str, object]) -> WorkCounts:
     """The operations of a frame through the RTL, from its counters in the frame.json of `python -m tb.frame`.
 
-    The machine has no counters of DRAM's activates and refreshes, so they are not known.
+    The bench counts activates and refreshes where its memory is LPDDR3. Its ideal memory has none, so they are not known.
     """
     events, dram = frame["events"], frame["dram_bytes"]
+    commands = {name: frame[name] for name in DRAM_COMMANDS} if frame.get("memory") == "lpddr3" else {}
     return WorkCounts(
         **{name: events.get(name, 0) for name in (
             "points", "survivors", "entries", "spilled_entries", "ops", "pixels", "warped")},
-        tiles=frame["tiles"], read_beats=dram["read"] // BEAT_BYTES, write_beats=dram["write"] // BEAT_BYTES)
+        tiles=frame["tiles"], read_beats=dram["read"] // BEAT_BYTES, write_beats=dram["write"] // BEAT_BYTES,
+        **commands)
 
 
 def frame_energy(

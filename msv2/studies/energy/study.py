@@ -25,7 +25,7 @@ from golden.scenes.request import add_request_arguments, add_stereo_arguments, m
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
-from msv2.studies.memory import IDEAL, MEMORY_NAMES, memory_arguments
+from msv2.studies.memory import IDEAL, LPDDR3, MEMORY_NAMES, memory_arguments
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
@@ -69,7 +69,8 @@ def modelled(args: argparse.Namespace, table: Table) -> list[dict[str, object]]:
     trace = trace_request(args, config, cache=CACHE)
     found = []
     for memory in MEMORY_NAMES if args.memory == "both" else (args.memory,):
-        cycles = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True)
+        cycles = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory), clock_ns=1e3 / args.clock_mhz),
+                          display=True)
         report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
         found.append(_frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", memory, config.name,
                             report))
@@ -77,8 +78,8 @@ def modelled(args: argparse.Namespace, table: Table) -> list[dict[str, object]]:
 
 
 def counted(frame: Mapping[str, object], table: Table, clock_mhz: float) -> dict[str, object]:
-    """The energy of a frame through the RTL, by its counters. DRAM's activates and refreshes, which the machine does not count,
-    are not in it."""
+    """The energy of a frame through the RTL, by its counters. With the bench's ideal memory, DRAM's activates and refreshes are
+    not in it."""
     counts, config = counter_counts(frame), recorded_config(frame)
     report = frame_energy(counts, counted_cycles(frame), config, table, clock_hz=1e6 * clock_mhz)
     return _frame(frame["scene"], frame["size"], frame, "RTL counters", str(frame.get("memory", IDEAL)), config.name, report)
@@ -90,7 +91,8 @@ def counted_cycles(frame: Mapping[str, object]) -> int:
 
 
 def read_frames(path: Path) -> list[dict[str, object]]:
-    """The frame of a frame.json, or those frames of a larger report that have merging, pipelining and the paper's bandwidth.
+    """The frame of a frame.json, or those frames of a larger report that have merging, pipelining and the paper's bandwidth,
+    LPDDR3 first.
 
     Raises:
         InputError: the file is neither.
@@ -100,8 +102,10 @@ def read_frames(path: Path) -> list[dict[str, object]]:
         if "rows" not in content:
             counter_counts(content)
             return [content]
-        return [row for row in content["rows"]
-                if row["merge"] and row["pipeline"] and row["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE and row["entries"]]
+        found = [row for row in content["rows"]
+                 if row["merge"] and row["pipeline"] and row["entries"]
+                 and (row.get("memory") == LPDDR3 or row["bytes_per_cycle"] == DRAM_BYTES_PER_CYCLE)]
+        return sorted(found, key=lambda row: row.get("memory") != LPDDR3)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} must be a frame.json of `python -m tb.frame` ({error})") from error
 

@@ -22,6 +22,8 @@ from msv2.studies.record import write_report
 from rtl.axi.master import AxiMaster
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.tile_test import TileTest
@@ -33,8 +35,9 @@ from rtl.tile_lists.list_reader import ListReader
 from rtl.vrc_array.pixel_writer import PixelWriter
 from rtl.vrc_array.row import VrcRow
 from spec import records
+from spec.chunks import header_item
 from spec.command_line import command_parser
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
 from spec.memory import WORDS
@@ -165,6 +168,20 @@ def colour_unit(config: AcceleratorConfig) -> dict[str, int]:
     return {"colour_unit": min(found), "colour_unit_most": max(found)}
 
 
+def chunk_units(config: AcceleratorConfig) -> dict[str, int]:
+    """Of the same machine with chunks and compact records: the end of a frame through the chunk test, and a chunk of one
+    Gaussian through the reader."""
+    config = config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+    chunk, end = (word(header_item(config), **{name: 1}) for name in ("count", "end"))
+    test, ask, answer = ChunkTest(config), ChunkReader(config), ChunkReader(config)
+    return {
+        "chunk_test": latency(test, to(test.headers, end), test.tested.valid, high=[test.tested.ready]),
+        "chunk_reader_request": latency(ask, to(ask.tested, chunk), ask.reads.valid, high=[ask.points.ready]),
+        "chunk_reader_answer": latency(
+            answer, to(answer.data, 0, after=answer.reads), answer.points.valid, to(answer.tested, chunk),
+            high=[answer.reads.ready, answer.points.ready])}
+
+
 def entry_writer(config: AcceleratorConfig) -> dict[str, int]:
     """The first intersection of a tile, up to its write."""
     dut = IntersectionWriter(config)
@@ -249,8 +266,8 @@ def register_file(config: AcceleratorConfig) -> dict[str, int]:
 
 
 MEASURES: tuple[Callable[[AcceleratorConfig], dict[str, int]], ...] = (
-    projection, tile_test, colour_unit, entry_writer, tile_merge_unit, readers, handover, row, pixel_writer, axi_master,
-    register_file)
+    chunk_units, projection, tile_test, colour_unit, entry_writer, tile_merge_unit, readers, handover, row, pixel_writer,
+    axi_master, register_file)
 """The functions that measure units; each returns latencies by name."""
 
 

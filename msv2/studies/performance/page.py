@@ -135,7 +135,7 @@ def _gscore(content: Mapping) -> str:
     return table(("frame", "memory", "ours, cycles", "GSCore-like", "speedup", "in rendering",
                   f"over GSCore-like of {first['large_mm2_16nm']:g} mm²", "ours, MB", "GSCore-like, MB"),
                  rows, left=2) + (
-        f"\n\nGeomeans, {'; '.join(means)}. {_SAME_RATE}; if it got all that the wires can move, ours were "
+        f"\n\nGeomeans, {'; '.join(means)}. {_SAME_RATE}; if it got all that the wires can move, ours would be "
         f"{geomean(e['speedup_bound'] for e in content['equal_area'] if e['memory'] == LPDDR3):.2f} times as fast.\n\n"
         f"Ours for one eye takes {first['mm2_16nm']:.3f} mm² at 16 nm ({content['area_source']}); GSCore is scaled to that, "
         f"{first['factor']:.2f} times the published units. Scaled machines of ours are of the report's groups: array with "

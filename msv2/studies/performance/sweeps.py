@@ -75,8 +75,7 @@ def sweeps(frame: Compared) -> list[dict[str, object]]:
 
 
 def bandwidth_rows(frame: Compared) -> list[dict[str, object]]:
-    """Cycles and bytes of the base machine, the full machine and GSCore: with LPDDR3, where it is modelled, and by the ideal
-    memory's bandwidth."""
+    """Cycles and bytes of the base machine, the full machine and GSCore: with LPDDR3, and by the ideal memory's bandwidth."""
     out = []
     for bandwidth in (LPDDR3, *BYTES_PER_CYCLE):
         memory = LPDDR3 if bandwidth == LPDDR3 else IDEAL if bandwidth else UNLIMITED

@@ -75,7 +75,7 @@ def results_table(reports: Reports) -> str:
 def _gains(machine: list[dict]) -> list[list[str]]:
     """The gain of merging and pipelining over the baseline, and the utilisation of what limits a frame."""
     rows, frames = [], [r for r in machine if r["gaze"]]
-    for speed, words in ((None, "memory as fast as its bus"), (25.6, "25.6 B a cycle")):
+    for speed, words in ((None, "memory as fast as its bus"), (25.6, "ideal memory of 25.6 B a cycle")):
         ours = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and r["pipeline"]}
         base = {(r["scene"], *r["size"]): r for r in frames if r["bytes_per_cycle"] == speed and not r["pipeline"]}
         if ours:
@@ -127,7 +127,7 @@ def machine_table(reports: Reports) -> str:
             f"{ours['geometry_cycles']:,}", f"{baseline['render_cycles']:,}", f"{ours['render_cycles']:,}",
             f"{baseline['render_cycles'] / ours['render_cycles']:.3f}", limit, f"{baseline['utilisation']:.3f}",
             f"{ours['utilisation']:.3f}", f"{ours['frame_cycles']:,}", f"{ours['overlapped_cycles']:,}"])
-    header = ["foveated frame", "memory, a cycle", "intersections", "spilled in sorting", "geometry cycles",
+    header = ["foveated frame", "ideal memory, a cycle", "intersections", "spilled in sorting", "geometry cycles",
               "rendering: baseline", "ours", "gain", "bound by", "utilisation: baseline", "ours", "whole frame",
               "phases overlapped, at best"]
     return page.table(header, rows)

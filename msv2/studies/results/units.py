@@ -10,6 +10,7 @@ from rtl.float.divide import FloatDivide, FloatReciprocal
 from rtl.float.multiply import FloatMul
 from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.vrc_array import blend, expand, row, setup, splat_fetch
+from spec.chunks import TEST_INTERVAL
 from spec.config import DEFAULT, PAPER
 
 Reports = dict[str, dict]
@@ -17,6 +18,11 @@ Reports = dict[str, dict]
 UNITS = (
     ("geometry reader, table loader", "tile_lists/geometry_reader, table_loader", "pipeline", "sim TEST=lists",
      "memory's, 1 beat/cycle", ""),
+    ("level bounds, chunk test (with `chunks`)", "chunks/level_bounds, chunk_test", "chunk_test", "sim TEST=chunk_test",
+     "{chunk_test} cycles, 1 chunk/{chunk_interval} cycles", "chunk_test"),
+    ("header reader, chunk reader (with `chunks`)", "chunks/header_reader, chunk_reader, geometry_decode", "../host/compact",
+     "sim TEST=chunk_reader", "{chunk_reader_request} + {chunk_reader_answer} cycles, 1 point/cycle",
+     "chunk_reader"),
     ("near test, projection", "culling/projection_unit", "projection", "sim TEST=culling", "{projection} cycles, 1 point/cycle",
      "near_test, projection"),
     ("tile test, foveation filter", "culling/tile_test", "tile_test", "sim TEST=culling",
@@ -77,7 +83,8 @@ def unit_cycles(reports: Reports) -> dict[str, int]:
     """Latencies by name. Some are constants of the RTL, which its tests verify; the others were measured for
     reports/latencies.json. `interval` is that of the colour unit."""
     stated = {
-        "interval": splat_interval(PAPER), "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
+        "interval": splat_interval(PAPER), "chunk_interval": TEST_INTERVAL,
+        "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
         "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
         "float_add": FloatAdd.latency, "float_mul": FloatMul.latency, "float_divide": FloatDivide.latency,
         "float_reciprocal": FloatReciprocal.latency, "float_rsqrt": FloatRsqrt.latency, "float_sqrt": FloatSqrt.latency,

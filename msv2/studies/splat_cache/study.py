@@ -84,7 +84,7 @@ def report(row: Mapping[str, Any]) -> str:
 _HEAD = f"""# Splat cache: misses, share of entries
 
 Written by `msv2 study run splat_cache`. A miss is a beat of {BEAT_BYTES} bytes, an entry's place in its list
-{ENTRY_BYTES}; cycles are those of {DRAM_BYTES_PER_CYCLE} bytes each.
+{ENTRY_BYTES}; cycles are those of an ideal memory, {DRAM_BYTES_PER_CYCLE} bytes each.
 """
 
 

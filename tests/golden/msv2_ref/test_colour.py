@@ -13,7 +13,7 @@ from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
 from spec import harmonics
-from spec.config import DEFAULT, PAPER
+from spec.config import DEFAULT, PAPER, V3
 from spec.formats import SQ
 from spec.harmonics import DIRECTION_SCALE, SEED_FRAC_BITS, SEED_INDEX_BITS, basis_beyond_dc
 from spec.records import gaussian_colour, surviving_splat
@@ -113,15 +113,19 @@ def test_formats_hold_every_direction():
     assert together < 4.3 and 2 * (together + 15 * slack) + 4 < 2.0 ** harmonics.sum_format(N).int_bits
 
 
+@pytest.mark.parametrize("config", [PAPER, V3], ids=lambda config: config.name)
 @pytest.mark.parametrize(("sh", "levels"), [(0, 1), (1, 4), (2, 3), (3, 4)])
-def test_the_units_views_are_the_arrays(sh, levels):
+def test_the_units_views_are_the_arrays(sh, levels, config):
     camera = turned_view(160, 120)
     model = random_model(np.random.default_rng(40 + sh), 600, levels=levels, sh=sh)
-    frame = render(model, camera, config=PAPER, foveation=map_for(camera, (0.4, 0.6), levels) if levels > 1 else None)
-    r = frame.registers
-    splats = projected_splats(PAPER, frame.words, r)[:-1]
-    survivors = tile_test(PAPER, splats, r.header[:, :2], r.width, r.height).survivors[:-1]
-    views, place = survivor_records(PAPER, survivors, frame.words.colour[survivors["index"]], sh, 2)
+    frame = render(model, camera, config=config, foveation=map_for(camera, (0.4, 0.6), levels) if levels > 1 else None)
+    r, words = frame.registers, frame.words
+    splats = projected_splats(config, words, r)[:-1]
+    found = tile_test(config, splats, r.header[:, :2], r.width, r.height)
+    rows = found.survivors[:-1]["index"]
+    opacity = words.geometry["log2_opacity"][rows] if config.compact else None
+    views, place = survivor_records(config, found.survivors[:-1], words.colour[rows], sh, 2, opacity)
     expected = splat_records(frame, 4)
-    assert len(views) >= len(survivors) > 50 and (np.diff(place) > 0).all()
+    assert len(found.entries) - 1 == len(frame.entries.splat)
+    assert len(views) >= len(rows) > 50 and (np.diff(place) > 0).all()
     assert np.array_equal(views, expected[place >> 2, place & 3])

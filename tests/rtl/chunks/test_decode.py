@@ -79,7 +79,7 @@ def test_quaternions_at_corners_and_at_random(coarse: bool):
 
     def words(let: Let, *codes: Value) -> list[Value]:
         others = [let("q", decode.component(code << (decode.QUATERNION_SHIFT if coarse else 0))) for code in codes]
-        x = let("x", decode.remainder(let, [let("square", decode.component_square(q)) for q in others]))
+        x = let("x", decode.remainder(let, [let("square", decode.component_square(let, q)) for q in others]))
         return [decode.root(let, x, *decode.root_line(x)), *others]
 
     got = results([signed(bits)] * 3, words, rows)

@@ -14,19 +14,24 @@ import pytest
 from amaranth.sim import Simulator
 
 from golden.msv2_ref.colour import survivor_records
-from rtl.culling.colour import LEAST_INTERVAL, ColourUnit, splat_interval
+from rtl.chunks import decode_colour
+from rtl.culling import compact_sum, compact_views
+from rtl.culling.colour import LEAST_INTERVAL, ColourUnit, carried_layout, splat_interval
 from rtl.culling.colour_sum import record_steps
+from rtl.culling.compact_sum import CompactColourSum, band_of, lane_groups
 from rtl.culling.fixed_multiply import FixedMul
 from rtl.culling.harmonics import harmonics_graph
 from rtl.culling.schedule import cost, schedule
 from rtl.emit import to_verilog
 from spec import harmonics
-from spec.config import CONFIGS, DEFAULT, PAPER, TINY
+from spec.compact import BAND_BITS, OPACITY_LOG2
+from spec.config import CONFIGS, DEFAULT, PAPER, TINY, V3
 from spec.formats import SQ, UQ
+from spec.harmonics import terms
 from tb.common import exact
 from tb.common.exact import problems
-from tb.culling import colour_device, colour_suite
-from tb.culling.colour_stimuli import fine_case
+from tb.culling import TINY_V3, colour_device, colour_suite
+from tb.culling.colour_stimuli import fine_case, random_case
 from tests.helpers.rtl_streams import assert_rejected
 
 
@@ -58,6 +63,47 @@ def test_faults_are_found(tiny):
     assert problems(replace(item, observed={"error": 1}), recording) == ["error is 0, not 1"]
 
 
+@pytest.fixture(scope="module")
+def v3(tmp_path_factory):
+    """V3's plan and outcome."""
+    plan = [*colour_suite.unit_plan(V3, 0), *colour_suite.rate_plan(V3, 0)]
+    return plan, colour_suite.run_plan(V3, plan, tmp_path_factory.mktemp("v3"))
+
+
+def test_compact_records_are_exact_and_fast_enough(v3):
+    """A splat every two cycles, or one level a cycle."""
+    plan, outcome = v3
+    assert outcome.failures == {} and outcome.items > 30_000
+    assert len(colour_suite.figures(V3, plan, outcome)) == 8
+
+
+def test_compact_stimuli_reach_every_end(v3):
+    """Fine and coarse records, every range of base colours, linear and logarithmic opacities, exponents beyond the largest, and
+    colours at both ends and between."""
+    plan, _ = v3
+    case = random_case(V3, 3, 3, [150])
+    words = case.records[0]
+    assert set(words.coarse) == {True, False} and set(words.colour["dc_range"]) == {0, 1, 2, 3}
+    assert (words.colour["opacity"] > 255).any() and (words.harmonics["exponent"].max(axis=0) > 7).all()
+    colour = fine_case(V3, 0, 3, 1500).expected(V3)["writes"]
+    assert len(np.unique(colour["word"])) > 10_000
+    item = next(item for item in plan if item.name == "extremes of degree 3")
+    assert set(item.run.inputs["survivors"]["levels"]) == set(range(16))
+
+
+def test_faults_in_compact_records_are_found(v3):
+    """A bit of every field that the unit reads changes what it must write; bits that it must not read do not."""
+    case = random_case(V3, 5, 3, [40])
+    right = case.expected(V3)["writes"]["word"]
+    for name in ("dc_range", "opacity", "dc"):
+        words = replace(case.records[0], colour=case.records[0].colour.copy())
+        words.colour[name] ^= 1
+        assert (replace(case, records=[words]).expected(V3)["writes"]["word"] != right).any(), name
+    words = replace(case.records[0], colour=case.records[0].colour.copy())
+    words.colour["position"] ^= 1
+    assert (replace(case, records=[words]).expected(V3)["writes"]["word"] == right).all()
+
+
 def test_the_stimuli_reach_every_end(tiny):
     """Every mask of levels; colours at both ends, and most of them between."""
     plan, _ = tiny
@@ -70,7 +116,7 @@ def test_the_stimuli_reach_every_end(tiny):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER, V3], ids=lambda config: config.name)
 def test_scenes_and_every_machine_are_exact(config, tmp_path):
     """The embedded scene always, trained ones where they are; rates are held by the plan."""
     plan = colour_suite.full_plan(config, 1)
@@ -81,8 +127,9 @@ def test_scenes_and_every_machine_are_exact(config, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("sh_degree", [0, 1, 2])
 @pytest.mark.parametrize("units", [1, 4, 8])
-def test_units_of_lower_degrees_and_other_intervals(sh_degree, units, tmp_path):
-    config = TINY.with_(culling_units=units)
+@pytest.mark.parametrize("base", [TINY, TINY_V3], ids=lambda config: config.records)
+def test_units_of_lower_degrees_and_other_intervals(base, sh_degree, units, tmp_path):
+    config = base.with_(culling_units=units)
     outcome = colour_suite.run_plan(config, colour_suite.unit_plan(config, 2, sh_degree), tmp_path, sh_degree=sh_degree)
     assert outcome.failures == {}
 
@@ -99,6 +146,24 @@ def test_faults_in_the_rtl_are_caught(monkeypatch, tmp_path):
             patch.setattr(harmonics, name, lambda formats, fault=fault: fault)
             broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY), "colour_bench"))
         assert broken.verilog != clean.verilog
+        failures = exact.run_plan(broken, plan, tmp_path / name).failures
+        assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
+
+
+@pytest.mark.long
+def test_faults_in_the_rtl_of_compact_records_are_caught(monkeypatch, tmp_path):
+    """The value of one opacity, the largest exponent of a band, and the bound of coarse records."""
+    clean = colour_device.playback(TINY_V3)
+    plan = [colour_suite.plan_of(TINY_V3, random_case(TINY_V3, 8, 3, [2000]))]
+    opacities = list(OPACITY_LOG2)
+    opacities[100] += 1
+    for module, name, fault in (
+        (decode_colour, "OPACITY_LOG2", tuple(opacities)), (compact_sum, "BAND_EXPONENT_MOST", (5, 7, 6)),
+        (compact_views, "COARSE_BOUND", 2),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, fault)
+            broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY_V3), "colour_bench"))
         failures = exact.run_plan(broken, plan, tmp_path / name).failures
         assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
 
@@ -137,18 +202,18 @@ def test_products_are_rounded(a, b, result):
 
 def test_operators():
     """One multiplier a culling unit."""
-    for config, multipliers in ((TINY, 1), (DEFAULT, 2), (PAPER, 8)):
+    for config, multipliers, most in ((TINY, 1, 820), (DEFAULT, 2, 820), (PAPER, 8, 820), (V3, 15, 1400)):
         found = cost(schedule(harmonics_graph(config, 3), splat_interval(config)))
-        assert found.operators == {"FixedMul": multipliers} and found.register_bits < 820
+        assert found.operators == {"FixedMul": multipliers} and found.register_bits < most
     products = [len(harmonics_graph(PAPER, degree).nodes) for degree in (1, 2, 3)]
     assert products == sorted(products)
-    assert all(splat_interval(config) == max(LEAST_INTERVAL, config.colour_interval) for config in CONFIGS.values())
-    assert splat_interval(PAPER) == LEAST_INTERVAL
+    assert all(splat_interval(config) == config.colour_interval for config in CONFIGS.values())
+    assert (splat_interval(PAPER), splat_interval(V3)) == (LEAST_INTERVAL["wide"], LEAST_INTERVAL["compact"]) == (4, 2)
 
 
-def test_end_of_a_frame():
+@pytest.mark.parametrize("config", [TINY, TINY_V3, V3], ids=lambda config: config.name)
+def test_end_of_a_frame(config):
     """`finished` waits for the last write to be taken, falls with the next frame's first item, and takes `error` with it."""
-    config = TINY
     dut, rng = ColourUnit(config, sh_degree=1), random.Random(0)
     frames = [[1, 8, 3], [], [15]]
 
@@ -203,6 +268,20 @@ def test_steps_read_two_beats():
         ([12, 13, 14], 2, (1, 2, 2, 3))]
     assert len(record_steps(PAPER, 0, 0)) == 1 and len(record_steps(TINY, 3, 1)) == 15
     assert_rejected(lambda: record_steps(PAPER, 3, 15), ValueError, 15)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("interval", [2, 4, 8, 16])
+def test_lanes_of_a_group_multiply_a_single_band(degree, interval):
+    count = terms(degree)
+    lanes = -(-count // interval)
+    groups = lane_groups(degree, lanes)
+    assert [lane for group in groups for lane in group.lanes] == list(range(lanes))
+    for step in range(0, count, lanes):
+        for group in groups:
+            bands = {band_of(step + lane) for lane in group.lanes if step + lane < count}
+            assert len(bands) <= 1 and all(BAND_BITS[band] <= group.bits for band in bands)
+    assert_rejected(lambda: CompactColourSum(V3, sh_degree=degree, lanes=count, carried=carried_layout(V3)), ValueError, count)
 
 
 def test_bad_parameters_are_rejected():

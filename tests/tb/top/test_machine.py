@@ -19,6 +19,9 @@ from tb.top.suite import (
     run_plan,
 )
 
+V2_CYCLES = {"gaze in the middle, usual memory": 15_268, "bounding boxes, usual memory": 16_672}
+"""Cycles of some frames of the plan, from start to end."""
+
 IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
 """Of the plan's broken frames, one of each kind."""
 
@@ -31,6 +34,42 @@ def test_frames_failures_and_resets_in_short(tmp_path):
         ErrorCode.ENTRIES_FULL, ErrorCode.SPILL_FULL}
     outcome = run_plan(TINY, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan)
+
+
+def test_a_frame_of_the_machine_without_chunks_takes_the_cycles_of_version_2(tmp_path):
+    """Version 2 of the register map had no machine with chunks; its units must stay as they were."""
+    plan = [item for item in good_plan(TINY, 0) if item.name in V2_CYCLES]
+    outcome = run_plan(TINY, plan, tmp_path)
+    assert outcome.failures == {}
+    assert {name: outcome.recordings[name].registers["cycles_total"] for name in V2_CYCLES} == V2_CYCLES
+
+
+CHUNKS_IN_SHORT = (
+    "clusters, gaze, usual memory", "clusters with giants, pauses memory", "all faint, usual memory", "no Gaussians, usual",
+    "SH degree 0, usual", "groups that spill, usual memory")
+"""Of the plan's frames of a machine with chunks, a few."""
+
+CHUNKS_BROKEN = ("reset after 250", "abort after 250", "chunks fails", "geometry fails")
+"""Of those that end early, some of each kind that the readers of chunks can meet."""
+
+
+def test_frames_of_chunks_in_short(tmp_path):
+    config = VARIANTS["tiny_v3"]
+    plan = [item for item in good_plan(config, 0) if any(words in item.name for words in CHUNKS_IN_SHORT)]
+    plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in CHUNKS_BROKEN)]
+    assert any(item.frame.chunks_skipped and item.frame.chunks_read for item in plan)
+    assert {item.error for item in plan} >= {ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR}
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 10
+
+
+@pytest.mark.long
+def test_frames_of_chunks_of_wide_records_and_of_two_eyes_in_short(tmp_path):
+    for variant in ("tiny_chunks", "tiny_v3_stereo"):
+        plan = [item for item in good_plan(VARIANTS[variant], 0) if "clusters" in item.name]
+        assert any(item.frame.chunks_skipped for item in plan)
+        outcome = run_plan(VARIANTS[variant], plan, tmp_path / variant)
+        assert outcome.failures == {} and outcome.runs == len(plan) > 1
 
 
 STEREO_IN_SHORT = (

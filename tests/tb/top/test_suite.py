@@ -7,6 +7,7 @@ import pytest
 
 from golden.host.memory_image import DisplayPixels, FramePixels
 from golden.msv2_ref import projection
+from spec.chunks import CHUNK
 from spec.config import TINY
 from spec.host_settings import first_illegal
 from spec.registers import ErrorCode
@@ -42,6 +43,18 @@ def test_bad_settings_are_those_that_spec_refuses(plans):
         patterns = setting_writes(TINY, item.run.image, item.run.changes)
         expected = item.registers["bad_setting"] if item.error is ErrorCode.BAD_SETTING else None
         assert first_illegal(TINY, patterns) == expected
+
+
+def test_plans_of_chunks_cover_what_the_machine_can_meet():
+    for name in ("tiny_v3", "tiny_chunks"):
+        config = VARIANTS[name]
+        frames = [item.frame for item in good_plan(config, 0)[: len(good_plan(config, 0)) // 2]]
+        read, skipped = ([getattr(f, f"chunks_{what}") for f in frames] for what in ("read", "skipped"))
+        assert {(r > 0, s > 0) for r, s in zip(read, skipped, strict=True)} == {(r, s) for r in (0, 1) for s in (0, 1)}
+        counts = np.concatenate([f.words.chunks["count"] for f in frames])
+        assert counts.max() == CHUNK and counts.min() == 1
+        failing = {item.name for item in broken_plan(config, 0) if "chunks fails" in item.name}
+        assert len(failing) == 2  # the frame, and the one after it
 
 
 def right_result(item):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msv2.studies.energy.dram import GROUPS, LPDDR3, Supply
-from msv2.studies.energy.frame import DRAM_UNIT, WorkCounts, frame_energy, model_counts
+from msv2.studies.energy.frame import DRAM_UNIT, WorkCounts, counter_counts, frame_energy, model_counts
 from msv2.studies.energy.table import Table
 from spec.config import PAPER
 
@@ -104,6 +104,13 @@ def test_commands_come_from_the_model(activates, known):
                              activates=activates, refreshes=0)
     counts = model_counts(trace, cycles)
     assert (counts.activates, counts.refreshes) == ((5, 0) if known else (None, None)) and counts.read_beats == 2
+
+
+def test_commands_come_from_the_bench_where_its_memory_has_them():
+    frame = {"events": {"points": 5}, "tiles": 4, "dram_bytes": {"read": 96, "write": 32}, "activates": 3, "refreshes": 0}
+    for memory, expected in (("lpddr3", (3, 0)), ("ideal", (None, None))):
+        counts = counter_counts(frame | {"memory": memory})
+        assert (counts.activates, counts.refreshes) == expected and counts.read_beats == 3
 
 
 def test_other_published_currents_agree_roughly():
