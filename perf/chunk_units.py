@@ -27,10 +27,11 @@ layout.counters("geometry")
 layout.words("""
     chunked chunks headers_asked tested queue_in queue_out flight_in flight_out run_beat run_left chunk_place halves
     decode_pipe point_taken""")
-_QUEUE, _FLIGHT = 1 << (TESTED_CHUNKS - 1).bit_length(), 1 << (CHUNKS_AHEAD - 1).bit_length()
+_QUEUE, _FLIGHT = 1 << (TESTED_CHUNKS - 1).bit_length(), 1 << CHUNKS_AHEAD.bit_length()
 layout.ring("queue_times", _QUEUE)
 layout.ring("flight_times", _FLIGHT)
 _QUEUE_LATENCY = 2  # cycles from an item's entry into a buffered queue until it is offered
+_IN_USE = 1  # the header of the chunk whose Gaussians come is in registers behind its queue
 _DECODED = constants.DECODE_STAGES - 1
 
 
@@ -112,7 +113,7 @@ def _request_chunks(s, t, granted, base, chunk_first, chunk_points):
         bus.read(s, GEOMETRY, s.run_beat)
         s.run_beat += 1
         s.run_left -= 1
-    at, room = s.queue_out, s.flight_in - s.flight_out < CHUNKS_AHEAD
+    at, room = s.queue_out, s.flight_in - s.flight_out < CHUNKS_AHEAD + _IN_USE
     if s.run_left == 0 and room and at != s.queue_in and s.queue_times[at & _QUEUE - 1] <= t:
         first, count = chunk_first[at], chunk_points[at]
         if s.halves == 1:
@@ -121,7 +122,7 @@ def _request_chunks(s, t, granted, base, chunk_first, chunk_points):
             s.run_beat = base + (first >> 1)
             s.run_left = (first + count - 1 >> 1) - (first >> 1) + 1
         s.queue_out = at + 1
-        s.flight_times[s.flight_in & _FLIGHT - 1] = t + _QUEUE_LATENCY
+        s.flight_times[s.flight_in & _FLIGHT - 1] = t + _QUEUE_LATENCY + _IN_USE
         s.flight_in += 1
 
 

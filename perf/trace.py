@@ -112,6 +112,13 @@ class FrameTrace:
         return -(-self.height // TILE)
 
     @property
+    def points_read(self) -> int:
+        """The number of Gaussians whose geometry is read, in the passes of all eyes."""
+        if not self.chunked:
+            return self.points * len(self.eyes)
+        return sum(int(eye.chunk_count[eye.chunk_read].sum(dtype=np.int64)) for eye in self.eyes)
+
+    @property
     def entries(self) -> int:
         return sum(len(eye.splat) for eye in self.eyes)
 

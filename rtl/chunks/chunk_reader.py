@@ -121,9 +121,10 @@ class ChunkReader(wiring.Component):
             m.submodules.decode = self._decode
             wiring.connect(m, self._decode.points, wiring.flipped(self.points))
             half = Mux(index[0], words[len(words) // 2:], words[: len(words) // 2])
-            m.d.comb += Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, half))  # without a valid beat it may change
-            for name in ("low", "step", "scale_top", "bound"):
-                m.d.comb += Value.cast(codes.payload[name]).eq(Value.cast(chunk[name]))
+            m.d.comb += [
+                *(Value.cast(codes.payload[name]).eq(Value.cast(chunk[name]))
+                  for name in ("low", "step", "scale_top", "bound")),
+                Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, half))]  # without a valid beat these words may change
         else:
             record = gaussian_geometry(self.config)
             m.d.comb += Cat(codes.payload[f.name] for f in record.fields).eq(Mux(chunk.end, 0, words[: record.width]))

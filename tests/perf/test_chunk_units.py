@@ -91,6 +91,7 @@ def test_real_frames_read_the_chunks_that_the_golden_renderer_reads(v3, tmp_path
     unread = eye.point_class[:-1] == geometry.UNREAD
     np.testing.assert_array_equal(np.repeat(eye.chunk_read, counts), ~unread)
     assert not unread[eye.survivor].any()
+    assert v3.points_read == (~unread).sum()
     frame = simulate(v3, V3)
     assert frame.reads["geometry"] == BEAT_BYTES * beats(counts, eye.chunk_read)
     assert frame.reads["colour"] == BEAT_BYTES * 2 * len(eye.survivor)

@@ -189,7 +189,7 @@ def model_counts(trace: FrameTrace, cycles: FrameCycles) -> WorkCounts:
     warped = trace.width * trace.height if len(trace.eyes) > 1 else 0
     covered = sum(int(eye.rendered.sum()) for eye in trace.eyes) / max(len(trace.eyes[0].rendered), 1)
     return WorkCounts(
-        points=trace.points * len(trace.eyes), survivors=sum(len(eye.survivor) for eye in trace.eyes), entries=cycles.entries,
+        points=trace.points_read, survivors=sum(len(eye.survivor) for eye in trace.eyes), entries=cycles.entries,
         spilled_entries=cycles.spilled_entries, ops=cycles.ops, pixels=round(covered * trace.width * trace.height),
         warped=warped, tiles=sum(len(eye.counts) for eye in trace.eyes),
         read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES, **commands)

@@ -47,24 +47,29 @@ RTL_FRAMES = (
 """Frames of the ideal memory that the other reports do not have: two eyes, a smaller machine, and one without harmonics and
 levels."""
 
-NEAR = {"truck": "--camera auto --orbit 120,35,1.1", "rock_sh3": "--camera auto --orbit 150,35,2.3"}
+NEAR = {
+    "embedded": "--camera auto --orbit 60,20,1.4", "truck": "--camera auto --orbit 120,35,1.1",
+    "rock_sh3": "--camera auto --orbit 150,35,2.3"}
 """Cameras close to the object of a scene, where large splats cover many tiles."""
 
 _FOVEATED = "--levels 4 --levels-from random"
 LPDDR3_FRAMES = tuple(f"{line} --memory lpddr3" for line in (
     "embedded --size 96x64 --config tiny",
     f"embedded --size 128x96 --config tiny --gaze 64,48 {_FOVEATED}",
+    f"embedded --size 96x64 --config tiny {NEAR['embedded']} --gaze 48,32 {_FOVEATED}",
     "truck --size 96x64 --config tiny",
     "embedded --size 96x64 --config paper",
+    f"embedded --size 96x64 --config paper --gaze 48,32 {_FOVEATED} --pixels display",
     f"embedded --size 160x96 --config paper --gaze 80,48 {_FOVEATED}",
+    f"embedded --size 128x80 --config paper {NEAR['embedded']} --pixels display",
     "truck --size 160x96 --config paper --pixels display",
     f"truck --size 96x64 --config paper --gaze 48,32 {_FOVEATED}",
-    "rock_sh3 --size 96x64 --config paper",
-    f"rock_sh3 --size 128x80 --config paper --gaze 64,40 {_FOVEATED}",
-    "garden_large --size 96x64 --config paper",
-    f"garden_large --size 160x96 --config paper --gaze 80,48 {_FOVEATED} --pixels display",
     f"truck --size 128x80 --config paper {NEAR['truck']} --gaze 64,40 {_FOVEATED}",
     f"rock_sh3 --size 96x64 --config paper {NEAR['rock_sh3']}",
+    "rock_sh3 --size 96x64 --config paper",
+    f"garden_large --size 160x96 --config paper --gaze 80,48 {_FOVEATED} --pixels display",
+    "garden_large --size 96x64 --config paper",
+    f"rock_sh3 --size 128x80 --config paper --gaze 64,40 {_FOVEATED}",
 ))
 """Small frames on four channels of LPDDR3: plain, foveated, and close to an object. The first ones are of a small machine,
 whose simulator is built in a minute."""

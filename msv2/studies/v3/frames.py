@@ -69,7 +69,7 @@ def frame_row(
     return {
         "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": machine, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),
-        "activates": frame.activates, "refreshes": frame.refreshes, "points": trace.points, "points_read": points_read(trace),
+        "activates": frame.activates, "refreshes": frame.refreshes, "points": trace.points, "points_read": trace.points_read,
         "chunks": chunks(trace), "chunks_read": chunks_read(trace), "survivors": sum(len(eye.survivor) for eye in trace.eyes),
         "entries": frame.entries,
         "energy_mj": {"chip": energy.chip_mj, "dram": energy.sum_mj("dram"), "dram_by_use": energy.by_dram()}}
@@ -93,11 +93,3 @@ def chunks(trace: FrameTrace) -> int | None:
 def chunks_read(trace: FrameTrace) -> int | None:
     """How many of them the machine reads."""
     return int(trace.eyes[0].chunk_read.sum()) if trace.chunked else None
-
-
-def points_read(trace: FrameTrace) -> int:
-    """The number of Gaussians whose geometry the machine reads."""
-    if not trace.chunked:
-        return trace.points
-    eye = trace.eyes[0]
-    return int(eye.chunk_count[eye.chunk_read].sum(dtype="int64"))
