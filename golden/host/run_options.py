@@ -71,7 +71,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     add("--beta", default="auto", metavar="N|auto", help="merge threshold in intersections (default: auto)")
     add("--memory", default=IDEAL, metavar="|".join(MEMORIES),
         help="ideal (default): a memory that answers in order, with a bandwidth and a latency; lpddr3: four channels of "
-             "LPDDR3-1600 beside a machine of 1 GHz")
+             "LPDDR3-1600")
     add("--bandwidth", metavar="BYTES|unlimited",
         help=f"bandwidth of the ideal memory in bytes a cycle (default: {DRAM_BYTES_PER_CYCLE}); "
              f"the bus moves {BUS_BYTES_PER_CYCLE} at most")
