@@ -10,12 +10,17 @@ from msv2.studies.page import table
 SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
 
 
+MEMORY_NAMES = {"ideal": "the ideal memory", "lpddr3": "LPDDR3"}
+
+
 def model_table(reports: dict[str, dict]) -> str | None:
     """The errors of the model against the RTL: in total, by phase and by stage."""
     if "model" not in reports:
         return None
     s = reports["model"]["summary"]
     rows = [["total", f"{100 * s['model_error_total']:.2f} %", f"{100 * s['mean_error_total']:.2f} %", "-"]]
+    rows += [[f"total of {found['frames']} frames on {MEMORY_NAMES[kind]}", f"{100 * found['worst']:.2f} %",
+              f"{100 * found['mean']:.2f} %", "-"] for kind, found in s.get("memories", {}).items()]
     rows += [[f"phase {name}", f"{100 * worst:.2f} %", "-", "-"] for name, worst in s["phases"].items()]
     rows += [[f"stage {name}", f"{100 * e['worst']:.2f} %", f"{100 * e['mean']:.2f} %", f"{100 * e['within_5_percent']:.0f} %"]
              for name, e in s["stages"].items()]
