@@ -12,6 +12,7 @@ from golden.msv2_ref import pipeline
 from golden.scenes.camera import Camera
 from golden.scenes.files import read_json
 from golden.scenes.gaze import Display, foveation_map
+from golden.scenes.request import parse_size
 from msv2.studies.scenes import TRAINED_HERE
 from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
 from spec.config import PAPER, V3
@@ -60,7 +61,6 @@ def photo_rows(scene: str, run: Path) -> list[dict[str, object]]:
 
 def _test_views(run: Path, size: str) -> int:
     """The number of test views of the data set on which a run was trained."""
-    from golden.scenes.request import parse_size
     from golden.training.scene import load_training_scene
 
     return len(load_training_scene(str(run_scene(str(run))), parse_size(size), points_needed=False).test)

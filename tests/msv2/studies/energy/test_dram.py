@@ -99,11 +99,12 @@ def test_the_ideal_memory_has_no_commands():
 @pytest.mark.parametrize(("activates", "known"), [(0, False), (5, True)])
 def test_commands_come_from_the_model(activates, known):
     eye = SimpleNamespace(rendered=np.ones(4), survivor=np.arange(3), counts=np.arange(4))
-    trace = SimpleNamespace(width=32, height=32, points=7, eyes=(eye,))
+    trace = SimpleNamespace(width=32, height=32, points_read=7, eyes=(eye,))
     cycles = SimpleNamespace(entries=6, spilled_entries=0, ops=9, reads={"geometry": 64}, writes={"frame": 32},
                              activates=activates, refreshes=0)
     counts = model_counts(trace, cycles)
-    assert (counts.activates, counts.refreshes) == ((5, 0) if known else (None, None)) and counts.read_beats == 2
+    assert (counts.activates, counts.refreshes) == ((5, 0) if known else (None, None))
+    assert (counts.points, counts.read_beats) == (7, 2)
 
 
 def test_commands_come_from_the_bench_where_its_memory_has_them():
