@@ -10,9 +10,6 @@ from msv2.studies.page import table
 SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
 
 
-MEMORY_NAMES = {"ideal": "the ideal memory", "lpddr3": "LPDDR3"}
-
-
 def model_table(reports: dict[str, dict]) -> str | None:
     """The errors of the model against the RTL: in total, by phase and by stage."""
     if "model" not in reports:
