@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
@@ -156,7 +157,8 @@ class _Elaboration:
         for kind, users in self.plan.instances.items():
             for i, nodes in enumerate(users):
                 name = f"{kind.name}_{i}"
-                instance = add_shared(self.m, self.platform, name, kind.name, _make, kind)
+                module = replace(kind, registered=False)  # its registers are not in the module
+                instance = add_shared(self.m, self.platform, name, kind.name, _make, module)
                 self.origin.update(dict.fromkeys(nodes, instance.result))
                 instances.append((name, kind, instance, nodes))
         for name, kind, instance, nodes in instances:

@@ -1,6 +1,7 @@
 """Tests of the whole machine (`rtl.top`), with a memory and a host around it, on whole frames.
 
-    memory          the parameters of a fast AXI4 memory in Verilog (memory.sv); memory_check tests it alone
+    memory          the parameters of an AXI4 memory in Verilog, ideal or LPDDR3 (memory.sv, lpddr3.sv); memory_check and
+                    lpddr3_check test it alone
     device          the machine and the memory as one design
     player          plays frames through it; `frames` is its part in the simulator's process
     axi_small       plays small frames with independent AXI models (cocotbext-axi); `axi_frames` is its part in the simulator

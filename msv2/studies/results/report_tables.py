@@ -16,6 +16,8 @@ def model_table(reports: dict[str, dict]) -> str | None:
         return None
     s = reports["model"]["summary"]
     rows = [["total", f"{100 * s['model_error_total']:.2f} %", f"{100 * s['mean_error_total']:.2f} %", "-"]]
+    rows += [[f"total of {found['frames']} frames on {MEMORY_NAMES[kind]}", f"{100 * found['worst']:.2f} %",
+              f"{100 * found['mean']:.2f} %", "-"] for kind, found in s.get("memories", {}).items()]
     rows += [[f"phase {name}", f"{100 * worst:.2f} %", "-", "-"] for name, worst in s["phases"].items()]
     rows += [[f"stage {name}", f"{100 * e['worst']:.2f} %", f"{100 * e['mean']:.2f} %", f"{100 * e['within_5_percent']:.0f} %"]
              for name, e in s["stages"].items()]

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from golden.host import compact
+from golden.host.memory_image import gaussian_bytes
 from golden.host.quantise import quantise_model
 from golden.msv2_ref import array_kernel
 from golden.msv2_ref.plan import with_sh_degree, work_for
@@ -16,8 +18,9 @@ from golden.scenes.levels import spread_levels
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.probe import probe, used_sh_degree
 from golden.scenes.request import Request
-from spec.config import DEFAULT
+from spec.config import DEFAULT, V3
 from spec.errors import InputError
+from spec.memory import colour_beats
 from tests.helpers.golden_samples import random_model
 
 SIZE, DISPLAY = (96, 64), Display(96, 64)
@@ -74,6 +77,38 @@ def test_forced_effects_change_no_bit(flat, effects):
         assert eyes.source is b and eyes.target_pixels["coverage"].any()
     assert (b.config.level_banks == 2) == ("blend" in effects or effects == "all")
     assert bool(b.pixels.depth.any()) == b.config.depth and not a.pixels.depth.any()
+
+
+@pytest.mark.parametrize("effects", ["all", BUT_STEREO, "sh", "levels", "levels,blend"])
+@pytest.mark.parametrize("levels", [1, 4])
+@pytest.mark.parametrize("config", [V3, V3.with_(records="wide")], ids=["compact", "wide"])
+def test_forced_effects_change_no_bit_of_models_in_chunks(flat, effects, levels, config):
+    """Fine records stay fine and coarse ones coarse; headers and packed records tell the same as the words."""
+    model = spread_levels(flat) if levels > 1 else flat
+    auto, forced = (work(model, no_foveation(DISPLAY), e, config=config) for e in ("auto", effects))
+    same_image(auto.render(), forced.render())
+    words = forced.words
+    assert np.array_equal(np.repeat(words.chunks["bound"], words.chunks["count"]), words.geometry["bound"])
+    if config.compact:
+        geometry, colour = compact.decode(config, words.chunks, words.compact, words.sh_degree)
+        assert np.array_equal(geometry, words.geometry) and np.array_equal(colour, words.colour)
+        assert (words.compact.harmonics is not None) == (words.sh_degree > 0)
+        strongest = np.maximum.reduceat(words.compact.geometry["opacity"], words.chunks["first"])
+        assert np.array_equal(words.chunks["opacity"], strongest)
+    contents = gaussian_bytes(forced.config, words)
+    assert len(contents["colour"]) == colour_beats(forced.config, words.sh_degree) * len(words.geometry)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_compact_records_of_a_lower_degree(degree):
+    """Those of a model whose highest harmonics are dropped after packing are those of words that never had them."""
+    model = random_model(np.random.default_rng(6), 200, levels=4, sh=3)
+    words = with_sh_degree(quantise_model(V3, model), degree)
+    geometry, colour = compact.decode(V3, words.chunks, words.compact, degree)
+    assert np.array_equal(colour, words.colour) and np.array_equal(geometry, words.geometry)
+    back = with_sh_degree(words, 3)
+    assert back.compact.harmonics is not None and not back.colour["rest"][:, colour["rest"].shape[1] if degree else 0 :].any()
+    assert np.array_equal(compact.decode(V3, back.chunks, back.compact, 3)[1], back.colour)
 
 
 @pytest.mark.parametrize("effects", ["auto", "sh"])

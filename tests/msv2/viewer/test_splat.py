@@ -10,7 +10,7 @@ from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
 from golden.scenes.orbit import orbit_camera
 from msv2.viewer import splat
-from spec.config import PAPER
+from spec.config import PAPER, V3
 from tests.helpers.golden_samples import ball
 
 
@@ -79,6 +79,18 @@ def test_what_is_shown_can_be_read(frame):
     assert f"**{len(found.tiles):,} tiles**" in text and "| mean2d |" in text and "| position |" in text
     position = ball().means[found.index]
     assert np.allclose(found.position, position, atol=1e-3)
+
+
+def test_the_index_is_the_models_own_whatever_the_order_in_memory():
+    model = ball()
+    camera = orbit_camera(model, 0, 8, 96, 64)
+    for config in (PAPER, V3):
+        frame = pipeline.render(model, camera, config=config)
+        found = splat.find(frame, 48, 32)
+        assert np.allclose(found.position, model.means[found.index], atol=1e-3)
+        rows, _ = splat.weights(frame, 48, 32)
+        assert (found.index == rows[found.place]) == (config is PAPER)
+        assert found.tiles.tolist().count([3, 2]) == 1
 
 
 def test_where_nothing_is_nothing_is_found(frame):

@@ -26,9 +26,9 @@ WHOLE = SQ(6, 3)
 INTERVALS = (1, 2, 3, 4, 8)
 
 
-def every_operation() -> Dataflow:
+def every_operation(**options: bool) -> Dataflow:
     """A graph with each operation, views, logic, settings, constants and a value that waits long."""
-    g = Dataflow()
+    g = Dataflow(**options)
     x, y, n = g.input("x", V), g.input("y", V), g.input("n", SQ(5, 4))
     scale, (low, high) = g.setting("scale", W), g.settings("limits", V, 2)
     total, product = g.add(x, y, V), g.mul(x, scale, W)
@@ -104,6 +104,13 @@ def test_rate_and_latency(interval):
     cycles = run(graph, interval, operands(random.Random(9), 100))
     assert {b - a for a, b in pairwise(cycles)} == {interval}
     assert cycles[0] in range(schedule(graph, interval).length + 2, schedule(graph, interval).length + 2 + interval + 1)
+
+
+@pytest.mark.parametrize("interval", [1, 4])
+def test_operands_in_registers_only_cost_time(interval):
+    plain, graph = every_operation(), every_operation(registered=True)
+    run(graph, interval, operands(random.Random(3), 60), pauses=0.3, seed=interval)
+    assert schedule(graph, interval).length > schedule(plain, interval).length
 
 
 def random_graph(rng: random.Random) -> Dataflow:
