@@ -35,7 +35,7 @@ from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
 BUILD = ROOT / "build" / "perf"
-RTL_REPORTS = ("frames", "machine", "model_rtl")
+RTL_REPORTS = ("frames", "frames_v3", "machine", "model_rtl")
 """The reports that hold frames of the RTL."""
 
 RTL_FRAMES = (

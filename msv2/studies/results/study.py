@@ -3,8 +3,8 @@
     msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
                                                 scenes from MSV2_DATA and liberty files from MSV2_PDK
     msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
-    msv2 study run results --only frames        one part: accuracy, frames, machine, sorting, order, latencies, synthesis,
-                                                culling_area, colour, bench
+    msv2 study run results --only frames        one part: accuracy, frames, frames_v3, machine, sorting, order, latencies,
+                                                synthesis, culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
                                                 it takes hours, but finished runs in build/train are not trained again
     msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
@@ -24,11 +24,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from golden.scenes.camera import Camera
 from golden.scenes.camera_file import save_camera
 from golden.scenes.captured import scene_argument
 from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
+from golden.scenes.request import make_folder
 from msv2.studies import record
 from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
@@ -36,7 +40,7 @@ from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER
+from spec.config import PAPER, V3
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -80,22 +84,41 @@ def measure_frames() -> None:
                  places((*EXACT, *EXACT_LARGE)))
 
 
+def measure_frames_v3() -> None:
+    """Writes reports/frames_v3.json: the frames of reports/frames.json that have the pipeline on, and one with a camera inside
+    the model, on the machine `v3`."""
+    views = [of for view in (*EXACT, *EXACT_LARGE) for of in (replace(view, gaze=None), view)]
+    wanted = [(of, "--config", "v3", *more) for more in ((), ("--merge", "0")) for of in views
+              if not more or of.scene not in {view.scene for view in EXACT_LARGE}]
+    model = load_scene(EMBEDDED).model
+    camera = orbit_camera(model, 0, 1, 128, 128)
+    inside = _camera("inside", replace(camera, translation=-camera.rotation @ np.median(model.means, axis=0)))
+    wanted += [(of, "--config", "v3", "--camera", inside) for of in (replace(EXACT[0], gaze=None), EXACT[0])]
+    write_report(REPORTS / "frames_v3.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": V3},
+                 places((*EXACT, *EXACT_LARGE)))
+
+
 def measure_machine() -> None:
     """Writes reports/machine.json: cycles of the paper's machine, also for a camera that sees nothing, so that all points are
     culled."""
     wanted = [(view, "--config", "paper", "--pixels", "display", "--merge", switch, "--pipeline", switch,
                "--bandwidth", bandwidth)
               for view in SPEED for bandwidth in BANDWIDTHS for switch in "10"]
-    away = ROOT / "build" / "results" / "away.json"
-    camera = orbit_camera(load_scene("embedded").model, 0, 1, 128, 128)
-    behind = camera.translation - [0, 0, 1e3]  # far in front of the scene, and looking away from it
-    save_camera(replace(camera, translation=behind, name="away"), away)
+    camera = orbit_camera(load_scene(EMBEDDED).model, 0, 1, 128, 128)
+    away = _camera("away", replace(camera, translation=camera.translation - [0, 0, 1e3]))  # in front, and looking away
     wanted += [(View("rock_sh3", "640x360"), "--config", "paper", "--pixels", "display", "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
-    wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", str(away), "--bandwidth", bandwidth)
+    wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", away, "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
     write_report(REPORTS / "machine.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": PAPER},
                  places(SPEED))
+
+
+def _camera(name: str, camera: Camera) -> str:
+    """The path of a file that holds the camera under that name."""
+    path = make_folder(ROOT / "build" / "results") / f"{name}.json"
+    save_camera(replace(camera, name=name), path)
+    return str(path)
 
 
 def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
@@ -175,7 +198,7 @@ def _kept() -> list[str]:
 
 PARTS = {
     "accuracy": lambda: run("-m", "msv2.studies", "accuracy", *_kept()),
-    "frames": measure_frames, "machine": measure_machine,
+    "frames": measure_frames, "frames_v3": measure_frames_v3, "machine": measure_machine,
     "sorting": lambda: run("-m", "msv2.studies", "sorting", *_kept()), "order": measure_order,
     "latencies": lambda: run("-m", "msv2.studies", "latencies", *_kept()),
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area", *_kept()),
