@@ -79,8 +79,11 @@ def documented(component: wiring.Component) -> dict[str, str]:
 
 
 def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]]:
-    """Layouts and their records; those of a machine with stereo too, as some of its units can be made by themselves."""
-    configs = (config,) if config.stereo or not config.depth else (config, config.with_(stereo=True))
+    """Layouts and their records; those of machines with stereo and with compact chunks too, as some of their units can be made
+    by themselves."""
+    configs = [config] if config.stereo or not config.depth else [config, config.with_(stereo=True)]
+    if not config.compact:
+        configs.append(config.with_(order="spatial", chunks=True, records="compact"))
     makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
 

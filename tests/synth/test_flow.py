@@ -173,7 +173,7 @@ def test_generic_counts_nand2(tmp_path: Path) -> None:
     (["--tech", "asap7"], "MSV2_PDK must name the folder"),
     (["--tech", "nangate45"], "lambdapdk"),
     (["--tech", "no/such.lib"], "a liberty file is wanted, not 'no/such.lib'"),
-    (["--config", "huge"], "config 'huge' is not accepted: choose one of tiny, default, paper, precise, balanced, fast"),
+    (["--config", "huge"], "config 'huge' is not accepted: choose one of tiny, default, paper, v3, precise, balanced, fast"),
     (["--config", "tiny", "--set", "sh_degre=1"], "did you mean 'sh_degree'?"),
     (["--set", "sh_degree=1"], "set 'sh_degree=1' is not accepted without config"),
     (["--config", "tiny", "--unit", "expand"], "one of unit and config is accepted"),

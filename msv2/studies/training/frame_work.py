@@ -71,9 +71,9 @@ class FrameWork:
         return cls(**sums | {"tiles": works[0].tiles})
 
 
-def frame_work(frame: Frame) -> FrameWork:
-    """The work of a golden frame."""
-    cycles = simulate(trace_of(frame), frame.config, memory=MemoryModel("lpddr3"))
+def frame_work(frame: Frame, memory: MemoryModel | None = None) -> FrameWork:
+    """The work of a golden frame; without `memory`, with LPDDR3."""
+    cycles = simulate(trace_of(frame), frame.config, memory=memory or MemoryModel("lpddr3"))
     render = cycles.phases["render"]
     return FrameWork(len(frame.projected.reason), cycles.entries, len(frame.registers.header), cycles.total - render, render)
 

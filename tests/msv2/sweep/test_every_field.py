@@ -42,6 +42,8 @@ class Effect:
 
 
 STEREO = (("stereo", True),)
+SPATIAL = (("order", "spatial"),)
+CHUNKS = (*SPATIAL, ("chunks", True))
 EFFECTS = {
     "name": Effect("other", "name"),
     "cores_x": Effect("8", "cycles+ area-"),
@@ -65,6 +67,10 @@ EFFECTS = {
     "warp_columns": Effect("64", "area- energy-", base=STEREO),
     "warp_fill": Effect("interior", "second eye", base=STEREO),
     "warp_veiled": Effect("true", "second eye", base=STEREO),
+    "order": Effect("spatial", "bytes-"),
+    "chunks": Effect("true", "cycles- area+ bytes-", base=SPATIAL),
+    "records": Effect("compact", "pixels cycles- bytes-", base=CHUNKS),
+    "formats.chunk": Effect("float6e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
     "formats.scale": Effect("ufloat11e6b40", "pixels"),
     "formats.quaternion": Effect("SQ0.12", "pixels"),

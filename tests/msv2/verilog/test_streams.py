@@ -18,6 +18,7 @@ from msv2.document.stream_maps import StreamPort, fields_of, integer_format, str
 from msv2.verilog.export import Export, export
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS
+from spec.chunks import CHUNK_RECORDS
 from spec.config import PAPER, TINY, AcceleratorConfig
 from spec.formats import Fixed
 from spec.memory import MEMORY_RECORDS
@@ -28,8 +29,11 @@ Map = dict[str, tuple[int, int, str]]
 """Highest bit, lowest bit and format of each field."""
 
 
-def record_named(name: str, config: AcceleratorConfig) -> Record:
-    return next(record for record in (make(config) for make in (*RECORDS, *MEMORY_RECORDS)) if record.name == name)
+def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
+    """The record of that name, and of that width where it is not 0; units of chunks and compact records are made of a machine that has both."""
+    chunked = config.with_(order="spatial", chunks=True, records="compact")
+    return next(record for one in (config, chunked) for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)
+                if (record := make(one)).name == name and bits in (0, record.width))
 
 
 def known_row(record: Record, seed: int) -> np.ndarray:
@@ -107,7 +111,7 @@ def exports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Export]:
 def test_a_map_cuts_a_packed_record_into_its_fields(
     unit: str, stream: str, name: str, read: Callable[[Export, str], Map], exports: dict[str, Export],
 ) -> None:
-    record, found = record_named(name, TINY), read(exports[unit], stream)
+    record, found = record_named(name, TINY, 0), read(exports[unit], stream)
     assert list(found) == [f.name for f in record.fields]
     for seed in range(20):
         row = known_row(record, seed)
@@ -125,7 +129,7 @@ def test_maps_of_every_unit(unit: str, config: AcceleratorConfig) -> None:
         assert [f.low for f in stream.fields] == [0, *np.cumsum([f.width for f in stream.fields])[:-1].tolist()]
         assert sum(f.width for f in stream.fields) == stream.bits
         if stream.record and not (unit == "warp_unit" and not config.stereo):
-            record = record_named(stream.record, config)
+            record = record_named(stream.record, config, stream.bits)
             row = known_row(record, 1)
             for f, of in zip(stream.fields, record.fields, strict=True):
                 assert cut(record.pack(row), f.low + f.width - 1, f.low, f.format) == np.atleast_1d(row[of.name]).tolist()

@@ -134,7 +134,7 @@ def test_a_page_says_what_gave_its_cycles(pose):
                                "units": scales.table_scale("bonsai", None)} for each in poses], "p.png")
 
     kept = {name: value for name, value in pose.items() if name != "cycles_by"}  # as version 0.1 wrote them
-    model, estimate = "| cycles by the model |", "| cycles by the golden estimate of version 0.1 |"
+    model, estimate = "| cycles by the model, ideal memory |", "| cycles by the golden estimate of version 0.1 |"
     assert model in page(pose) and estimate not in page(pose) and "version 0.1" not in page(pose)
     assert estimate in page(kept) and model not in page(kept)
     assert model in page(pose, kept) and estimate in page(pose, kept)

@@ -22,6 +22,7 @@ from msv2.studies import rtl_frame  # noqa: E402
 from msv2.studies.cycles import cycles_of  # noqa: E402
 from msv2.studies.training import rtl_cycles, tables  # noqa: E402
 from msv2.studies.training.frame_work import FrameWork, foveated_frame_work, frame_work, whole_frame_work  # noqa: E402
+from perf.model import MemoryModel  # noqa: E402
 from spec.config import PAPER  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from tests.helpers.training_samples import small_dense, small_scene  # noqa: E402
@@ -51,7 +52,8 @@ def test_cycles_are_the_machines(foveated):
     size = measured["size"]
     model = smfr_levels(cached_embedded_model(), 4) if foveated else cached_embedded_model()
     foveation = foveation_map(Display(*size), tuple(measured["gaze"]), 4) if foveated else None
-    work = frame_work(pipeline.render(model, embedded_cameras(*size)[0], config=PAPER, foveation=foveation))
+    work = frame_work(pipeline.render(model, embedded_cameras(*size)[0], config=PAPER, foveation=foveation),
+                      MemoryModel("ideal"))  # which the RTL's frames have, too
     assert work.entries == measured["entries"] and work.points == len(model) and work.tiles == measured["tiles"]
     assert work.render_cycles == pytest.approx(measured["render_cycles"], rel=2e-3)
     assert work.geometry_cycles == pytest.approx(measured["table_cycles"] + measured["geometry_cycles"], rel=2e-3)
@@ -62,7 +64,7 @@ def test_parts_of_a_frame_add_up():
     assert FrameWork.total([one, two]) == FrameWork(30, 8, 4, 150, 1500)  # the tiles are those of one frame
     assert FrameWork.mean([one, two]) == FrameWork(15, 4, 4, 75, 750)
     assert one.record()["cycles"] == 1100 and one.record()["entries_per_tile"] == 1.5
-    assert cycles_of(one.record()) == "cycles by the model" and "version 0.1" in cycles_of({"cycles": 1})
+    assert cycles_of(one.record()) == "cycles by the model, LPDDR3" and "version 0.1" in cycles_of({"cycles": 1})
 
 
 def test_foveated_frames_cost_what_level_quality_says(scene, dense):
