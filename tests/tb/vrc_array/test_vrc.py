@@ -162,7 +162,7 @@ def test_one_level_has_no_blend_tiles():
 
 
 @pytest.mark.parametrize(("argv", "says"), [
-    (["--test", "gpu"], r"'gpu' is not accepted: choose one of all, float, culling"),
+    (["--test", "gpu"], r"'gpu' is not accepted: choose one of all, float, chunk_test, chunk_reader, culling"),
     (["--config", "huge"], r"'huge' is not accepted: choose one of all, tiny, .*default"),
     (["--config", "tiny", "--wave-cycles", "9:3"], r"'9:3' is not accepted"),
     (["--config", "tiny", "--seed", "-1"], r"-1 is not accepted"),
