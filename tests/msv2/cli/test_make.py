@@ -105,7 +105,8 @@ def test_the_environment_is_not_judged(monkeypatch):
 
 
 @pytest.mark.parametrize(("argv", "says"), [
-    (["sim", "--test", "tum"], "choose one of all, float, chunk_test, chunk_reader, culling,"), (["sim", "--test", "tum"], "did you mean 'tmu'?"),
+    (["sim", "--test", "tum"], "choose one of all, float, chunk_test, chunk_reader, culling,"),
+    (["sim", "--test", "tum"], "did you mean 'tmu'?"),
     (["synth", "--unit", "pixel_cor"], "did you mean 'pixel_core'?"), (["synth", "--unit", "nothing"], "pixel_core"),
 ])
 def test_an_unknown_test_or_unit_lists_those_that_are_there(argv, says):

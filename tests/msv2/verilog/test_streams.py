@@ -30,7 +30,8 @@ Map = dict[str, tuple[int, int, str]]
 
 
 def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
-    """The record of that name, and of that width where it is not 0; units of chunks and compact records are made of a machine that has both."""
+    """The record of that name, and of that width where it is not 0. Units of chunks and compact records are made of a machine
+    that has both."""
     chunked = config.with_(order="spatial", chunks=True, records="compact")
     return next(record for one in (config, chunked) for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)
                 if (record := make(one)).name == name and bits in (0, record.width))

@@ -80,7 +80,8 @@ def test_the_page_is_that_of_the_report():
 
 
 def test_the_command_writes_into_build(tmp_path, monkeypatch, frame):
-    row = {"scene": "embedded", "size": "128x80", **frame, "golden_intersections": 5, "model_cycles": {"ideal": {"8x8": 7, "16x16": 6}, "lpddr3": {"8x8": 9, "16x16": 8}}}
+    modelled = {"ideal": {"8x8": 7, "16x16": 6}, "lpddr3": {"8x8": 9, "16x16": 8}}
+    row = {"scene": "embedded", "size": "128x80", **frame, "golden_intersections": 5, "model_cycles": modelled}
     monkeypatch.setattr(study, "frames", lambda: iter([row]))
     assert study.main(["--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "tile_size.json").read_text())["frames"][0]["points"] == frame["points"]
