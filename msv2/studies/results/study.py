@@ -34,6 +34,7 @@ from golden.scenes.load import EMBEDDED, load_scene
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import make_folder
 from msv2.studies import record
+from msv2.studies.catalogue import BY_NAME
 from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
@@ -224,7 +225,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
-            record.begin("results", ["--only", name, *_kept()])
+            if name in BY_NAME:  # a study of its own, and so named in its report
+                record.begin(name, _kept())
+            else:
+                record.begin("results", ["--only", name, *_kept()])
             (PARTS | ON_REQUEST)[name]()
     if args.only == "tables":  # to write them is all that was asked for
         tell(keep=True, named=False)
