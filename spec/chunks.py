@@ -72,6 +72,9 @@ from spec.records import INDEX_BITS, Field, Record, uint
 CHUNK = 64
 """Gaussians of a full chunk."""
 
+PLACE_BITS = (CHUNK - 1).bit_length()
+"""Bits of a Gaussian's place in its chunk."""
+
 BOX_SHIFT = 8
 """log2 of the steps of a chunk's grid in one step of its extent."""
 
@@ -131,6 +134,7 @@ def header_item(config: AcceleratorConfig) -> Record:
     `end`, which is no chunk."""
     return Record("HeaderItem", header_item.__doc__, (
         *chunk_header(config).fields,
+        *([Field("number", uint(INDEX_BITS - PLACE_BITS), "number of the chunk")] if config.supertiles else []),
         Field("end", uint(1), "all chunks of the frame have come; the rest means nothing"),
     ))
 

@@ -112,6 +112,9 @@ COLOUR_CYCLES = {"wide": 4, "compact": 2}
 """Cycles of a splat in the colour unit of a machine with 8 culling units, by the format of records. Compact records come in two
 beats, and in a model in spatial order survivors come close together."""
 
+LISTS = ("tile", "supertile")
+"""What a list of intersections in memory belongs to; `spec.supertiles` describes the second."""
+
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
@@ -161,6 +164,14 @@ class AcceleratorConfig:
         chunks: whether Gaussians are read in chunks of up to 64, each of which is skipped where its header shows that nothing
             of it can be seen (`spec.chunks`); this needs spatial order.
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
+        lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
+            super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
+            and the machine has one eye only. The four parameters below matter in such machines alone, `splat_cache_lines` in
+            the others alone.
+        list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
+        buckets: whether a super-tile may have several lists, by depth.
+        header_lines: number of chunk headers in the cache of the second phase, a power of two.
+        batch_places: number of splat records in each half of the batch buffer, a power of two.
         formats: number formats.
     """
 
@@ -189,6 +200,11 @@ class AcceleratorConfig:
     order: str = "file"
     chunks: bool = False
     records: str = "wide"
+    lists: str = "tile"
+    list_heads: int = 1024
+    buckets: bool = True
+    header_lines: int = 256
+    batch_places: int = 512
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -201,7 +217,8 @@ class AcceleratorConfig:
             ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, MOST_CULLING_UNITS),
             ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
-            ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192),
+            ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192), ("list_heads", 2, 1 << 14),
+            ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -211,21 +228,26 @@ class AcceleratorConfig:
         for name in ("cores_x", "cores_y"):
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
-        for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns"):
+        for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
+                     "header_lines", "batch_places"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks"):
+        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         if self.warp_fill not in WARP_FILLS:
             raise ValueError(f"warp_fill must be one of {', '.join(WARP_FILLS)}, not {self.warp_fill!r}")
-        for name, accepted in (("order", ORDERS), ("records", RECORDS)):
+        for name, accepted in (("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
             if getattr(self, name) not in accepted:
                 raise ValueError(f"{name} must be one of {', '.join(accepted)}, not {getattr(self, name)!r}")
         if self.chunks and self.order != "spatial":
             raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
         if self.records == "compact" and not self.chunks:
             raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
+        if self.supertiles and self.records != "compact":
+            raise ValueError(f"records must be 'compact' in a machine with lists by super-tile, not {self.records!r}")
+        if self.supertiles and self.stereo:
+            raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -287,6 +309,11 @@ class AcceleratorConfig:
         """Whether Gaussians lie in memory as compact records."""
         return self.records == "compact"
 
+    @property
+    def supertiles(self) -> bool:
+        """Whether lists belong to super-tiles."""
+        return self.lists == "supertile"
+
     def with_(self, **changes: Any) -> AcceleratorConfig:
         """A copy with some parameters changed."""
         return replace(self, **changes)
@@ -295,9 +322,14 @@ class AcceleratorConfig:
 TINY = AcceleratorConfig(
     name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096, merge_ways=4,
     splat_cache_lines=64, warp_lanes=1, warp_columns=128)
+TINY_SUPERTILES = TINY.with_(
+    name="tiny_supertiles", order="spatial", chunks=True, records="compact", lists="supertile", list_heads=128, header_lines=16,
+    batch_places=64)
 DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
 PAPER = AcceleratorConfig(name="paper")
 V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
+SUPERTILES = V3.with_(name="supertiles", lists="supertile")
+"""The next step of V3, until the whole machine has it."""
 
 SHORT_FORMATS = NumberFormats(
     work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),

@@ -9,6 +9,12 @@ import math
 TILE = 16
 """Tile edge in pixels, in every configuration (paper section 6.3)."""
 
+SUPER_X, SUPER_Y = 8, 2
+"""Columns and rows of tiles in a super-tile (`spec.supertiles`)."""
+
+SUPER_TILES = SUPER_X * SUPER_Y
+"""Tiles of a super-tile."""
+
 ENTRY_BYTES = 8
 """Bytes of an intersection (Intersection) in memory and in the sorter's buffers."""
 

@@ -7,9 +7,12 @@ All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transactio
     colour      GaussianColour, `colour_beats` beats per Gaussian, by index; with compact records CompactColour, one beat, and
                 CompactHarmonics, one beat, where the model has harmonics
     tiles       TileSetting, 8 bytes per tile, row-major; the host writes this table for each gaze
+    supertiles  with lists by super-tile, the same settings once more: SUPER_TILES of each super-tile, row-major; super-tiles
+                row-major, too; tiles beyond the frame are 0
     views       splat records (SplatRecord), one beat each; that of Gaussian i for tiles of level L lies at beat
-                (i << view_shift) + L; only Gaussians with an intersection have any
-    entries     intersections (Intersection), 8 bytes each, in pages by tile; a directory of those pages has its own base
+                (i << view_shift) + L; only Gaussians with an intersection have any; machines with lists by super-tile have none
+    entries     intersections (Intersection), 8 bytes each, in pages by tile; a directory of those pages has its own base; with
+                lists by super-tile, pairs in pages by list (`spec.supertiles`)
     spill       sorted runs of groups larger than the sort buffer
     frame       FramePixel, 16 bytes per pixel, or DisplayPixel, 4 bytes per pixel, as `display` says; row-major
 
@@ -199,13 +202,12 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("background", n.colour, "r, g, b", 3),
         Field("gaussians", uint(INDEX_BITS), "number of Gaussians of the model"),
         Field("sh_degree", uint(2), "SH degree of the colour records"),
-        Field("view_shift", uint(2),
-              "each Gaussian has space for 1 << view_shift splat records; at least the highest tile level + 1"),
+        *([] if config.supertiles else [_view_shift()]),
         Field("beta", uint(COUNT_BITS), "merge threshold in intersections; 0 merges nothing"),
         Field("auto_beta", uint(1), "1: twice the mean number of intersections of a tile replaces beta"),
         Field("obb", uint(1), "1: the tile test uses oriented bounding boxes instead of exact ellipses"),
-        beat("geometry_base"), beat("colour_base"), beat("tiles_base"), beat("views_base"), beat("directory_base"),
-        beat("entries_base"),
+        beat("geometry_base"), beat("colour_base"), beat("tiles_base"), *([] if config.supertiles else [beat("views_base")]),
+        beat("directory_base"), beat("entries_base"),
         Field("entries_beats", uint(BEAT_BITS), "size of the region of intersections in beats"),
         beat("spill_base"),
         Field("spill_beats", uint(BEAT_BITS), "size of the region of spilled runs in beats"),
@@ -213,7 +215,13 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         beat("frame_base"),
         *(_chunk_settings(config) if config.chunks else ()),
         *(_stereo_settings(config) if config.stereo else ()),
+        *([beat("supertiles_base")] if config.supertiles else []),
     ))
+
+
+def _view_shift() -> Field:
+    return Field("view_shift", uint(2),
+                 "each Gaussian has space for 1 << view_shift splat records; at least the highest tile level + 1")
 
 
 def _chunk_settings(config: AcceleratorConfig) -> tuple[Field, ...]:

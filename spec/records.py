@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS, TILE
+from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.formats import UQ, Fixed, Format
 
 
@@ -216,27 +216,51 @@ def frame_tiles(config: AcceleratorConfig) -> int:
 
 
 def tile_index(config: AcceleratorConfig) -> Fixed:
-    """The format of a tile's number in its frame, row-major; also that of a group's number, as there are no more groups than
-    tiles."""
+    """The format of a tile's number in its frame, row-major."""
     return uint((frame_tiles(config) - 1).bit_length())
 
 
+def frame_supertiles(config: AcceleratorConfig) -> int:
+    """Largest number of super-tiles of a frame, whose height is at most `row_width`, too."""
+    tiles = -(-config.row_width // TILE)
+    return -(-tiles // SUPER_X) * -(-tiles // SUPER_Y)
+
+
+def frame_lists(config: AcceleratorConfig) -> int:
+    """Largest number of lists of a frame: one for each tile, or as many as a machine with super-tiles has."""
+    return config.list_heads if config.supertiles else frame_tiles(config)
+
+
+def list_index(config: AcceleratorConfig) -> Fixed:
+    """The format of a list's number, which is that of its tile in machines without super-tiles; also that of a group's
+    number, as there are no more groups than lists."""
+    return uint((frame_lists(config) - 1).bit_length())
+
+
 def intersection_tile(config: AcceleratorConfig) -> Record:
-    """The tile of an intersection, as the tile merge unit counts it. An item with `end`, which is no intersection, follows the
-    last one of a frame."""
+    """The tile of an intersection, as the tile merge unit counts it, or, with super-tiles, the list of a pair. An item with
+    `end`, which is no intersection, follows the last one of a frame."""
     return Record("IntersectionTile", intersection_tile.__doc__, (
-        Field("tile", tile_index(config), "the intersection's tile"),
+        Field("tile", list_index(config), "the intersection's tile, or the pair's list"),
         Field("end", uint(1), "all intersections of the frame have come; `tile` means nothing"),
     ))
 
 
 def tile_group(config: AcceleratorConfig) -> Record:
-    """A tile and the group it is merged into; one per tile, empty tiles too, in tile order."""
+    """A tile and the group it is merged into; one per tile, empty tiles too, in tile order. With super-tiles: a list."""
     return Record("TileGroup", tile_group.__doc__, (
-        Field("tile", tile_index(config), "native tile"),
-        Field("count", uint(COUNT_BITS), "number of intersections of the tile"),
-        Field("group", tile_index(config), "number of the group, consecutive from 0"),
-        Field("last", uint(1), "last tile of its group"),
+        Field("tile", list_index(config), "native tile, or list"),
+        Field("count", uint(COUNT_BITS), "number of its intersections, or pairs"),
+        Field("group", list_index(config), "number of the group, consecutive from 0"),
+        Field("last", uint(1), "last of its group"),
+    ))
+
+
+def list_group(config: AcceleratorConfig) -> Record:
+    """A list and the group it is merged into, as TileGroup, in machines with super-tiles."""
+    return Record("ListGroup", list_group.__doc__, (
+        *tile_group(config).fields,
+        Field("ends", uint(1), "last list of its super-tile"),
     ))
 
 
@@ -245,7 +269,7 @@ def intersection(config: AcceleratorConfig) -> Record:
     return Record("Intersection", intersection.__doc__, (
         Field("index", uint(INDEX_BITS), "Gaussian index"),
         Field("depth_key", config.formats.depth_key, "sort key"),
-        Field("tile", tile_index(config), "native tile"),
+        Field("tile", list_index(config), "native tile, or the pair's list"),
     ))
 
 
@@ -322,6 +346,8 @@ def surviving_splat(config: AcceleratorConfig) -> Record:
     return Record("SurvivingSplat", surviving_splat.__doc__, (
         *_projection(config),
         Field("levels", uint(MAX_LEVELS), "levels of the tiles in which it has intersections, one bit per level"),
+        *([Field("mask", uint(SUPER_TILES), "tiles of the super-tile in which it has intersections, one bit each")]
+          if config.supertiles else []),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 
