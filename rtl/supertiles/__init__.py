@@ -2,4 +2,5 @@
 
     buckets          the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
     bucket_ports     the ports of both
+    reader           the super-tiles, from the lists' counts and the host's table
 """
