@@ -47,7 +47,8 @@ UNITS = {
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
-memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat
+fetch, array and pixel writer;
 warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 
 
