@@ -1,0 +1,6 @@
+"""What only machines with lists by super-tile have (`spec.supertiles`).
+
+    buckets          the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
+    bucket_ports     the ports of both
+    reader           the super-tiles, from the lists' counts and the host's table
+"""
