@@ -23,6 +23,7 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import record_fetch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -38,6 +39,7 @@ UNITS = {
     "lists": {"lists": lists},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
+    "record_fetch": {"record_fetch": record_fetch_suite},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
     "axi": {"axi": axi},
@@ -46,7 +48,8 @@ UNITS = {
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
 memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
-warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
+warp: the warp unit; axi: the bus and the registers; top: the whole machine. With super-tiles, record_fetch: the records of
+pairs."""
 
 
 EXAMPLES = """\
