@@ -1,7 +1,7 @@
 """The state of the pixels of a super-tile's tiles, between visits of these tiles.
 
 Two memories hold transmittances and sums of all tiles, a row of the array a word, both level banks side by side. A load reads the
-rows of its block one after the other, so that each meets the load in the row of cores (`rtl.vrc_array.batch_row`)::
+rows of its block one after the other, so that each meets the load in its row of cores (`rtl.vrc_array.batch_row`)::
 
     cycle from a load's strobe    0   1      E + 1  E + 2  E + 3  E + 4  E + 5
     loading                       ~~~~
@@ -17,12 +17,12 @@ have loads between them, at most one is under way. tests/rtl/vrc_array/test_pixe
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from rtl.pipeline import Pipeline
+from rtl.pipeline import Pipeline, Staged
 from rtl.vrc_array import expand
 from rtl.vrc_array.batch_collect import stored_row
 from rtl.vrc_array.batch_row import state_layout
@@ -32,6 +32,45 @@ from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, TILE
 from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, check_supertiles
 from spec.tables import t_stop
+
+
+class StateMemory(wiring.Component):
+    """A part of the state: rows of numbers in a memory, or as they are at the start.
+
+    Parameters:
+        width: bits of a row.
+        depth: number of rows.
+        start: a row of a fresh state.
+
+    Ports:
+        write, row, data: strobe, address and bits of a row to write.
+        read, fresh, address: strobe; the row at `address` is read, or a fresh one is given instead.
+        state: the row, two cycles later. It stays until the next one.
+
+    Throughput: one row read and one row written per cycle. A row that is read in the cycle in which it is written is undefined.
+    """
+
+    def __init__(self, width: int, depth: int, start: int):
+        self._depth, self._start = depth, start
+        address = (depth - 1).bit_length()
+        super().__init__({
+            "write": In(1), "row": In(address), "data": In(width),
+            "read": In(1), "fresh": In(1), "address": In(address), "state": Out(width),
+        })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.memory = memory = Memory(shape=len(self.data), depth=self._depth, init=[])
+        write, read = memory.write_port(), memory.read_port()
+        shows, fresh = Signal(), Signal(reset_less=True)
+        state = Signal(len(self.data), reset_less=True)
+        m.d.comb += [
+            write.en.eq(self.write), write.addr.eq(self.row), write.data.eq(self.data),
+            read.en.eq(self.read & ~self.fresh), read.addr.eq(self.address), self.state.eq(state)]
+        m.d.sync += [shows.eq(self.read), fresh.eq(self.fresh)]
+        with m.If(shows):
+            m.d.sync += state.eq(Mux(fresh, Const(self._start, len(self.data)), read.data))
+        return m
 
 
 class PixelState(wiring.Component):
@@ -49,8 +88,8 @@ class PixelState(wiring.Component):
         visit, sequence: strobe; a visit of this super-tile has been taken.
         current: the super-tile of the last visit taken.
         done: one bit per tile of super-tile `current`: after a store all of its pixels, in every bank that the tile uses, have
-            stopped. A bit is set when the store's last row is written. It is cleared with the tile's last row of pixels, and
-            when `current` changes.
+            stopped. A bit is set two cycles after the store's last row has come. It is cleared with the tile's last row of
+            pixels, and when `current` changes.
         busy: a store is under way.
 
     Throughput: a row is loaded and a row is stored per cycle. Loads are held back until `cores_y` cycles after the last one.
@@ -100,9 +139,8 @@ class PixelState(wiring.Component):
         m.d.sync += pending.eq((pending | begins) & ~lands)
 
     def _loads(self, m: Module) -> Value:
-        """Reads the rows of loads and writes those of stores; returns whether the next load may follow."""
-        config = self.config
-        row, running = Signal(range(config.cores_y)), Signal()
+        """Reads the rows of loads; returns whether the next load may follow."""
+        config, row, running = self.config, Signal(range(self.config.cores_y)), Signal()
         place, fresh, block = (Signal.like(port, reset_less=True) for port in (self.place, self.fresh, self.block))
         ends = row == config.cores_y - 1
         with m.If(self.loading):
@@ -110,26 +148,61 @@ class PixelState(wiring.Component):
         with m.Elif(ends):
             m.d.sync += running.eq(0)
         m.d.sync += row.eq(Mux(running & ~ends, row + 1, 0))
-        apart = ~running | ends
 
-        across, p = (TILE // config.cores_x - 1).bit_length(), Pipeline(m, load=running)
-        address = p.data("address", Cat(row, block[across:] if config.blocks > 1 else Cat(), block[:across], place))
-        valid, anew = p.control("load", running), p.data("fresh", fresh)
-        written = Cat(self.stored.row, (self.stored.column >> 4 - across)[:across], self.stored.place)
-        pixels = [bank for lane in self.stored.pixels for bank in lane]
-        loaded = [bank for lane in self.state for bank in lane]
-        start = expand.latency(config)
-        self._memory(m, "transmittances", written, [pixel.transmittance for pixel in pixels], valid, anew, address, start,
-                     [pixel.transmittance for pixel in loaded], 1)
-        self._memory(m, "sums", written, [value for pixel in pixels for value in self._sums(pixel)], valid, anew, address,
-                     start + SUMS_LATER, [value for pixel in loaded for value in self._sums(pixel)], 0)
-        return apart
+        across, p = self._across, Pipeline(m, load=running)
+        down = block[across:] if config.blocks > 1 else Cat()
+        address = p.data("address", Cat(row, down, block[:across], place))
+        load, new = p.control("load", running), p.data("new", fresh)
+        t_width = config.formats.transmittance.width
+        lanes = config.cores_x * config.level_banks
+        pixels, state = ([bank for lane in port for bank in lane] for port in (self.stored.pixels, self.state))
+        begin = expand.latency(config)
+        self._part(m, "transmittances", (1 << t_width * lanes) - 1, (load, new, address), begin,
+                   [pixel.transmittance for pixel in pixels], [pixel.transmittance for pixel in state])
+        self._part(m, "sums", 0, (load, new, address), begin + SUMS_LATER,
+                   [value for pixel in pixels for value in self._sums(pixel)],
+                   [value for pixel in state for value in self._sums(pixel)])
+        return ~running | ends
+
+    @property
+    def _across(self) -> int:
+        """Bits of a block's column."""
+        return (TILE // self.config.cores_x - 1).bit_length()
 
     def _sums(self, pixel: data.View) -> list[Value]:
         return [*pixel.colour, *([pixel.depth] if self.config.depth else [])]
 
-    def _memory(self, m: Module, name, written, values, valid, anew, address, stage, loaded, new) -> None:
-        raise NotImplementedError
+    def _part(
+        self, m: Module, name: str, start: int, read: tuple[Staged, Staged, Staged], stage: int, stored: list[Value],
+        state: list[Value],
+    ) -> None:
+        """Adds the memory of a part of the state, which is read at `stage` of the addresses."""
+        load, new, address = (part.at(stage) for part in read)
+        rows = SUPER_TILES * TILE * TILE // self.config.cores_x
+        m.submodules[name] = memory = StateMemory(sum(map(len, stored)), rows, start)
+        m.d.comb += [
+            memory.read.eq(load), memory.fresh.eq(new), memory.address.eq(address), Cat(*state).eq(memory.state),
+            memory.write.eq(self.stored.valid), memory.data.eq(Cat(*stored)),
+            memory.row.eq(Cat(self.stored.row, self.stored.column[4 - self._across:], self.stored.place))]
 
     def _judge(self, m: Module, last: Value) -> None:
-        raise NotImplementedError
+        """Finds out whether all pixels of a stored tile have stopped, a cycle after its rows."""
+        row, limit = self.stored, t_stop(self.config.formats)
+        here, so_far, ends = Signal(), Signal(init=1), Signal()
+        final, place, sequence = Signal(), Signal.like(row.place), Signal.like(row.sequence)
+        below = [Cat(lane[level].transmittance < limit for lane in row.pixels).all() for level in range(self.config.level_banks)]
+        m.d.sync += [
+            here.eq(below[0] & (below[-1] | ~row.blend)), ends.eq((row.valid | row.final) & last),
+            final.eq(row.final), place.eq(row.place), sequence.eq(row.sequence)]
+        rows = Signal()  # a row of a store is judged
+        m.d.sync += rows.eq(row.valid)
+        with m.If(rows):
+            m.d.sync += so_far.eq(ends | so_far & here)
+        with m.If(ends & final):
+            m.d.sync += self.done.bit_select(place, 1).eq(0)
+        with m.Elif(ends & so_far & here & (sequence == self.current)):
+            m.d.sync += self.done.bit_select(place, 1).eq(1)
+        with m.If(self.visit):
+            m.d.sync += self.current.eq(self.sequence)
+            with m.If(self.sequence != self.current):
+                m.d.sync += self.done.eq(0)
