@@ -43,9 +43,9 @@ def page() -> str:
     for unit, streams in units.items():
         for tiny, paper in zip(*streams, strict=True):
             title = tiny.record or f"{NO_RECORD} {unit}.{tiny.name}"
-            payloads.setdefault(title, (tiny, paper))
-            if (tiny.bits, paper.bits) != tuple(one.bits for one in payloads[title]):
-                raise ValueError(f"payloads of {title} must have the same bits everywhere, not {tiny.bits} and {paper.bits}")
+            if [one.fields for one in payloads.setdefault(title, (tiny, paper))] != [tiny.fields, paper.fields]:
+                title = f"{title} of {unit}"  # of another kind of machine, which the unit belongs to
+                payloads.setdefault(title, (tiny, paper))
             rows.append([f"`{unit}`", f"`{tiny.name}`", tiny.way, f"[{title}](#{_anchor(title)})", tiny.bits, paper.bits])
     lines = [HEAD, "## Streams of the units", "",
              *table(("unit", "stream", "direction", "payload", f"bits in {TINY.name}", f"in {PAPER.name}"), rows),
