@@ -1,0 +1,1 @@
+"""What only machines with lists by super-tile have (`spec.supertiles`)."""
