@@ -107,8 +107,7 @@ def case(
             items[field][:-1] = chosen[field]
         if config.supertiles:
             items["number"][:-1] = numbers
-            rows["index"] = np.concatenate([
-                np.zeros(0, np.int64), *(chunk << PLACE_BITS | np.arange(count) for chunk, count in enumerate(chunks["count"]))])
+            rows["index"] = np.repeat((np.arange(len(chunks)) << PLACE_BITS) - chunks["first"], chunks["count"]) + rows["index"]
         items["end"][-1] = 1
         tested.append(items)
         for begin, count in zip(chosen["first"].tolist(), chosen["count"].tolist(), strict=True):
