@@ -23,6 +23,7 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import batch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -40,6 +41,7 @@ UNITS = {
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
+    "batch": {"batch": batch_suite},
     "axi": {"axi": axi},
     "top": {"top": top},
 }
