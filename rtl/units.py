@@ -42,6 +42,7 @@ from rtl.tile_lists.table_loader import TableLoader
 from rtl.top.controller import FrameController
 from rtl.top.machine import Machine
 from rtl.vrc_array.array import VrcArray
+from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.blend import Blend
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.collect import Collect
@@ -98,6 +99,8 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
+    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -110,6 +113,8 @@ UNITS: dict[str, Unit] = {
     "blend": Unit(Blend, "two levels of a tile blended along its plane"),
     "collect": Unit(Collect, "finished rows of pixels out of the array"),
     "vrc_array": Unit(VrcArray, "the whole volume rendering array, with early stop of tiles"),
+    "batch_array": Unit(lambda config: BatchArray(_of_supertiles(config)),
+                        "the volume rendering array with its pixels' state between visits of tiles"),
     "float_add": _operator("a + b", lambda n: FloatAdd(a=n.work, b=n.work, result=n.work)),
     "float_mul": _operator("a * b", lambda n: FloatMul(a=n.work, b=n.work, result=n.work)),
     "float_divide": _operator("a / b", lambda n: FloatDivide(a=n.work, b=n.work, result=n.work)),
