@@ -177,16 +177,20 @@ class FrameBatches:
         rows["level"], rows["mask"], rows["last"] = p.level, self.pairs.mask[p.pair], p.last
         return rows
 
-    @property
-    def visit_records(self) -> np.ndarray:
-        """(V,) TileVisit records."""
+    def visit_records_from(self, first: int) -> np.ndarray:
+        """(V,) TileVisit records of a frame whose first super-tile has this number."""
         r, v = self.frame.registers, self.visits
         rows = np.zeros(len(v.tile), tile_visit(self.frame.config).dtype)
         rows["tile_y"], rows["tile_x"] = np.divmod(v.tile, r.tiles_x)
         rows["blend"], rows["outer"], rows["plane"] = r.header[v.tile, 1], r.header[v.tile, 2], r.plane[v.tile]
         rows["place"], rows["fresh"], rows["final"] = v.place, v.fresh, v.final
-        rows["sequence"] = self.batches.supertile[v.batch] & (1 << SEQUENCE_BITS) - 1
+        rows["sequence"] = first + self.batches.supertile[v.batch] & (1 << SEQUENCE_BITS) - 1
         return rows
+
+    @property
+    def visit_records(self) -> np.ndarray:
+        """(V,) TileVisit records of the first frame after a reset."""
+        return self.visit_records_from(0)
 
     @property
     def entry_records(self) -> np.ndarray:
