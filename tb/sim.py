@@ -23,6 +23,8 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import reader_suite as supertile_reader
+from tb.supertiles import batch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -36,16 +38,18 @@ UNITS = {
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
+    "pair_lists": {"supertile_reader": supertile_reader},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
+    "batch": {"batch": batch_suite},
     "axi": {"axi": axi},
     "top": {"top": top},
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
-memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
 warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 
 
