@@ -57,7 +57,7 @@ from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
 from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
-from spec.stages import STAGES
+from spec.stages import EVERY_STAGE
 
 TOP = "msv2_top"
 """Name of the whole machine."""
@@ -169,7 +169,7 @@ def named(name: str) -> Unit:
 
 def stage_of(name: str) -> str:
     """The stage that a unit works in (`spec.stages`); of the others, "machine" or "arithmetic". InputError as `named`."""
-    return named(name).serves or next(stage.name for stage in STAGES if name in stage.units)
+    return named(name).serves or next(stage.name for stage in EVERY_STAGE if name in stage.units)
 
 
 def emit(name: str, config: AcceleratorConfig) -> str:

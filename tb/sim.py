@@ -25,6 +25,7 @@ from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.supertiles import reader_suite as supertile_reader
 from tb.supertiles import record_fetch_suite
+from tb.supertiles import batch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -44,6 +45,7 @@ UNITS = {
     "record_fetch": {"record_fetch": record_fetch_suite},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
+    "batch": {"batch": batch_suite},
     "axi": {"axi": axi},
     "top": {"top": top},
 }
