@@ -33,6 +33,7 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.record_fetch import RecordFetch
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
@@ -53,7 +54,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import V3, AcceleratorConfig, NumberFormats
+from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import STAGES
 
@@ -90,6 +91,13 @@ def _of_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
 def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
     """The machine, or where its records are wide the same one with V3's."""
     return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+
+
+def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where its lists are those of tiles the same one with lists by super-tile, and V3's records and one
+    eye."""
+    return config if config.supertiles else config.with_(
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -136,6 +144,8 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer, "sorted groups to the array as a whole, the baseline"),
     "handover": Unit(handover, "the line buffer or the double buffer, whichever the machine has"),
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
+    "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
+                         "records of sorted pairs, by the headers of their chunks, to projection"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
