@@ -11,4 +11,7 @@
                 event_count
     clip        boxes of splats cut to the super-tiles of their pairs
     colour      splat records for the batch buffer; its last part is pair_places
+    batch_buffer  places of super-tiles in, visits with their entries out
+    batch_masks   the tiles of a batch's places, as words by tile
+    batch_visits  the visits of a batch's tiles, and the places of their entries
 """
