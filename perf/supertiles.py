@@ -32,6 +32,9 @@ from spec.records import COUNT_BITS, frame_lists
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles
 
+PAIR_LINES = 1
+"""Lines of super-columns that wait while pairs of another one leave the tile test (rtl.supertiles.pair_expand)."""
+
 _TMU_LATENCY = 9  # cycles from the frame's last pair to the first group (rtl.sort_tmu.tile_merge)
 
 BIN_STAGES = ("geometry", "projection", "tile_test", "entry_write")
@@ -141,7 +144,7 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan
     prepare_memory(s, memory)
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths)
-    s.list_count = len(plan.lists.counts)
+    s.list_count, s.line_room = len(plan.lists.counts), PAIR_LINES
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
     cycles, counted = supertiles_bin.bin_phase(

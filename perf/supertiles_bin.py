@@ -16,9 +16,12 @@ from perf.layout import Layout
 layout = Layout(chunk_units.layout)
 layout.counters("projection", "tile_test", "entry_write")
 layout.words("""
-    near_point passed visible_at splat_left walking walked kept kept_room step_full step_left step_at pairs_end
-    pairs_left bucket_pipe
+    near_point passed visible_at splat_left walking walked clipped kept kept_room step_full step_left step_at
+    pairs_left bucket_pipe lines_in lines_out line_room
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
+
+_LINES = 64
+layout.ring("lines", _LINES)
 
 _BUCKET_STAGES = 3  # from a pair to its list: the super-tile's bounds are read and compared
 _PIPE = 15
@@ -78,11 +81,14 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             s.blocked_entry_write += 1
     if moves:
         enters = 0
-        if s.pairs_left:
+        if s.pairs_left == 0 and s.lines_out != s.lines_in:
+            s.pairs_left = s.lines[s.lines_out & _LINES - 1]
+            s.lines_out += 1
+        if s.pairs_left < 0:
+            enters, s.pairs_left = 2, 0
+        elif s.pairs_left:
             enters = 1
             s.pairs_left -= 1
-        elif s.pairs_end:
-            enters, s.pairs_end = 2, 0
         s.bucket_pipe = (pipe << 2 | enters) & (1 << 2 * _BUCKET_STAGES) - 1
     if s.step_full:
         left = s.step_left
@@ -93,9 +99,10 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             pairs, closes = step_pairs[at], step_closes[at]
             end = closes == ENDS
             none = pairs == 0 and not end
-            if none or (s.pairs_left == 0 and s.pairs_end == 0):
+            if none or s.lines_in - s.lines_out < s.line_room:
                 if not none:
-                    s.pairs_left, s.pairs_end = pairs, end
+                    s.lines[s.lines_in & _LINES - 1] = -1 if end else pairs
+                    s.lines_in += 1
                 s.kept -= closes == CLOSES
                 s.step_at = at + 1
                 s.step_full = 0
@@ -120,20 +127,21 @@ def _walk(s, t):
 @step
 def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
     """Steps the units from memory's points to the input of the tile test."""
-    if s.path_full[PROJECTION]:
-        at = s.passed
-        if passed_class[at] == OUTSIDE:
-            s.path_full[PROJECTION] = 0
-            s.passed = at + 1
-        elif s.walking == 0 and s.kept < s.kept_room:
+    if s.clipped:
+        if s.walking == 0 and s.kept < s.kept_room:
             s.busy_tile_test += 1
-            s.path_full[PROJECTION] = 0
-            s.passed = at + 1
+            s.clipped = 0
             s.walking, s.splat_left = 1, splat_steps[s.visible_at]
             s.visible_at += 1
             s.kept += 1
         else:
             s.blocked_tile_test += 1
+    if s.path_full[PROJECTION]:
+        outside = passed_class[s.passed] == OUTSIDE
+        if outside or s.clipped == 0:
+            s.path_full[PROJECTION] = 0
+            s.passed += 1
+            s.clipped |= not outside
     fetch(s, PROJECTION, t)
     if s.path_full[NEAR]:
         if point_class[s.near_point] == NEAR_CULLED:
