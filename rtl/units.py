@@ -33,6 +33,7 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
@@ -146,6 +147,8 @@ UNITS: dict[str, Unit] = {
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
     "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
                          "records of sorted pairs, by the headers of their chunks, to projection"),
+    "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
+                         "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
