@@ -43,6 +43,7 @@ from rtl.tile_lists.table_loader import TableLoader
 from rtl.top.controller import FrameController
 from rtl.top.machine import Machine
 from rtl.vrc_array.array import VrcArray
+from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.blend import Blend
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.collect import Collect
@@ -57,7 +58,7 @@ from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
 from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
-from spec.stages import STAGES
+from spec.stages import EVERY_STAGE
 
 TOP = "msv2_top"
 """Name of the whole machine."""
@@ -99,6 +100,8 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
+    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -111,6 +114,8 @@ UNITS: dict[str, Unit] = {
     "blend": Unit(Blend, "two levels of a tile blended along its plane"),
     "collect": Unit(Collect, "finished rows of pixels out of the array"),
     "vrc_array": Unit(VrcArray, "the whole volume rendering array, with early stop of tiles"),
+    "batch_array": Unit(lambda config: BatchArray(_of_supertiles(config)),
+                        "the volume rendering array with its pixels' state between visits of tiles"),
     "float_add": _operator("a + b", lambda n: FloatAdd(a=n.work, b=n.work, result=n.work)),
     "float_mul": _operator("a * b", lambda n: FloatMul(a=n.work, b=n.work, result=n.work)),
     "float_divide": _operator("a / b", lambda n: FloatDivide(a=n.work, b=n.work, result=n.work)),
@@ -167,7 +172,7 @@ def named(name: str) -> Unit:
 
 def stage_of(name: str) -> str:
     """The stage that a unit works in (`spec.stages`); of the others, "machine" or "arithmetic". InputError as `named`."""
-    return named(name).serves or next(stage.name for stage in STAGES if name in stage.units)
+    return named(name).serves or next(stage.name for stage in EVERY_STAGE if name in stage.units)
 
 
 def emit(name: str, config: AcceleratorConfig) -> str:
