@@ -6,7 +6,8 @@ import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
 from golden.msv2_ref import projection
-from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
+from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.frame_memory import display_pixels, frame_pixels, list_lengths
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
@@ -38,8 +39,8 @@ def frame_run(
 
 
 def room(frame: Frame) -> tuple[int, int]:
-    """The beats that a golden frame needs for its tile lists and for its spilled runs."""
-    counts = np.diff(frame.entries.start)
+    """The beats that a golden frame needs for its lists and for its spilled runs."""
+    counts = list_lengths(frame)
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
@@ -64,12 +65,14 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
 def expected_events(frame: Frame) -> dict[str, int]:
     """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
     reason = frame.projected.reason
-    chunks = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    more = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    if frame.config.supertiles:
+        more |= FrameBatches(frame).events
     return {
         "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
         "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **chunks, **frame_saturations(frame)}
+        "pixels": frame.registers.width * frame.registers.height, **more, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
