@@ -23,6 +23,7 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import lists_suite as pair_lists
 from tb.supertiles import reader_suite as supertile_reader
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
@@ -37,7 +38,7 @@ UNITS = {
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
-    "pair_lists": {"supertile_reader": supertile_reader},
+    "pair_lists": {"pair_lists": pair_lists, "supertile_reader": supertile_reader},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
