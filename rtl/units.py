@@ -33,6 +33,7 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.record_fetch import RecordFetch
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
@@ -41,6 +42,7 @@ from rtl.tile_lists.table_loader import TableLoader
 from rtl.top.controller import FrameController
 from rtl.top.machine import Machine
 from rtl.vrc_array.array import VrcArray
+from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.blend import Blend
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.collect import Collect
@@ -53,9 +55,9 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import V3, AcceleratorConfig, NumberFormats
+from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
-from spec.stages import STAGES
+from spec.stages import EVERY_STAGE
 
 TOP = "msv2_top"
 """Name of the whole machine."""
@@ -92,6 +94,15 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
     return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
 
 
+def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where its lists are those of tiles the same one with lists by super-tile, and V3's records and one
+    eye."""
+    return config if config.supertiles else config.with_(
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
+    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
+
+
 UNITS: dict[str, Unit] = {
     TOP: Unit(Machine, "the whole machine: AXI4-Lite slave, AXI4 master, interrupt", "machine"),
     "pixel_core": Unit(PixelCore, "one pixel: alpha, transmittance, colour and depth sums"),
@@ -102,6 +113,8 @@ UNITS: dict[str, Unit] = {
     "blend": Unit(Blend, "two levels of a tile blended along its plane"),
     "collect": Unit(Collect, "finished rows of pixels out of the array"),
     "vrc_array": Unit(VrcArray, "the whole volume rendering array, with early stop of tiles"),
+    "batch_array": Unit(lambda config: BatchArray(_of_supertiles(config)),
+                        "the volume rendering array with its pixels' state between visits of tiles"),
     "float_add": _operator("a + b", lambda n: FloatAdd(a=n.work, b=n.work, result=n.work)),
     "float_mul": _operator("a * b", lambda n: FloatMul(a=n.work, b=n.work, result=n.work)),
     "float_divide": _operator("a / b", lambda n: FloatDivide(a=n.work, b=n.work, result=n.work)),
@@ -136,6 +149,8 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer, "sorted groups to the array as a whole, the baseline"),
     "handover": Unit(handover, "the line buffer or the double buffer, whichever the machine has"),
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
+    "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
+                         "records of sorted pairs, by the headers of their chunks, to projection"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
@@ -154,7 +169,7 @@ def named(name: str) -> Unit:
 
 def stage_of(name: str) -> str:
     """The stage that a unit works in (`spec.stages`); of the others, "machine" or "arithmetic". InputError as `named`."""
-    return named(name).serves or next(stage.name for stage in STAGES if name in stage.units)
+    return named(name).serves or next(stage.name for stage in EVERY_STAGE if name in stage.units)
 
 
 def emit(name: str, config: AcceleratorConfig) -> str:

@@ -176,8 +176,17 @@ def array_splat(config: AcceleratorConfig) -> Record:
 
 
 def pixel_op(config: AcceleratorConfig) -> Record:
-    """One splat at one level, as the setup unit hands it to the array."""
+    """One splat at one level, as the setup unit hands it to the array. In machines with super-tiles the state of a tile's pixels
+    is loaded and stored by ops of their own, which cover no pixel, for both banks at once."""
     n = config.formats
+    start = (Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start anew"),)
+    drain = "last op of the tile in any bank: the tile's rows leave the array after it"
+    place: tuple[Field, ...] = ()
+    if config.supertiles:
+        start = (Field("load", uint(1), "first op of a visit: every pixel takes its state"),)
+        drain = "last op of a visit: the tile's rows leave the array after it, to the state memory unless `last` is set"
+        place = (Field("place", uint((SUPER_TILES - 1).bit_length()), "number of the tile in its super-tile"),
+                 Field("fresh", uint(1), "of a load: the state starts anew; 0: it comes from the state memory"))
     return Record("PixelOp", pixel_op.__doc__, (
         Field("exponent", n.exponent, "exponent of alpha at the tile's first pixel, half an ulp of `cut` included"),
         Field("slope_x", n.slope, "first difference along x at the first pixel"),
@@ -190,9 +199,10 @@ def pixel_op(config: AcceleratorConfig) -> Record:
         Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
         Field("bank", uint(1), "level bank: 0 the tile's level, 1 the next"),
         Field("outer", uint(1), "alpha may reach 1"),
-        Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start anew"),
+        *start,
         Field("last", uint(1), "the op is the background: weighted by the remaining transmittance, which it does not change"),
-        Field("drain", uint(1), "last op of the tile in any bank: the tile's rows leave the array after it"),
+        Field("drain", uint(1), drain),
+        *place,
     ))
 
 

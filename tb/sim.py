@@ -25,6 +25,8 @@ from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.supertiles import lists_suite as pair_lists
 from tb.supertiles import reader_suite as supertile_reader
+from tb.supertiles import record_fetch_suite
+from tb.supertiles import batch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -41,8 +43,10 @@ UNITS = {
     "pair_lists": {"pair_lists": pair_lists, "supertile_reader": supertile_reader},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
+    "record_fetch": {"record_fetch": record_fetch_suite},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
+    "batch": {"batch": batch_suite},
     "axi": {"axi": axi},
     "top": {"top": top},
 }
@@ -51,6 +55,9 @@ decode unit; culling: near test and projection, tile test, colours; lists: tile 
 memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat
 fetch, array and pixel writer;
 warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
+memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
+warp: the warp unit; axi: the bus and the registers; top: the whole machine. With super-tiles, record_fetch: the records of
+pairs."""
 
 
 EXAMPLES = """\

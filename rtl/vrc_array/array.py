@@ -15,6 +15,8 @@ that row only when the last row of the tile is in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
@@ -86,27 +88,13 @@ class VrcArray(wiring.Component):
             collect.draining.eq(sequencer.draining),
             expand.issue.eq(sequencer.issue),
         ]
-        self._chain(m, expand, rows, collect)
+        chain(m, expand, rows, collect)
         in_flight = self._take_tiles(m, setup, collect, rows)
         m.d.comb += self.busy.eq(in_flight.any() | collect.busy)
         m.d.sync += [
             self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped),
             self.waits.eq(self.waits + sequencer.waits)]
         return m
-
-    def _chain(self, m: Module, expand: Expand, rows: list[VrcRow], collect: Collect) -> None:
-        """Connects each row to the row below it and to the collection."""
-        op, exponents, slopes = expand.op, expand.exponents, expand.slopes
-        for row, finished in zip(rows, collect.rows, strict=True):
-            m.d.comb += [
-                row.op_in.eq(op),
-                row.exponent_in.eq(exponents),
-                row.slope_in.eq(slopes),
-                finished.draining.eq(row.draining),
-                finished.drained.eq(row.drained),
-                finished.pixels.eq(row.pixels),
-            ]
-            op, exponents, slopes = row.op_out, row.exponent_out, row.slope_out
 
     def _take_tiles(self, m: Module, setup: SetupUnit, collect: Collect, rows: list[VrcRow]) -> Signal:
         """Passes headers to the setup unit and their places to the collection; returns the number of tiles in flight.
@@ -146,8 +134,29 @@ class VrcArray(wiring.Component):
         whole = op.valid & (op.bank >= last_block) if last_block else op.valid
         level = op.bank[0] if self.config.level_banks == 2 else 0
         strobes: Value = Cat(whole & op.drain, *(whole & op.first & (level == i) for i in range(self.config.level_banks)))
-        for i in range(PIPELINE - 1):
-            later = Signal(len(strobes), name=f"leaving_{i}")
-            m.d.sync += later.eq(strobes)
-            strobes = later
+        strobes = to_transmittance(m, strobes)
         return strobes[1:], strobes[0]
+
+
+def chain(m: Module, expand: Expand, rows: Sequence[VrcRow], collect: Collect) -> None:
+    """Connects each row to the row below it and to the collection."""
+    op, exponents, slopes = expand.op, expand.exponents, expand.slopes
+    for row, finished in zip(rows, collect.rows, strict=True):
+        m.d.comb += [
+            row.op_in.eq(op),
+            row.exponent_in.eq(exponents),
+            row.slope_in.eq(slopes),
+            finished.draining.eq(row.draining),
+            finished.drained.eq(row.drained),
+            finished.pixels.eq(row.pixels),
+        ]
+        op, exponents, slopes = row.op_out, row.exponent_out, row.slope_out
+
+
+def to_transmittance(m: Module, strobes: Value) -> Value:
+    """Strobes made from a row's `op_out`, delayed to the transmittance after that op."""
+    for i in range(PIPELINE - 1):
+        later = Signal(len(strobes), name=f"leaving_{i}")
+        m.d.sync += later.eq(strobes)
+        strobes = later
+    return strobes

@@ -26,8 +26,6 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import pixel_op
 
-_PASSED_ON = ("curve_yy", "cut", "outer", "first", "last", "drain", "colour", "depth")
-
 
 class BlockSequencer(wiring.Component):
     """Turns each op of a tile into one op per block.
@@ -50,21 +48,32 @@ class BlockSequencer(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        super().__init__({
-            "ops": In(stream.Signature(layout(pixel_op(config)))),
+        super().__init__(self._ports())
+
+    def _ports(self) -> dict[str, wiring.Member]:
+        return {
+            "ops": In(stream.Signature(layout(pixel_op(self.config)))),
             "may_drain": In(1),
-            "issue": Out(issue_layout(config)),
+            "issue": Out(issue_layout(self.config)),
             "issued": Out(1),
             "draining": Out(1),
             "waits": Out(1),
-        })
+        }
+
+    def _free(self, op: Any) -> Value:
+        """Whether the op may be issued now."""
+        return ~op.drain | self.may_drain
+
+    def _held(self, op: Any) -> Value:
+        """Whether a valid op at the input must wait, where there is one block."""
+        return self.ops.valid & op.drain & ~self.may_drain
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         if self.config.blocks == 1:
             op = self.ops.payload
             m.d.comb += [
-                self.ops.ready.eq(~op.drain | self.may_drain), self.waits.eq(self.ops.valid & op.drain & ~self.may_drain)]
+                self.ops.ready.eq(self._free(op)), self.waits.eq(self._held(op))]
             polynomial = {name: op[name] for name in ("exponent", "slope_x", "slope_y")}
             self._issue(m, self.ops.valid & self.ops.ready, op, polynomial, None)
         else:
@@ -79,7 +88,7 @@ class BlockSequencer(wiring.Component):
         with m.If(strobe):
             m.d.sync += [out[name].eq(value) for name, value in polynomial.items()]
             m.d.sync += [out.curve_xx.eq(op.curve_xx), out.curve_xy.eq(op.curve_xy)]
-            m.d.sync += [out.op[name].eq(op[name]) for name in _PASSED_ON]
+            m.d.sync += [out.op[name].eq(op[name]) for name in out.op.shape().members if name not in ("valid", "bank")]
             level = op.bank if self.config.level_banks == 2 else Cat()
             m.d.sync += out.op.bank.eq(Cat(level) if block is None else Cat(level, block))
 
@@ -93,7 +102,7 @@ class BlockSequencer(wiring.Component):
         p = Pipeline(m, load=self.ops.valid & self.ops.ready, advance=advance)
         op, step_x, step_y = self._steps(p, wide, high)
         valid = p.control("valid", self.ops.valid).at(2)
-        strobe = valid & (~op.drain | self.may_drain)
+        strobe = valid & self._free(op)
         m.d.comb += [
             advance.eq(~valid | strobe & last_column & last_row), self.ops.ready.eq(advance), self.waits.eq(valid & ~strobe)]
 

@@ -48,6 +48,7 @@ from rtl.vrc_array.row import PIPELINE, SUMS_LATER
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
+from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES
 
 _FAN_IN = 4
 """Rows that one stage of the row multiplexer combines."""
@@ -67,6 +68,7 @@ def place_layout(config: AcceleratorConfig) -> data.StructLayout:
         "tile_y": TILE_BITS,
         "blend": 1,
         "plane": data.ArrayLayout(shape(config.formats.plane), 3),
+        **({"place": SUPER_PLACES, "sequence": SEQUENCE_BITS, "final": 1} if config.supertiles else {}),  # see `TileVisit`
     })
 
 
@@ -113,18 +115,27 @@ class Collect(wiring.Component):
             raise ValueError(f"lines must be at least {config.cores_y}, not {lines!r}")
         self.config, self.tile_rows = config, TILE * TILE // config.cores_x
         self.lines = (config.cores_y if lines is None else lines) if config.incremental else 2 * self.tile_rows
-        super().__init__({
+        super().__init__(self._ports())
+
+    def _ports(self) -> dict[str, wiring.Member]:
+        config = self.config
+        return {
             "draining": In(1),
             "may_drain": Out(1),
             "places": In(stream.Signature(place_layout(config))),
             "rows": In(finished_row(config)).array(config.cores_y),
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "busy": Out(1),
-        })
+        }
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        place = self._places(m)
+        self._deliver(m, self._places(m))
+        return m
+
+    def _deliver(self, m: Module, place: dict[str, Staged]) -> data.View:
+        """Blends the rows whose place is valid, buffers them, and says when a drain may be issued. Returns the rows before
+        blending, place_latency cycles after the start of their place."""
         end = place_latency(self.config)
         valid = place["valid"].at(end)
         pixels = self._picked(m)
@@ -140,16 +151,28 @@ class Collect(wiring.Component):
         else:
             self._claim_tiles(m, room, shown, comes, leaves)
         wait = Signal(range(self.config.cores_y))
-        m.d.comb += self.may_drain.eq(room & (wait == 0))
+        self._admit(m, room, wait == 0)
         m.d.sync += wait.eq(Mux(self.draining, self.config.cores_y - 1, wait - wait.any()))
         self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed, shown)
-        return m
+        return pixels
+
+    def _admit(self, m: Module, room: Value, apart: Value) -> None:
+        """Says whether a drain may be issued: `room` is free in the buffer, and it is far enough from the drain before."""
+        m.d.comb += self.may_drain.eq(room & apart)
+
+    def _claims(self) -> Value:
+        """Whether a drain is issued whose rows need space in the buffer."""
+        return self.draining
+
+    def _valid(self, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
+        """Whether the row under way leaves as pixels, as `valid`."""
+        return {"valid": p.control("valid", running)}
 
     def _claim_rows(self, m: Module, room: Signal, shown: Signal, leaves: Value) -> None:
         """Each drain claims space for its rows; the space of a row is free again when the row leaves."""
         rows, free = self.config.cores_y, Signal(range(self.lines + 1), init=self.lines)
         m.d.comb += [room.eq(free >= rows), shown.eq(1), self.busy.eq(free != self.lines)]
-        m.d.sync += free.eq(free - Mux(self.draining, rows, 0) + leaves)
+        m.d.sync += free.eq(free - Mux(self._claims(), rows, 0) + leaves)
 
     def _claim_tiles(self, m: Module, room: Signal, shown: Signal, comes: Value, leaves: Value) -> None:
         """A tile's first drain claims a half. The half is shown when its last row is in, and free when that row has left."""
@@ -160,14 +183,14 @@ class Collect(wiring.Component):
             room.eq(free.any() | block.any()),
             shown.eq(whole.any()),
             self.busy.eq(free != 2),
-            claims.eq(self.draining & ~block.any()),
+            claims.eq(self._claims() & ~block.any()),
             fills.eq(comes & (came == self.tile_rows - 1)),
             frees.eq(leaves & (left == self.tile_rows - 1)),
         ]
         m.d.sync += [
             # numbers of rows are powers of two, so the counters wrap
             free.eq(free - claims + frees), whole.eq(whole + fills - frees),
-            came.eq(came + comes), left.eq(left + leaves), block.eq(block + self.draining)]
+            came.eq(came + comes), left.eq(left + leaves), block.eq(block + self._claims())]
 
     def _places(self, m: Module) -> dict[str, Staged]:
         """The place of each row of a drain, starting in the cycle after the strobe."""
@@ -190,7 +213,7 @@ class Collect(wiring.Component):
         place = {name: p.data(name, value) for name, value in fields.items()}
         if config.level_banks == 2:
             place |= {"blend": p.data("blend", head.blend), "plane": p.data("plane", head.plane)}
-        return {"valid": p.control("valid", running), **place}
+        return {**self._valid(p, running, head), **place}
 
     def _picked(self, m: Module) -> data.View:
         """The pixels of the row that finishes, after two stages of multiplexing; transmittances are delayed to their sums."""

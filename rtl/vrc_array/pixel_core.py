@@ -15,7 +15,8 @@ It has four stages, each between two ranks of registers; the row supplies the op
 Latency: 3 cycles to the transmittance and 5 to the sums. Throughput: one op per cycle, whatever the order of banks, because
 every loop through a bank (T to T', sum to sum) closes in one cycle.
 
-No data register has a reset: the first op of a tile defines everything that the later ops read.
+No data register has a reset: the first op of a tile defines everything that the later ops read. In machines with super-tiles a
+load does, see `rtl.vrc_array.batch_row`.
 """
 
 from __future__ import annotations
@@ -56,10 +57,11 @@ def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the blend stage."""
+    first = {} if config.supertiles else {"first": 1}  # with super-tiles every tile's state is loaded
     return data.StructLayout({
         "read": config.banks,  # one-hot bank; 0 if `first`, because the bank then starts afresh
         "write": config.banks,  # one-hot bank; 0 in a bubble
-        "first": 1,
+        **first,
         "last": 1,
     })
 
@@ -124,7 +126,11 @@ class PixelCore(wiring.Component):
             raise ValueError(f"weight must not have more fraction bits than transmittance {n.transmittance}, not {n.weight}")
         self.config = config
         self._saturation = saturation_threshold(n)
-        super().__init__({
+        super().__init__(self._ports())
+
+    def _ports(self) -> dict[str, wiring.Member]:
+        config, n = self.config, self.config.formats
+        return {
             "exponent": In(signed(n.exponent.width)),
             "slope": In(signed(n.slope.width)),
             "curve_yy": In(signed(n.curvature.width)),
@@ -138,7 +144,11 @@ class PixelCore(wiring.Component):
             "drained_block": In(index_shape(config.blocks)),
             "pixel": Out(data.ArrayLayout(pixel_layout(config), config.level_banks)),
             "stopped": Out(config.level_banks),
-        })
+        }
+
+    def _first(self) -> Value:
+        """Whether the op in the blend stage is the first of its tile in its bank."""
+        return self.blend_op.first
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -192,7 +202,7 @@ class PixelCore(wiring.Component):
         Returns the banks, the transmittance before the op from registers, and a register of whether the sums may change. That
         flag only gates the clock of the sums: where the transmittance stays the same, the weight is 0 anyway.
         """
-        n, op = self.config.formats, self.blend_op
+        n, op, first = self.config.formats, self.blend_op, self._first()
         frac = n.alpha.frac_bits
         banks = [Signal(n.transmittance.width, name=f"transmittance{b}", reset_less=True) for b in range(self.config.banks)]
         below = Signal(self.config.banks)
@@ -201,19 +211,19 @@ class PixelCore(wiring.Component):
         held, before = Signal(n.transmittance.width), Signal(n.transmittance.width)
         after = Signal(n.transmittance.width)
         m.d.comb += [
-            held.eq(select(op.read, banks)), before.eq(held | op.first.replicate(len(before))),
+            held.eq(select(op.read, banks)), before.eq(held | first.replicate(len(before))),
             after.eq((before * keep + (1 << frac - 1)) >> frac),
         ]
         touch = op.last | (covered & ~(op.read & below).any())
-        afresh = op.first & (op.last | ~covered)
+        afresh = first & (op.last | ~covered)
         for b, bank in enumerate(banks):
-            with m.If(op.write[b] & (op.first | (touch & ~op.last))):
+            with m.If(op.write[b] & (first | (touch & ~op.last))):
                 m.d.sync += bank.eq(after | afresh.replicate(len(after)))
 
         was = Signal(self._finest.width, reset_less=True)
         began, touched = Signal(reset_less=True), Signal(reset_less=True)
-        m.d.sync += [was.eq(held >> n.transmittance.frac_bits - self._finest.frac_bits), began.eq(op.first),
-                     touched.eq(touch | op.first)]
+        m.d.sync += [was.eq(held >> n.transmittance.frac_bits - self._finest.frac_bits), began.eq(first),
+                     touched.eq(touch | first)]
         kept = was | began.replicate(len(was))  # recomputed from registers, because `before` already drives the multiplier
         for level in range(self.config.level_banks):
             blocks = slice(level, None, self.config.level_banks)
@@ -247,9 +257,9 @@ class PixelCore(wiring.Component):
         m.d.sync += fine.eq(kept - left)
         return weight, fine, still_touched
 
-    def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> None:
-        """Stage 4: adds to the sums of colour and depth."""
-        n, op = self.config.formats, self.sum_op
+    def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> list[list[Signal]]:
+        """Stage 4: adds to the sums of colour and depth. Returns the banks of each sum: r, g, b and, with depth, depth."""
+        n, op, every = self.config.formats, self.sum_op, []
         sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
                 for c in range(3)]
         if self.config.depth:
@@ -266,6 +276,8 @@ class PixelCore(wiring.Component):
                     m.d.sync += bank.eq(total >> shift)
             for level, output in enumerate(outputs):
                 m.d.comb += output.eq(Array(banks[level::self.config.level_banks])[self.drained_block])
+            every.append(banks)
+        return every
 
 
 def by_pairs(by: Value, value: Value, thrice: Value) -> Value:

@@ -41,13 +41,14 @@ SUMS_LATER = 2
 def op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """What travels down the rows together with the exponents."""
     n = config.formats
+    start = {"load": 1} if config.supertiles else {"first": 1}  # every pixel takes its state; the bank's state starts afresh
     return data.StructLayout({
         "valid": 1,  # low: a bubble, whose other fields are ignored
         "curve_yy": signed(n.curvature.width),  # second difference along y
         "cut": signed(n.cut.width),  # a pixel skips the op if its exponent is below this; at least tables.log2_alpha_min
         "bank": index_shape(config.banks),  # block * level_banks + level
         "outer": 1,  # alpha may reach 1
-        "first": 1,  # the state of this bank starts afresh
+        **start,
         "last": 1,  # background: alpha 1, transmittance unchanged
         "drain": 1,  # raises the strobes
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
@@ -80,11 +81,14 @@ class VrcRow(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        n, columns = config.formats, config.cores_x
+        super().__init__(self._ports())
+
+    def _ports(self) -> dict[str, wiring.Member]:
+        config, n, columns = self.config, self.config.formats, self.config.cores_x
         exponents = data.ArrayLayout(signed(n.exponent.width), columns)
         slopes = data.ArrayLayout(signed(n.slope.width), columns)
         block = index_shape(config.blocks)
-        super().__init__({
+        return {
             "op_in": In(op_layout(config)),
             "exponent_in": In(exponents),
             "slope_in": In(slopes),
@@ -97,14 +101,28 @@ class VrcRow(wiring.Component):
             "drained_block": Out(block),
             "pixels": Out(data.ArrayLayout(data.ArrayLayout(pixel_layout(config), config.level_banks), columns)),
             "stopped": Out(config.level_banks),
-        })
+        }
+
+    _core: tuple[str, type[PixelCore]] = ("pixel_core", PixelCore)
+
+    def _begin(self, column: int, core: Any, op: list[Any]) -> list[Any]:
+        """Tells a core when the state of its pixel begins."""
+        return [core.blend_op.first.eq(op[2].first)]
+
+    def _reads(self, op: Any) -> Value:
+        """Whether an op reads its bank."""
+        return ~op.first
+
+    def _writes(self, op: Any, valid: Value) -> Value:
+        """Whether an op may change its bank."""
+        return valid
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         op, valid = self._delayed(m)
         read, write, left = self._banks(m, op, valid)
         columns = range(self.config.cores_x)
-        cores = [add_shared(m, platform, f"core{x}", "pixel_core", PixelCore, self.config) for x in columns]
+        cores = [add_shared(m, platform, f"core{x}", *self._core, self.config) for x in columns]
         for level, stopped in enumerate(self.stopped):
             m.d.comb += stopped.eq(Cat(core.stopped[level] for core in cores).all())
         thrice = Signal(self.config.formats.depth.width + 2, name="depth_thrice", reset_less=True)
@@ -121,7 +139,7 @@ class VrcRow(wiring.Component):
                 core.alpha_op.last.eq(op[1].last),
                 core.blend_op.read.eq(read[2]),
                 core.blend_op.write.eq(write[2]),
-                core.blend_op.first.eq(op[2].first),
+                *self._begin(x, core, op),
                 core.blend_op.last.eq(op[2].last),
                 core.weigh_op.read.eq(left),
                 core.sum_op.read.eq(read[4]),
@@ -161,7 +179,7 @@ class VrcRow(wiring.Component):
         left = Signal(self.config.banks, reset_less=True)
         for b in range(self.config.banks):
             here = op[1].bank == b if self.config.banks > 1 else Const(1)
-            m.d.sync += [read[2][b].eq(here & ~op[1].first), write[2][b].eq(here & valid[1])]
+            m.d.sync += [read[2][b].eq(here & self._reads(op[1])), write[2][b].eq(here & self._writes(op[1], valid[1]))]
         m.d.sync += left.eq(write[2] & ~op[2].last.replicate(len(left)))
         for cycle in (3, 4):
             m.d.sync += [read[cycle].eq(read[cycle - 1]), write[cycle].eq(write[cycle - 1])]

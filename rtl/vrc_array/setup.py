@@ -66,26 +66,34 @@ class SetupUnit(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_formats(config.formats)
         self.config = config
-        super().__init__({
+        super().__init__(self._ports())
+
+    def _ports(self) -> dict[str, wiring.Member]:
+        config = self.config
+        return {
             "tiles": In(stream.Signature(layout(tile_header(config)))),
             "entries": In(stream.Signature(layout(array_splat(config)))),
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "stopped": In(config.level_banks),
             "ops": Out(stream.Signature(layout(pixel_op(config)))),
             "skipped": Out(1),
-        })
+        }
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.buffer = buffer = Buffer(self.ops.payload.shape())
         wiring.connect(m, buffer.source, wiring.flipped(self.ops))
         advance = buffer.sink.ready
-        header = Signal(self.tiles.payload.shape())
+        header = self._header()
         slot = self._schedule(m, header, advance)
         p, entry = Pipeline(m, load=slot.load, advance=advance), self.entries.payload
         terms = polynomial(p, self.config.formats, header.tile_x, header.tile_y, entry.mean2d, entry.conic)
         self._finish(m, p, header, slot, terms, buffer.sink)
         return m
+
+    def _header(self) -> data.View:
+        """The register of the tile's header."""
+        return Signal(self.tiles.payload.shape(), name="header")
 
     def _schedule(self, m: Module, header: data.View, advance: Value) -> _Slot:
         """Takes headers and intersections, and decides what slot enters the pipeline."""
@@ -153,7 +161,12 @@ class SetupUnit(wiring.Component):
         for name, value in (("exponent", exponent), ("cut", cut), *terms._asdict().items()):
             if name not in ("corner", "kept"):
                 m.d.comb += op[name].eq(Mux(background, 0, value.at(end)))
-        started = Signal(config.level_banks)
-        m.d.comb += op.first.eq(~started.bit_select(level, 1))
+        self._mark(m, p, header, slot, level, background, end, out)
+
+    def _mark(self, m: Module, p: Pipeline, header: data.View, slot: _Slot, level: Value, background: Value, end: int,
+              out: stream.Interface) -> None:
+        """Marks a tile's first op in each bank."""
+        started = Signal(self.config.level_banks)
+        m.d.comb += out.payload.first.eq(~started.bit_select(level, 1))
         with m.If(out.valid & out.ready):
             m.d.sync += started.bit_select(level, 1).eq(~background)

@@ -61,7 +61,7 @@ class Playback:
         counters = [f"{s.name}_{what}" for s in (*self.inputs, *self.outputs) for what in ("items", "stalls")]
         limits = [f"{s.name}_limit" for s in self.outputs]
         plain = [name for name, _ in (*self.settings, *self.observed)]
-        public = ("clk", *_STATIC_PORTS, *plain, *limits, *counters, "cycles", "done", "errors")
+        public = ("clk", *_STATIC_PORTS, *plain, *limits, *counters, "cycles", "over", "errors")
         return Design(self.name, "tb", (("dut.v", self.verilog), ("tb.sv", _wrapper(self))), public, self.apart)
 
 
@@ -148,7 +148,7 @@ module tb ({ports}
   // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle.
   reg active_before = 0;
   wire begins = active & ~active_before;
-  wire running = active & active_before & ~done;
+  wire running = active & active_before & ~over;
   wire moves = {moves};
   wire complete = {complete};
   wire ended = {ended};
@@ -159,7 +159,7 @@ module tb ({ports}
     active_before <= active;
     phase <= phase == {period} - 1 ? 0 : phase + 1;
     if (begins) begin
-      done <= 0;
+      over <= 0;
       errors <= 0;
       cycle <= 0;
       cycles <= 0;
@@ -170,7 +170,7 @@ module tb ({ports}
       idle <= moves ? 0 : idle + 1;
       if (moves) cycles <= cycle + 1;
       errors <= errors | (broken ? 1 : 0) | (ends & ~complete ? 2 : 0) | (excess ? 4 : 0) | (ends & ~ended ? 8 : 0);
-      if (ends) done <= 1;
+      if (ends) over <= 1;
     end
   end
   wire broken = {broken};
@@ -190,7 +190,7 @@ def _wrapper(playback: Playback) -> str:
     ports = [f"input [{width - 1}:0] {name}" for name, width in driven.items()]
     ports += [f"output [31:0] {name}_{what}" for name in names for what in ("items", "stalls")]
     ports += [f"output [{width - 1}:0] {name}" for name, width in playback.observed]
-    ports += ["output reg [31:0] cycles = 0", "output reg done = 0", "output reg [3:0] errors = 0"]
+    ports += ["output reg [31:0] cycles = 0", "output reg over = 0", "output reg [3:0] errors = 0"]
     streams = [
         template.format(name=s.name, top=s.record.width - 1, period=PERIOD)
         for template, group in ((_SOURCE, playback.inputs), (_SINK, playback.outputs)) for s in group]

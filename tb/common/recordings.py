@@ -56,13 +56,13 @@ async def _start(dut: object, number: int, run: dict) -> None:
     for name, count in run["expected"].items():
         getattr(dut, f"{name}_limit").value = count
     dut.run.value, dut.quiet.value, dut.active.value = number, run["quiet"], 1
-    await ClockCycles(dut.clk, 2)  # the first edge samples `active`; `done` has fallen after the second
+    await ClockCycles(dut.clk, 2)  # the first edge samples `active`; `over` has fallen after the second
 
 
 async def _finish(dut: object, outputs: list[str], bar: tqdm) -> None:
     shown = 0
-    while not dut.done.value:
-        await First(RisingEdge(dut.done), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
+    while not dut.over.value:
+        await First(RisingEdge(dut.over), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
         items = sum(int(getattr(dut, f"{name}_items").value) for name in outputs)
         bar.update(items - shown)
         shown = items

@@ -1,0 +1,134 @@
+"""The first phase of machines with super-tiles: from Gaussians in memory to lists of pairs in memory."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.header_reader import ChunkHeaderReader
+from rtl.chunks.level_bounds import LevelBounds
+from rtl.shapes import layout
+from rtl.supertiles.buckets import depth_buckets
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.tile_lists.table_loader import TableLoader
+from rtl.top import splat_path
+from rtl.top.ports import connect_settings, phase_ports, watch
+from rtl.top.splat_path import SplatPath
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.records import (
+    chunk_item,
+    frame_lists,
+    gaussian_point,
+    intersection_tile,
+    list_group,
+    surviving_splat,
+    tile_group,
+)
+from spec.registers import CHUNK_EVENTS, CHUNK_READ_CLIENTS
+from spec.supertiles import check_supertiles, supertile
+
+READERS = ("geometry", "tiles", *CHUNK_READ_CLIENTS)
+WRITERS = ("entries",)
+"""Memory clients of this phase, by the names of `spec.registers`."""
+
+STAGES = ("geometry", *splat_path.STAGES, "entry_write")
+"""Stages of this phase whose input streams are watched by the performance counters."""
+
+_COUNTS = ("points", "pairs", *splat_path.COUNTS, *CHUNK_EVENTS)
+
+_SUPER_PIXELS = (TILE * SUPER_X, TILE * SUPER_Y)
+
+
+class BinPhase(wiring.Component):
+    """Chunk reader, projection, tile test, depth buckets and pair writer::
+
+        chunks ─► ChunkHeaderReader ─► ChunkTest ─► ChunkReader ─► SplatPath ─► depth_buckets ─► PairWriter ─► entries
+                                           ▲    geometry ─┘            ▲                             └─► hits
+        tiles ─► TableLoader ─┬─► LevelBounds                          │
+                              └────────────────────────────────────────┘
+
+    `SplatPath` and the buckets also serve the second phase, which uses them through the ports below.
+
+    Parameters:
+        config: the machine, with super-tiles.
+
+    Ports:
+        settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
+        clear: strobe before a frame.
+        start_table, start: strobes, in this order; the second may come once `table_done` is high.
+        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: IntersectionTile items for the tile merge unit, a list for each pair; the frame's `end` follows when the last pair
+            is in memory.
+        table_done: the table of tiles has been read since `clear`.
+        done: all Gaussians of the frame have passed, and its pairs are in memory.
+        full: the pairs need more memory than there is.
+        ready: nothing is being cleared, and lists have their bounds.
+        stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
+        points, pairs, culled_near, culled_faint, culled_outside, survivors, entries, filtered, chunks_read, chunks_skipped,
+        saturated_means, saturated_depths, saturated_keys: counts of the frame's first phase.
+
+    For the second phase:
+        rendering: level: the second phase.
+        gathered, supertiles, tested: see `SplatPath`.
+        groups: TileGroup items of all lists, in order. listed: the same as ListGroup items.
+        sorted_item, sorted_taken: what leaves the sorter, and whether it does, which sets the next frame's bounds.
+        list_count: number of lists; valid from `ready` on.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        super().__init__({
+            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS), "start_table": In(1), "table_done": Out(1),
+            "hits": Out(stream.Signature(layout(intersection_tile(config)))), "full": Out(1), "rendering": In(1),
+            "gathered": In(stream.Signature(layout(gaussian_point(config)))),
+            "supertiles": In(stream.Signature(layout(supertile(config)))),
+            "tested": Out(stream.Signature(layout(surviving_splat(config)))),
+            "groups": In(stream.Signature(layout(tile_group(config)))),
+            "listed": Out(stream.Signature(layout(list_group(config)))),
+            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1),
+            "list_count": Out(range(frame_lists(config) + 1))})
+        check_supertiles(config)
+        self.config = config
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.reader = reader = ChunkReader(self.config)
+        m.submodules.loader = loader = TableLoader(self.config)
+        m.submodules.path = path = SplatPath(self.config)
+        m.submodules.buckets = buckets = depth_buckets(self.config)
+        m.submodules.writer = writer = PairWriter(self.config)
+        for unit in (reader, loader, writer):
+            connect_settings(m, self, unit)
+        wiring.connect(m, loader.levels, path.table)
+        wiring.connect(m, reader.points, path.points)
+        wiring.connect(m, path.binned, buckets.pairs)
+        wiring.connect(m, buckets.entries, writer.entries)
+        wiring.connect(m, writer.hits, wiring.flipped(self.hits))
+        for name in ("gathered", "supertiles"):
+            wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(path, name))
+        wiring.connect(m, path.tested, wiring.flipped(self.tested))
+        wiring.connect(m, wiring.flipped(self.groups), buckets.groups)
+        wiring.connect(m, buckets.listed, wiring.flipped(self.listed))
+        for name, unit in (("geometry", reader), ("tiles", loader)):
+            wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
+        wiring.connect(m, writer.writes, wiring.flipped(self.writes_entries))
+        m.d.comb += [
+            path.settings.eq(self.settings), path.clear.eq(self.clear), path.rendering.eq(self.rendering),
+            reader.start.eq(self.start), loader.start.eq(self.start_table),
+            writer.writes_idle.eq(self.idle_entries), writer.list_count.eq(buckets.list_count),
+            buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
+            self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
+        self._test_chunks(m, loader, reader)
+        self._begin(m, buckets, writer)
+        self._follow(m, loader, path)
+        watched = (reader.data, writer.entries)
+        m.d.comb += [
+            self.stage_valid.eq(Cat(watched[0].valid, path.stage_valid, watched[1].valid)),
+            self.stage_ready.eq(Cat(watched[0].ready, path.stage_ready, watched[1].ready))]
+        if self.config.counters:
+            self._count(m, reader, path)
+        return m
