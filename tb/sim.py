@@ -23,10 +23,9 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import batch_suite, record_fetch_suite
 from tb.supertiles import lists_suite as pair_lists
 from tb.supertiles import reader_suite as supertile_reader
-from tb.supertiles import record_fetch_suite
-from tb.supertiles import batch_suite
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -52,12 +51,9 @@ UNITS = {
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
-memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat
-fetch, array and pixel writer;
-warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
-warp: the warp unit; axi: the bus and the registers; top: the whole machine. With super-tiles, record_fetch: the records of
-pairs."""
+warp: the warp unit; axi: the bus and the registers; top: the whole machine. With super-tiles, pair_lists: the lists of pairs;
+record_fetch: the records of pairs."""
 
 
 EXAMPLES = """\
