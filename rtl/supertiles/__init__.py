@@ -9,6 +9,12 @@
     record_fetch  the records of sorted pairs, by their chunks' headers, to projection
     header_cache  the lines of the cache of those headers
     clip          boxes of splats cut to the super-tiles of their pairs
+    clip          boxes of splats cut to the super-tiles of their pairs
+    buckets       the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
+    bucket_ports  the ports of both
+    reader        the super-tiles, from the lists' counts and the host's table
+    record_fetch  the records of sorted pairs, by their chunks' headers, to projection
+    header_cache  the lines of the cache of those headers
     colour        splat records for the batch buffer; its last part is pair_places
     batch_buffer  places of super-tiles in, visits with their entries out
     batch_masks   the tiles of a batch's places, as words by tile
