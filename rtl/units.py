@@ -95,10 +95,6 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists are those of tiles the same one with lists by super-tile, and V3's records and one
-    eye."""
-    return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
     """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
     return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
