@@ -38,6 +38,7 @@ from rtl.supertiles.colour import PairColour
 from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.supertiles.reader import SuperTileReader
+from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
@@ -166,6 +167,8 @@ UNITS: dict[str, Unit] = {
                              "super-tiles for the batch buffer, from counts and the host's table"),
     "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
                          "records of sorted pairs, by the headers of their chunks, to projection"),
+    "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
+                         "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
