@@ -23,8 +23,8 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
-from tb.supertiles import reader_suite as supertile_reader
 from tb.supertiles import batch_suite
+from tb.supertiles import reader_suite as supertile_reader
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc

@@ -19,6 +19,7 @@ from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y
 from spec.formats import SmallFloat
 from spec.memory import (
     BEAT_BYTES,
@@ -34,13 +35,14 @@ from spec.memory import (
     tile_setting,
 )
 from spec.packing import pack
-from spec.records import gaussian_colour, gaussian_geometry
+from spec.records import frame_lists, gaussian_colour, gaussian_geometry
 
 REGIONS = (
-    "chunks", "geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
+    "chunks", "geometry", "colour", "tiles", "target_tiles", "supertiles", "views", "directory", "entries", "spill", "frame",
+    "target_frame")
 """The regions in the order in which they lie in memory. The host fills those before `views` (the splat records), and the
-machine writes `views` and those after it. Only machines with chunks have their region, and a frame of one eye has no region of
-the target's."""
+machine writes `views` and those after it. Only machines with chunks have their region, only machines with lists by super-tile
+have `supertiles`, which have no `views`, and a frame of one eye has no region of the target's."""
 
 _SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
 
@@ -100,6 +102,11 @@ class MemoryImage:
         return max(region.end for region in self.regions.values())
 
     @property
+    def first_writable(self) -> int:
+        """The first beat that the machine may write."""
+        return self.regions["views" if "views" in self.regions else "directory"].base
+
+    @property
     def pixel_bytes(self) -> int:
         """Number of bytes of one pixel of the frame."""
         return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
@@ -154,6 +161,15 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.nd
     return np.pad(flat, (0, -len(flat) % BEAT_BYTES)).reshape(-1, BEAT_BYTES)
 
 
+def supertile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarray:
+    """The table of tiles once more, by super-tile, (beats, BEAT_BYTES) uint8; tiles beyond the frame are 0."""
+    across, down = -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
+    flat = tile_bytes(config, registers).reshape(-1)[: TILE_SETTING_BYTES * len(registers.header)]
+    tiles = np.zeros((down * SUPER_Y, across * SUPER_X, TILE_SETTING_BYTES), np.uint8)
+    tiles[: registers.tiles_y, : registers.tiles_x] = flat.reshape(registers.tiles_y, registers.tiles_x, -1)
+    return tiles.reshape(down, SUPER_Y, across, SUPER_X, -1).swapaxes(1, 2).reshape(-1, BEAT_BYTES)
+
+
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
     beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
@@ -178,9 +194,12 @@ def memory_image(
         contents["target_tiles"] = tile_bytes(config, second.target, second.warp)
         display = True
     shift, tiles = view_shift(registers, *([second.target] if second else [])), len(registers.header)
+    if config.supertiles:
+        contents["supertiles"], tiles = supertile_bytes(config, registers), frame_lists(config)
     pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
-    beats = {name: len(rows) for name, rows in contents.items()} | {
-        "views": len(words.geometry) << shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
+    beats = {name: len(rows) for name, rows in contents.items()} | ({} if config.supertiles else {
+        "views": len(words.geometry) << shift}) | {
+        "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
         "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
     if second is not None:
         beats["target_frame"] = beats["frame"]
@@ -190,7 +209,7 @@ def memory_image(
         base += beats[name] + _GUARD_BEATS
     settings = {
         **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
-        "view_shift": shift, "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
+        **({} if config.supertiles else {"view_shift": shift}), "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
         **{f"{name}_base": region.base for name, region in regions.items()},
         "entries_beats": entries_beats, "spill_beats": spill_beats,
     }

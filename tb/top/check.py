@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
+
 import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
 from golden.msv2_ref import projection
+from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
+from golden.msv2_ref.supertiles import list_counts
+from spec.chunks import PLACE_BITS
 from spec.constants import TILE
 from spec.memory import page_beats
+from spec.supertiles import HEADER_WAYS
+from tb.frame.bound import array_ops
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -38,8 +45,8 @@ def frame_run(
 
 
 def room(frame: Frame) -> tuple[int, int]:
-    """The beats that a golden frame needs for its tile lists and for its spilled runs."""
-    counts = np.diff(frame.entries.start)
+    """The beats that a golden frame needs for its lists and for its spilled runs."""
+    counts = np.diff(frame.entries.start) if frame.pairs is None else list_counts(frame.pairs, frame.bounds)
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
@@ -69,12 +76,46 @@ def expected_events(frame: Frame) -> dict[str, int]:
         "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
         "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **chunks, **frame_saturations(frame)}
+        "pixels": frame.registers.width * frame.registers.height, **chunks, **_supertile_events(frame),
+        **frame_saturations(frame)}
+
+
+def _supertile_events(frame: Frame) -> dict[str, int]:
+    """Those of machines with lists by super-tile. The number of visits depends on when the tiles' pixels stop."""
+    if frame.pairs is None:
+        return {}
+    misses = header_misses(frame)
+    return {"pairs": len(frame.pairs.splat), "header_misses": misses, "header_hits": len(frame.pairs.splat) - misses,
+            "batches": len(FrameBatches(frame).batches.final)}
+
+
+def header_misses(frame: Frame) -> int:
+    """Chunk headers that are read for a frame's pairs: those that are not among the last HEADER_WAYS that their set has
+    loaded."""
+    sets: dict[int, deque[int]] = defaultdict(lambda: deque(maxlen=HEADER_WAYS))
+    count, misses = frame.config.header_lines // HEADER_WAYS, 0
+    for chunk in (frame.pairs.index >> PLACE_BITS).tolist():
+        if chunk not in sets[chunk % count]:
+            sets[chunk % count].append(chunk)
+            misses += 1
+    return misses
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
-    return wrong_counters(expected_events(frame), result) if frame.config.counters else []
+    if not frame.config.counters:
+        return []
+    return wrong_counters(expected_events(frame), result) + (_wrong_visits(frame, result) if frame.config.supertiles else [])
+
+
+def _wrong_visits(frame: Frame, result: FrameResult) -> list[str]:
+    """Describes a number of visits that no frame can have. Every tile has a last one; the others, and ops, depend on when the
+    tiles' pixels stop."""
+    visits = FrameBatches(frame).visits
+    limits = {"visits": (int(visits.final.sum()), len(visits.final)), "ops": (0, array_ops(frame)),
+              "skipped": (0, len(frame.entries.splat))}
+    return [f"counter {name} must be in {low}..{high}, not {result.registers[name]!r}"
+            for name, (low, high) in limits.items() if not low <= result.registers[name] <= high]
 
 
 def wrong_counters(events: dict[str, int], result: FrameResult) -> list[str]:
