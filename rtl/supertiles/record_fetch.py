@@ -37,7 +37,7 @@ from spec.queues import COUNTER_BITS, HEADERS_MISSED, HEADERS_PENDING, RECORD_BE
 from spec.records import INDEX_BITS, chunk_item, gaussian_point
 from spec.supertiles import CHUNK_BITS, HEADER_WAYS, check_supertiles
 
-LATENCY = 18
+LATENCY = 14
 """Cycles from a pair's transfer to its item at `points`, besides those of memory for its record, if nothing waits and its
 header is in the cache."""
 
@@ -65,7 +65,7 @@ class RecordFetch(wiring.Component):
         error: the memory answered a read with an error since `clear`. What depends on it is undefined, but pairs pass on.
         busy: pairs or beats are inside, or tags are being cleared.
 
-    Storage: tags, for SUPERTILES 64 words of 70 bits; header lines, 256 of 26 and 256 of 112 bits; HEADERS_PENDING and
+    Storage: tags, for SUPERTILES 64 words of 54 bits; header lines, 256 of 26 and 256 of 112 bits; HEADERS_PENDING and
     RECORDS_PENDING pairs; HEADERS_MISSED headers; RECORD_BEATS beats. Throughput: one pair per cycle, or with harmonics one
     every two cycles, as long as memory delivers a beat in every cycle and takes 130 cycles at most, and no more than one header
     in five pairs misses. Latency: LATENCY cycles and that of memory for the record; for a header that missed, one more of

@@ -1,1 +1,10 @@
-"""Tests of the units in `rtl.supertiles`."""
+"""Tests of the units in `rtl.supertiles`, and of the array that takes visits.
+
+    tile_test_*     the tile test in both phases of a frame
+    clip_*          boxes cut to super-tiles
+    colour_*        the colour unit
+    reader_*        the super-tiles
+    record_fetch_*  record fetch, with the golden decoder and the cache that `golden.msv2_ref.fetch` models
+    batch_*         the batch buffer
+    array_*         the array
+"""

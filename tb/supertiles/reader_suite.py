@@ -14,8 +14,8 @@ from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.memory import BEAT_BITS, TILE_SETTING_BYTES, WORDS, read_data, read_request, tile_setting
 from spec.packing import pack
-from spec.records import COUNT_BITS, list_group
-from spec.supertiles import supertile
+from spec.records import COUNT_BITS, frame_lists, list_group
+from spec.supertiles import BUCKETS, supertile
 from tb.common import exact
 from tb.common.bench import Bench
 from tb.common.emission import emitted
@@ -101,11 +101,13 @@ def random_case(
     """Frames with drawn settings and counts; `lists` is the mean number of lists of a super-tile beyond its first."""
     across, down = -(-width // (SUPER_X * TILE)), -(-height // (SUPER_Y * TILE))
 
-    def counts() -> np.ndarray:
-        part = rng.integers(0, 1 << rng.integers(1, COUNT_BITS - 4), 1 + min(15, rng.poisson(lists)))
-        return part * (rng.random(len(part)) < 0.7)
+    def counts() -> list[np.ndarray]:
+        more = np.minimum(rng.poisson(lists, across * down), BUCKETS - 1)
+        more *= np.cumsum(more) <= frame_lists(config) - across * down
+        parts = [rng.integers(0, 1 << rng.integers(1, COUNT_BITS - 4), 1 + n) for n in more]
+        return [part * (rng.random(len(part)) < 0.7) for part in parts]
 
-    drawn = tuple([counts() for _ in range(across * down)] for _ in range(frames))
+    drawn = tuple(counts() for _ in range(frames))
     settings = random_rows(tile_setting(config), rng, across * down * SUPER_TILES)
     return Case(name, width, height, drawn, settings, int(rng.integers(1, 1 << BEAT_BITS)), **options)
 
@@ -164,7 +166,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.append(plan_of(config, case, f"frames after a reset at {cycles}"))
     for k, delay in enumerate((1, 30, MOST_DELAY - 1)):
         case = random_case(config, rng, f"rate, latency {delay}", side, side // (k + 1), frames=1, lists=0.2)
-        most = SUPERTILE_BEATS * len(case.counts[0]) + max(map(len, case.counts[0])) + delay + SETTLING
+        most = max(SUPERTILE_BEATS * len(case.counts[0]), sum(map(len, case.counts[0]))) + delay + SETTLING
         plan.append(plan_of(config, case, delay=delay, reset=False, quiet=0, most_cycles=most))
     return plan
 
