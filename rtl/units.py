@@ -33,6 +33,9 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.buckets import depth_buckets
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
@@ -149,6 +152,10 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer, "sorted groups to the array as a whole, the baseline"),
     "handover": Unit(handover, "the line buffer or the double buffer, whichever the machine has"),
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
+    "depth_buckets": Unit(lambda config: depth_buckets(_of_supertiles(config)), "the list of each pair, by its depth"),
+    "pair_writer": Unit(lambda config: PairWriter(_of_supertiles(config)), "pairs into the pages of their lists"),
+    "supertile_reader": Unit(lambda config: SuperTileReader(_of_supertiles(config)),
+                             "super-tiles for the batch buffer, from counts and the host's table"),
     "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
                          "records of sorted pairs, by the headers of their chunks, to projection"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
