@@ -36,7 +36,10 @@ from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.supertiles.reader import SuperTileReader
+from rtl.supertiles.clip import SuperTileClip
+from rtl.supertiles.colour import PairColour
 from rtl.supertiles.record_fetch import RecordFetch
+from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
@@ -102,8 +105,6 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
-    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
-    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -137,7 +138,12 @@ UNITS: dict[str, Unit] = {
     "projection_unit": Unit(ProjectionUnit, "near test and projection together"),
     "saturation_counters": Unit(SaturationCounters, "counts values at the limits of their formats", "machine"),
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
+    "supertile_clip": Unit(lambda config: SuperTileClip(_of_supertiles(config)), "boxes of splats cut to super-tiles"),
+    "supertile_test": Unit(lambda config: SuperTileTest(_of_supertiles(config)),
+                           "the super-tiles a splat has intersections with, and the tiles of each"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
+    "pair_colour": Unit(lambda config: PairColour(_of_supertiles(config), sh_degree=config.sh_degree),
+                        "spherical harmonics to the splat records of a pair's levels"),
     "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
     "chunk_test": Unit(lambda config: ChunkTest(_of_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
