@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-
 import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
 from golden.msv2_ref import projection
 from golden.msv2_ref.batches import FrameBatches
-from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
+from golden.msv2_ref.frame_memory import display_pixels, frame_pixels, list_lengths
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
-from golden.msv2_ref.supertiles import list_counts
-from spec.chunks import PLACE_BITS
 from spec.constants import TILE
 from spec.memory import page_beats
-from spec.supertiles import HEADER_WAYS
 from tb.frame.bound import array_ops
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
@@ -46,7 +41,7 @@ def frame_run(
 
 def room(frame: Frame) -> tuple[int, int]:
     """The beats that a golden frame needs for its lists and for its spilled runs."""
-    counts = np.diff(frame.entries.start) if frame.pairs is None else list_counts(frame.pairs, frame.bounds)
+    counts = list_lengths(frame)
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
@@ -71,34 +66,14 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
 def expected_events(frame: Frame) -> dict[str, int]:
     """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
     reason = frame.projected.reason
-    chunks = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    more = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    if frame.config.supertiles:
+        more |= FrameBatches(frame).events
     return {
         "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
         "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **chunks, **_supertile_events(frame),
-        **frame_saturations(frame)}
-
-
-def _supertile_events(frame: Frame) -> dict[str, int]:
-    """Those of machines with lists by super-tile. The number of visits depends on when the tiles' pixels stop."""
-    if frame.pairs is None:
-        return {}
-    misses = header_misses(frame)
-    return {"pairs": len(frame.pairs.splat), "header_misses": misses, "header_hits": len(frame.pairs.splat) - misses,
-            "batches": len(FrameBatches(frame).batches.final)}
-
-
-def header_misses(frame: Frame) -> int:
-    """Chunk headers that are read for a frame's pairs: those that are not among the last HEADER_WAYS that their set has
-    loaded."""
-    sets: dict[int, deque[int]] = defaultdict(lambda: deque(maxlen=HEADER_WAYS))
-    count, misses = frame.config.header_lines // HEADER_WAYS, 0
-    for chunk in (frame.pairs.index >> PLACE_BITS).tolist():
-        if chunk not in sets[chunk % count]:
-            sets[chunk % count].append(chunk)
-            misses += 1
-    return misses
+        "pixels": frame.registers.width * frame.registers.height, **more, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:

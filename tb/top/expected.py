@@ -19,7 +19,8 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
 
     In the geometry phase the headers of chunks, every Gaussian or those of the chunks that are not skipped, the tile table,
     and the colours of the survivors are read, and the survivors' splat records and the tile lists are written; memory limits
-    this phase, or the units of a small machine. The rendering phase reads each splat record at least once.
+    this phase, or the units of a small machine. The rendering phase reads each splat record at least once; with super-tiles,
+    the Gaussian of each pair.
 
     Args:
         frame: the golden frame of the eye.
@@ -27,8 +28,6 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
         display: whether the machine writes display pixels.
         pixels: the pixels that are written in the pass; those of the frame by default.
     """
-    if frame.pairs is not None:
-        return _gathered(frame, speed, display=display)
     r, entries = frame.registers, frame.entries
     tiles, count = len(r.header), len(entries.splat)
     tile_of = np.repeat(np.arange(tiles), np.diff(entries.start))
@@ -39,23 +38,13 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
     reads = headers + -(-points // (2 if config.compact else 1)) + survivors * colour_beats(config, frame.words.sh_degree)
     reads += -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES)
     writes = records + count + tiles
+    if frame.pairs is not None:  # pairs are written combined, and records are read for each of them in the rendering phase
+        count = len(frame.pairs.splat)
+        reads -= survivors * colour_beats(config, frame.words.sh_degree)
+        writes, records = -(-count // BEAT_ENTRIES), count * colour_beats(config, frame.words.sh_degree)
     memory = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle
     written = r.width * r.height if pixels is None else pixels
     rows = -(-written * (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // BEAT_BYTES)
     bounds = bound_cycles(frame, array_ops(frame), records + count // BEAT_ENTRIES, rows, speed.bytes_per_cycle)
     geometry = max(memory, points * config.point_interval, survivors * config.colour_interval)
     return Pass(reads + writes, math.ceil(geometry), max(*bounds.values(), TILE), written)
-
-
-def _gathered(frame: Frame, speed: MemorySpeed, *, display: bool) -> Pass:
-    """The same of a machine with lists by super-tile: it reads headers, Gaussians and the table, and writes pairs; then it reads
-    a record for each pair."""
-    r, config, points, pairs = frame.registers, frame.config, int(frame.read.sum()), len(frame.pairs.splat)
-    reads = len(frame.words.chunks) + -(-points // 2) + -(-len(r.header) * TILE_SETTING_BYTES // BEAT_BYTES)
-    writes, pixels = pairs // BEAT_ENTRIES + len(frame.pairs.start), r.width * r.height
-    memory = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle
-    rows = -(-pixels * (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // BEAT_BYTES)
-    gathered = pairs * colour_beats(config, frame.words.sh_degree) + pairs // BEAT_ENTRIES
-    bounds = bound_cycles(frame, array_ops(frame), gathered, rows, speed.bytes_per_cycle)
-    render = max(*bounds.values(), pairs * max(config.point_interval, config.colour_interval), TILE)
-    return Pass(reads + writes, math.ceil(max(memory, points * config.point_interval)), render, pixels)
