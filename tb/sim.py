@@ -24,6 +24,7 @@ from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.supertiles import batch_suite
+from tb.supertiles import reader_suite as supertile_reader
 from tb.supertiles import clip_suite as supertile_clip
 from tb.supertiles import array_suite as batch_array
 from tb.supertiles import batch_suite, clip_suite, record_fetch_suite
