@@ -103,6 +103,11 @@ class MemoryImage:
         return max(region.end for region in self.regions.values())
 
     @property
+    def first_writable(self) -> int:
+        """The first beat that the machine may write."""
+        return self.regions["directory" if self.config.supertiles else "views"].base
+
+    @property
     def pixel_bytes(self) -> int:
         """Number of bytes of one pixel of the frame."""
         return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES

@@ -5,6 +5,7 @@
     clip          boxes of splats cut to the super-tiles of their pairs
     buckets       the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
     bucket_ports  the ports of both
+    pair_writer   pairs into the pages of their lists, a beat at a time
     reader        the super-tiles, from the lists' counts and the host's table
     record_fetch  the records of sorted pairs, by their chunks' headers, to projection
     header_cache  the lines of the cache of those headers

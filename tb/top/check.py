@@ -12,6 +12,7 @@ from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
 from spec.memory import page_beats
+from tb.frame.bound import array_ops
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -77,7 +78,19 @@ def expected_events(frame: Frame) -> dict[str, int]:
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
-    return wrong_counters(expected_events(frame), result) if frame.config.counters else []
+    if not frame.config.counters:
+        return []
+    return wrong_counters(expected_events(frame), result) + (_wrong_visits(frame, result) if frame.config.supertiles else [])
+
+
+def _wrong_visits(frame: Frame, result: FrameResult) -> list[str]:
+    """Describes a number of visits that no frame can have. Every tile has a last one; the others, and ops, depend on when the
+    tiles' pixels stop."""
+    visits = FrameBatches(frame).visits
+    limits = {"visits": (int(visits.final.sum()), len(visits.final)), "ops": (0, array_ops(frame)),
+              "skipped": (0, len(frame.entries.splat))}
+    return [f"counter {name} must be in {low}..{high}, not {result.registers[name]!r}"
+            for name, (low, high) in limits.items() if not low <= result.registers[name] <= high]
 
 
 def wrong_counters(events: dict[str, int], result: FrameResult) -> list[str]:
