@@ -33,8 +33,12 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.batch_buffer import BatchBuffer
+from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.colour import PairColour
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
@@ -102,6 +106,8 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
+    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -155,8 +161,14 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer, "sorted groups to the array as a whole, the baseline"),
     "handover": Unit(handover, "the line buffer or the double buffer, whichever the machine has"),
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
+    "depth_buckets": Unit(lambda config: depth_buckets(_of_supertiles(config)), "the list of each pair, by its depth"),
+    "pair_writer": Unit(lambda config: PairWriter(_of_supertiles(config)), "pairs into the pages of their lists"),
+    "supertile_reader": Unit(lambda config: SuperTileReader(_of_supertiles(config)),
+                             "super-tiles for the batch buffer, from counts and the host's table"),
     "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
                          "records of sorted pairs, by the headers of their chunks, to projection"),
+    "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
+                         "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),

@@ -12,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.frame_memory import records_at
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.supertiles import Pairs, SuperGrid, super_grid
+from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y
-from spec.supertiles import SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
+from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
 
 
 class Places(NamedTuple):
@@ -137,6 +139,19 @@ class FrameBatches:
         filled = np.bincount(batch, minlength=len(self.batches.supertile))
         slot = np.arange(len(pair)) - np.repeat(np.cumsum(filled) - filled, filled)
         return Places(pair, level.astype(np.uint8), np.diff(pair, append=-1) != 0, batch, slot)
+
+    @property
+    def header_misses(self) -> int:
+        """Pairs whose chunk's header is not in the cache of the second phase, which is empty when a frame begins."""
+        chunk, config = self.pairs.index >> PLACE_BITS, self.frame.config
+        missed = find_misses(chunk, np.zeros_like(chunk), config.header_lines, HEADER_WAYS, keep_used=False, fold=False)
+        return int(missed.sum())
+
+    @property
+    def events(self) -> dict[str, int]:
+        """The machine's counts that only machines with super-tiles have, as far as the frame determines them."""
+        pairs, misses = len(self.pairs.splat), self.header_misses
+        return {"pairs": pairs, "header_hits": pairs - misses, "header_misses": misses, "batches": len(self.batches.supertile)}
 
     @cached_property
     def visits(self) -> Visits:
