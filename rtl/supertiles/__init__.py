@@ -1,8 +1,8 @@
 """What only machines with lists by super-tile have (`spec.supertiles`).
 
     tile_test     pairs of splats and super-tiles, and later masks of tiles; its parts are super_rows (the rows of a splat's
-                  box), level_table, group_walk (columns that the splat touches, sixteen at a time), pair_expand, mask_expand and
-                  event_count
+                  box), level_table, group_walk (columns that the splat touches, sixteen at a time), pair_expand, mask_expand
+                  and event_count
     clip          boxes of splats cut to the super-tiles of their pairs
     buckets       the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
     bucket_ports  the ports of both
