@@ -76,6 +76,10 @@ HEADER_TILES = 64
 HEADERS = 16
 """Most headers that wait for the array while the splat fetch unit works ahead of it."""
 
+SUPERTILES_AHEAD = 2
+"""Super-tiles that wait for the batch buffer while pairs behind them are projected again. Each keeps the array for 256 cycles
+or more, and projection, tile test and colours take about as long."""
+
 SORT_CUTS = 8
 """Most chunks of large groups inside the sorter. It holds the intersections of two full chunks, but the last chunk of each
 group may be short."""

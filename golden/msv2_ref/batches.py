@@ -7,16 +7,20 @@ and ends others early; no pixel depends on it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from golden.msv2_ref.buckets import next_bounds, no_bounds
+from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.frame_memory import records_at
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.supertiles import Pairs, SuperGrid, super_grid
+from golden.msv2_ref.supertiles import Pairs, SuperGrid, list_counts, merge_lists, super_grid
+from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y
-from spec.supertiles import SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
+from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
 
 
 class Places(NamedTuple):
@@ -95,6 +99,21 @@ def cut_batches(start: np.ndarray, places: np.ndarray, batch_places: int) -> Bat
     return Batches(np.array(supertiles, np.int64), np.array([*starts, start[-1]], np.int64), np.array(finals, bool))
 
 
+def following(frame: Frame, before: Frame, beta: int | None) -> Frame:
+    """The frame as a machine renders it after another one: with the bounds that this one leaves, and so with other lists and
+    groups. Bounds hold for frames of as many super-tiles only.
+
+    Args:
+        frame: the frame, with any bounds.
+        before: the frame before it, on the same machine.
+        beta: the merge threshold that the frame was rendered with.
+    """
+    bounds = next_bounds(before.config, before.pairs.start, before.pairs.depth_key)
+    if bounds.supertiles != len(frame.pairs.start) - 1:
+        bounds = no_bounds(len(frame.pairs.start) - 1)
+    return replace(frame, bounds=bounds, groups=merge_lists(frame.config, list_counts(frame.pairs, bounds), beta))
+
+
 class FrameBatches:
     """The batches of a frame: everything that follows from its pairs, computed when it is asked for.
 
@@ -137,6 +156,19 @@ class FrameBatches:
         filled = np.bincount(batch, minlength=len(self.batches.supertile))
         slot = np.arange(len(pair)) - np.repeat(np.cumsum(filled) - filled, filled)
         return Places(pair, level.astype(np.uint8), np.diff(pair, append=-1) != 0, batch, slot)
+
+    @property
+    def header_misses(self) -> int:
+        """Pairs whose chunk's header is not in the cache of the second phase, which is empty when a frame begins."""
+        chunk, config = self.pairs.index >> PLACE_BITS, self.frame.config
+        missed = find_misses(chunk, np.zeros_like(chunk), config.header_lines, HEADER_WAYS, keep_used=False, fold=False)
+        return int(missed.sum())
+
+    @property
+    def events(self) -> dict[str, int]:
+        """The machine's counts that only machines with super-tiles have, as far as the frame determines them."""
+        pairs, misses = len(self.pairs.splat), self.header_misses
+        return {"pairs": pairs, "header_hits": pairs - misses, "header_misses": misses, "batches": len(self.batches.supertile)}
 
     @cached_property
     def visits(self) -> Visits:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.supertiles import list_counts
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
 from spec.memory import display_pixel, frame_pixel, splat_record
@@ -35,6 +36,13 @@ def records_at(frame: Frame, rows: np.ndarray, level: np.ndarray, record: Record
     out["colour"] = s.colour[rows[..., None], both].reshape(*rows.shape, 6)
     out["bound"] = frame.words.geometry["bound"][rows]
     return out
+
+
+def list_lengths(frame: Frame) -> np.ndarray:
+    """(lists,) int64: intersections of each tile, or with super-tiles pairs of each list."""
+    if frame.pairs is None or frame.bounds is None:
+        return np.diff(frame.entries.start)
+    return list_counts(frame.pairs, frame.bounds)
 
 
 def frame_pixels(frame: Frame) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,11 +15,12 @@ from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
-from rtl.top.ports import connect_settings, phase_ports, watch
+from rtl.top.ports import connect_settings, phase_ports
 from rtl.top.splat_path import SplatPath
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
 from spec.records import (
+    TILE_BITS,
     chunk_item,
     frame_lists,
     gaussian_point,
@@ -40,7 +41,8 @@ STAGES = ("geometry", *splat_path.STAGES, "entry_write")
 
 _COUNTS = ("points", "pairs", *splat_path.COUNTS, *CHUNK_EVENTS)
 
-_SUPER_PIXELS = (TILE * SUPER_X, TILE * SUPER_Y)
+_COLUMN, _ROW = (SUPER_X * TILE).bit_length() - 1, (SUPER_Y * TILE).bit_length() - 1
+"""log2 of a super-tile's width and height in pixels."""
 
 
 class BinPhase(wiring.Component):
@@ -74,7 +76,7 @@ class BinPhase(wiring.Component):
     For the second phase:
         rendering: level: the second phase.
         gathered, supertiles, tested: see `SplatPath`.
-        groups: TileGroup items of all lists, in order. listed: the same as ListGroup items.
+        merged: TileGroup items of all lists, in order. listed: the same as ListGroup items.
         sorted_item, sorted_taken: what leaves the sorter, and whether it does, which sets the next frame's bounds.
         list_count: number of lists; valid from `ready` on.
     """
@@ -86,7 +88,7 @@ class BinPhase(wiring.Component):
             "gathered": In(stream.Signature(layout(gaussian_point(config)))),
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))),
-            "groups": In(stream.Signature(layout(tile_group(config)))),
+            "merged": In(stream.Signature(layout(tile_group(config)))),
             "listed": Out(stream.Signature(layout(list_group(config)))),
             "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1),
             "list_count": Out(range(frame_lists(config) + 1))})
@@ -110,7 +112,7 @@ class BinPhase(wiring.Component):
         for name in ("gathered", "supertiles"):
             wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(path, name))
         wiring.connect(m, path.tested, wiring.flipped(self.tested))
-        wiring.connect(m, wiring.flipped(self.groups), buckets.groups)
+        wiring.connect(m, wiring.flipped(self.merged), buckets.groups)
         wiring.connect(m, buckets.listed, wiring.flipped(self.listed))
         for name, unit in (("geometry", reader), ("tiles", loader)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
@@ -123,7 +125,7 @@ class BinPhase(wiring.Component):
             buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
             self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
         self._test_chunks(m, loader, reader)
-        self._begin(m, buckets, writer)
+        self._begin(m, buckets, writer.busy)
         self._follow(m, loader, path)
         watched = (reader.data, writer.entries)
         m.d.comb += [
@@ -132,3 +134,58 @@ class BinPhase(wiring.Component):
         if self.config.counters:
             self._count(m, reader, path)
         return m
+
+    def _test_chunks(self, m: Module, loader: TableLoader, reader: ChunkReader) -> None:
+        """Reads the headers of chunks and gives the reader those that pass the chunk test."""
+        m.submodules.headers = headers = ChunkHeaderReader(self.config)
+        m.submodules.bounds = bounds = LevelBounds(self.config)
+        m.submodules.chunk_test = test = ChunkTest(self.config)
+        for unit in (headers, bounds, test):
+            connect_settings(m, self, unit)
+        wiring.connect(m, headers.reads, wiring.flipped(self.reads_chunks))
+        wiring.connect(m, wiring.flipped(self.data_chunks), headers.data)
+        wiring.connect(m, headers.headers, test.headers)
+        wiring.connect(m, test.tested, reader.tested)
+        levels = loader.levels
+        m.d.comb += [
+            headers.start.eq(self.start), bounds.clear.eq(self.clear),
+            bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
+        if self.config.counters:
+            m.d.comb += [self.chunks_read.eq(test.chunks_read), self.chunks_skipped.eq(test.chunks_skipped)]
+
+    def _begin(self, m: Module, buckets: wiring.Component, writing: Value) -> None:
+        """Counts the frame's super-tiles, row by row, and then gives the lists their bounds. Until the number of lists is known
+        the phase is not ready."""
+        columns, rows, count = Signal(TILE_BITS), Signal(TILE_BITS), Signal.like(buckets.supertile_count)
+        counting, settling, waits = Signal(), Signal(2), ~buckets.busy & (rows == 0)
+        with m.If(self.clear):
+            m.d.sync += [
+                columns.eq((self.settings.width + ((1 << _COLUMN) - 1)) >> _COLUMN),
+                rows.eq((self.settings.height + ((1 << _ROW) - 1)) >> _ROW), count.eq(0), counting.eq(1)]
+        with m.Elif(rows != 0):
+            m.d.sync += [rows.eq(rows - 1), count.eq(count + columns)]
+        with m.Elif(waits):
+            m.d.sync += counting.eq(0)
+        m.d.sync += settling.eq(Cat(buckets.clear, settling))
+        m.d.comb += [
+            buckets.supertile_count.eq(count), buckets.clear.eq(counting & waits),
+            self.ready.eq(~counting & ~settling.any() & ~writing)]
+
+    def _follow(self, m: Module, loader: TableLoader, path: SplatPath) -> None:
+        """Follows the ends of table and frame."""
+        written = Signal()
+        with m.If(loader.done):
+            m.d.sync += self.table_done.eq(1)
+        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+            m.d.sync += written.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [self.table_done.eq(0), written.eq(0)]
+        m.d.comb += self.done.eq(written & ~path.busy)
+
+    def _count(self, m: Module, reader: ChunkReader, path: SplatPath) -> None:
+        for name, items in (("points", reader.points), ("pairs", path.binned)):
+            with m.If(items.valid & items.ready & ~items.payload.end):
+                m.d.sync += getattr(self, name).eq(getattr(self, name) + 1)
+            with m.If(self.clear):
+                m.d.sync += getattr(self, name).eq(0)
+        m.d.comb += [getattr(self, name).eq(getattr(path, name)) for name in splat_path.COUNTS]

@@ -35,7 +35,7 @@ class SuperTileTestBench(Bench):
             {"splats": projected_splat(config), "table": tile_level(config)},
             {"pairs": supertile_pair(config), "survivors": surviving_splat(config)},
             {name: widths[name] for name in ("width", "height", "obb")},
-            {**{name: COUNTER_BITS for name in _COUNTS}, "filled": 1, "busy": 1})
+            {**dict.fromkeys(_COUNTS, COUNTER_BITS), "filled": 1, "busy": 1})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

@@ -1,4 +1,4 @@
-"""The tests of the tile test by super-tiles: every pair, mask and count is compared with the golden renderer's intersections."""
+"""The tests of the tile test by super-tiles: every pair, mask and count is compared with the golden renderer's."""
 
 from __future__ import annotations
 
