@@ -32,8 +32,8 @@ from spec.records import COUNT_BITS, frame_lists
 from spec.registers import READ_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles
 
-PAIR_LINES = 1
-"""Lines of super-columns that wait while pairs of another one leave the tile test (rtl.supertiles.pair_expand)."""
+BATCHES = 2
+"""Batches in the batch buffer: one is filled while the other is dealt."""
 
 _TMU_LATENCY = 9  # cycles from the frame's last pair to the first group (rtl.sort_tmu.tile_merge)
 
@@ -144,7 +144,7 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan
     prepare_memory(s, memory)
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths)
-    s.list_count, s.line_room = len(plan.lists.counts), PAIR_LINES
+    s.list_count = len(plan.lists.counts)
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
     cycles, counted = supertiles_bin.bin_phase(
@@ -201,7 +201,7 @@ def _render(
     beats = colour_beats(config, trace.sh_degree)
     s.record_beats, s.pairs = beats, trace.pairs
     s.colour_steps = len(constants.colour_steps(config, trace.sh_degree)) if trace.sh_degree else 0
-    s.batches, s.supertiles = len(visits.batch_supertile), trace.supertiles
+    s.parts, s.batches, s.supertiles = BATCHES, len(visits.batch_supertile), trace.supertiles
     stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)

@@ -12,13 +12,13 @@ from spec.queues import ARRAY_TILES
 
 layout = Layout(before)
 layout.words("""
-    batches supertiles fill_batch fill_left fill_open fill_closed fill_at passed chosen released dealt dealing deal_end deal_visit
+    batches supertiles parts fill_batch fill_left fill_open fill_closed fill_at passed chosen released dealt dealing deal_end deal_visit
     deal_entry deal_last visits_in visits_taken items_in items_out""")
 layout.words("""
     visit_busy visit_begun visit_second visit_ground visit_now visit_tile visit_blends visit_count visit_ends slot_load buffer_load
     issue_load load_wait issue_visit store_latency""")
 _VISITS, _ITEMS = 16, 4
-layout.ring("pass_times", 4)
+layout.ring("pass_times", 16)
 layout.ring("visit_ids", _VISITS)
 layout.ring("visit_times", _VISITS)
 layout.ring("item_entry", _ITEMS)
@@ -34,7 +34,7 @@ _SETUP = SETUP_LATENCY - 1  # the stages before the output buffer
 @step
 def places_taken(s, t):
     """Whether the batch buffer takes the place that is offered."""
-    return s.place_left != 0 and s.fill_open and s.fill_left != 0 and s.fill_at <= t and s.passed - s.released < 2
+    return s.place_left != 0 and s.fill_open and s.fill_left != 0 and s.fill_at <= t and s.passed - s.released < s.parts
 
 
 @step
@@ -55,8 +55,8 @@ def step_fill(s, t, taken, batch_supertile, batch_places):
     s.fill_left -= taken
     if s.fill_open and s.fill_left == 0:
         s.fill_open, s.fill_closed, s.fill_at = 0, 1, t + _SETTLE
-    if s.fill_closed and s.fill_at <= t and s.passed - s.released < 2 and s.passed == s.chosen:
-        s.pass_times[s.passed & 3] = t + _MASKS
+    if s.fill_closed and s.fill_at <= t and s.passed - s.released < s.parts and s.passed - s.chosen < s.parts - 1:
+        s.pass_times[s.passed & 15] = t + _MASKS
         s.passed += 1
         s.fill_closed = 0
         s.fill_batch = at + 1
@@ -66,7 +66,7 @@ def step_fill(s, t, taken, batch_supertile, batch_places):
 def _next_visit(s, t, batch_visit, visit_tile, visit_final, visit_entry, done):
     """Goes on to the next tile to visit, past those that have stopped. A batch without any is released."""
     if s.dealing == 0:
-        if s.dealt == s.passed or s.pass_times[s.dealt & 3] > t:
+        if s.dealt == s.passed or s.pass_times[s.dealt & 15] > t:
             return
         s.dealing, s.deal_visit, s.deal_end = 1, batch_visit[s.dealt], batch_visit[s.dealt + 1]
     at, end = s.deal_visit, s.deal_end

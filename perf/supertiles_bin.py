@@ -17,13 +17,10 @@ layout = Layout(chunk_units.layout)
 layout.counters("projection", "tile_test", "entry_write")
 layout.words("""
     near_point passed visible_at splat_left walking walked clipped kept kept_room step_full step_left step_at
-    pairs_left bucket_pipe lines_in lines_out line_room
+    pairs_left bucket_pipe
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
 
-_LINES = 64
-layout.ring("lines", _LINES)
-
-_BUCKET_STAGES = 3  # from a pair to its list: the super-tile's bounds are read and compared
+_BUCKET_STAGES = 14  # from a pair to its list (rtl.supertiles.depth_buckets)
 _PIPE = 15
 
 
@@ -81,9 +78,6 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             s.blocked_entry_write += 1
     if moves:
         enters = 0
-        if s.pairs_left == 0 and s.lines_out != s.lines_in:
-            s.pairs_left = s.lines[s.lines_out & _LINES - 1]
-            s.lines_out += 1
         if s.pairs_left < 0:
             enters, s.pairs_left = 2, 0
         elif s.pairs_left:
@@ -99,10 +93,9 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             pairs, closes = step_pairs[at], step_closes[at]
             end = closes == ENDS
             none = pairs == 0 and not end
-            if none or s.lines_in - s.lines_out < s.line_room:
+            if none or s.pairs_left == 0:
                 if not none:
-                    s.lines[s.lines_in & _LINES - 1] = -1 if end else pairs
-                    s.lines_in += 1
+                    s.pairs_left = -1 if end else pairs
                 s.kept -= closes == CLOSES
                 s.step_at = at + 1
                 s.step_full = 0
