@@ -101,7 +101,9 @@ def find_pairs(
         depth_key: (N,) sort key of every Gaussian.
         entries: the frame's intersections, within a tile by depth key and index.
     """
-    grid, splats = super_grid(registers), np.unique(entries.splat)
+    grid, seen = super_grid(registers), np.zeros(len(depth_key), bool)
+    seen[entries.splat] = True
+    splats = np.flatnonzero(seen)
     rank = np.zeros(len(depth_key), np.int64)  # place in the order of depth key and index
     rank[splats[np.argsort(depth_key[splats], kind="stable")]] = np.arange(len(splats))
     tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))
