@@ -4,7 +4,7 @@
 #define MSV2_REGISTERS_H
 
 #define MSV2_MAGIC 0x4D535632u
-#define MSV2_VERSION_MAJOR_EXPECTED 3
+#define MSV2_VERSION_MAJOR_EXPECTED 4
 #define MSV2_SETTINGS_BASE 0x100u
 #define MSV2_SETTINGS_COUNT 51
 #define MSV2_COUNTERS_BASE 0x400u
@@ -52,6 +52,8 @@
 #define MSV2_MACHINE_ARRAY_CHUNKS_MASK 0x08000000u
 #define MSV2_MACHINE_ARRAY_COMPACT_SHIFT 28
 #define MSV2_MACHINE_ARRAY_COMPACT_MASK 0x10000000u
+#define MSV2_MACHINE_ARRAY_SUPERTILES_SHIFT 29
+#define MSV2_MACHINE_ARRAY_SUPERTILES_MASK 0x20000000u
 
 /* parameters of the units around the array (read) */
 #define MSV2_MACHINE_UNITS 0x010u
@@ -66,12 +68,20 @@
 #define MSV2_MACHINE_FRAME 0x014u
 #define MSV2_MACHINE_FRAME_ROW_WIDTH_SHIFT 0
 #define MSV2_MACHINE_FRAME_ROW_WIDTH_MASK 0x0000FFFFu
+#define MSV2_MACHINE_FRAME_LIST_HEADS_SHIFT 16
+#define MSV2_MACHINE_FRAME_LIST_HEADS_MASK 0x7FFF0000u
+#define MSV2_MACHINE_FRAME_BUCKETS_SHIFT 31
+#define MSV2_MACHINE_FRAME_BUCKETS_MASK 0x80000000u
 
 /* bytes of the double buffer before sorting (read) */
 #define MSV2_MACHINE_SORT_BUFFER 0x018u
 
-/* lines of the splat cache (read) */
+/* caches of what the array needs (read) */
 #define MSV2_MACHINE_CACHE 0x01Cu
+#define MSV2_MACHINE_CACHE_LINES_SHIFT 0
+#define MSV2_MACHINE_CACHE_LINES_MASK 0x0003FFFFu
+#define MSV2_MACHINE_CACHE_BATCH_PLACES_SHIFT 18
+#define MSV2_MACHINE_CACHE_BATCH_PLACES_MASK 0xFFFC0000u
 
 /* Control */
 
@@ -262,7 +272,7 @@
 #define MSV2_SH_DEGREE 0x18Cu
 
 /* each Gaussian has space for 1 << view_shift splat records; at least the highest tile level + 1;
-   must be 0..2 (read, write): 2-bit unsigned */
+   must be 0..2 (not with super-tiles) (read, write): 2-bit unsigned */
 #define MSV2_VIEW_SHIFT 0x190u
 
 /* merge threshold in intersections; 0 merges nothing (read, write): 24-bit unsigned */
@@ -284,7 +294,7 @@
 /* beat address (read, write): 27-bit unsigned */
 #define MSV2_TILES_BASE 0x1A8u
 
-/* beat address (read, write): 27-bit unsigned */
+/* beat address (not with super-tiles) (read, write): 27-bit unsigned */
 #define MSV2_VIEWS_BASE 0x1ACu
 
 /* beat address (read, write): 27-bit unsigned */
@@ -354,6 +364,9 @@
 /* beat address (only with stereo) (read, write): 27-bit unsigned */
 #define MSV2_TARGET_FRAME_BASE 0x1F8u
 
+/* beat address (only with super-tiles) (read, write): 27-bit unsigned */
+#define MSV2_SUPERTILES_BASE 0x1FCu
+
 /* Counters */
 
 /* cycles in which the machine was busy, lower half (read) */
@@ -404,13 +417,13 @@
 /* of these by read client spill (read) */
 #define MSV2_READ_BEATS_SPILL 0x43Cu
 
-/* of these by read client views (read) */
+/* of these by read client views (not with super-tiles) (read) */
 #define MSV2_READ_BEATS_VIEWS 0x440u
 
 /* of these by write client entries (read) */
 #define MSV2_WRITE_BEATS_ENTRIES 0x444u
 
-/* of these by write client views (read) */
+/* of these by write client views (not with super-tiles) (read) */
 #define MSV2_WRITE_BEATS_VIEWS 0x448u
 
 /* of these by write client spill (read) */
@@ -533,22 +546,22 @@
 /* Gaussians with at least one intersection (read) */
 #define MSV2_SURVIVORS 0x4E8u
 
-/* intersections written to the tile lists (read) */
+/* intersections written to the tile lists, or, with super-tiles, those that pairs stand for (read) */
 #define MSV2_ENTRIES 0x4ECu
 
 /* intersections that the foveation filter dropped (read) */
 #define MSV2_FILTERED 0x4F0u
 
-/* groups of merged tiles (read) */
+/* groups of merged tiles or lists (read) */
 #define MSV2_GROUPS 0x4F4u
 
-/* intersections written to memory a second time, in sorted runs (read) */
+/* intersections or pairs written to memory a second time, in sorted runs (read) */
 #define MSV2_SPILLED_ENTRIES 0x4F8u
 
-/* splat records found in the splat cache (read) */
+/* splat records found in the splat cache (not with super-tiles) (read) */
 #define MSV2_FETCH_HITS 0x4FCu
 
-/* splat records read from memory (read) */
+/* splat records read from memory (not with super-tiles) (read) */
 #define MSV2_FETCH_MISSES 0x500u
 
 /* ops of the array: splats at a level and backgrounds, once for every block of a tile (read) */
@@ -600,6 +613,31 @@
 /* tiles of the target eye that were rendered (only with stereo) (read) */
 #define MSV2_TARGET_TILES 0x540u
 
+/* busy cycles in which stage batch took an item (only with super-tiles) (read) */
+#define MSV2_BATCH_BUSY 0x544u
+
+/* busy cycles in which stage batch had none to take (only with super-tiles) (read) */
+#define MSV2_BATCH_STARVED 0x548u
+
+/* busy cycles in which stage batch had one but could not take it (only with super-tiles) (read) */
+#define MSV2_BATCH_BLOCKED 0x54Cu
+
+/* pairs of a splat and a super-tile written to the lists (only with super-tiles) (read) */
+#define MSV2_PAIRS 0x550u
+
+/* pairs whose chunk header was in the header cache, or on its way there (only with super-tiles)
+   (read) */
+#define MSV2_HEADER_HITS 0x554u
+
+/* chunk headers read from memory for pairs (only with super-tiles) (read) */
+#define MSV2_HEADER_MISSES 0x558u
+
+/* batches of pairs given to the array, empty ones included (only with super-tiles) (read) */
+#define MSV2_BATCHES 0x55Cu
+
+/* visits of tiles in the array (only with super-tiles) (read) */
+#define MSV2_VISITS 0x560u
+
 /* splats whose projected mean has a coordinate at its least or largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
 
@@ -617,7 +655,8 @@ enum msv2_phase {
     MSV2_PHASE_IDLE = 0, /* The machine is ready for `start`. */
     MSV2_PHASE_CLEAR = 1, /* The units clear their state of the frame before. */
     MSV2_PHASE_TABLE = 2, /* The machine reads the table of tiles. */
-    MSV2_PHASE_GEOMETRY = 3, /* Projection, tile test, and colours of all Gaussians. */
+    MSV2_PHASE_GEOMETRY = 3, /* Projection and tile test of all Gaussians, and their colours, which with super-tiles belong to
+   the next phase. */
     MSV2_PHASE_RENDER = 4, /* Merging, sorting and blending of all tiles. */
     MSV2_PHASE_DRAIN = 5, /* The frame has failed; the machine waits for outstanding answers of memory. */
     MSV2_PHASE_RESET = 6, /* The frame has failed; the machine resets all units. */
@@ -639,5 +678,9 @@ enum msv2_error {
 /* number of each client in ERROR_CLIENTS */
 enum { MSV2_READ_CLIENT_GEOMETRY = 0, MSV2_READ_CLIENT_TILES = 1, MSV2_READ_CLIENT_COLOUR = 2, MSV2_READ_CLIENT_ENTRIES = 3, MSV2_READ_CLIENT_SPILL = 4, MSV2_READ_CLIENT_VIEWS = 5, MSV2_READ_CLIENT_CHUNKS = 6 };
 enum { MSV2_WRITE_CLIENT_ENTRIES = 0, MSV2_WRITE_CLIENT_VIEWS = 1, MSV2_WRITE_CLIENT_SPILL = 2, MSV2_WRITE_CLIENT_FRAME = 3, MSV2_WRITE_CLIENT_WARP = 4 };
+
+/* the same in machines with lists by super-tile */
+enum { MSV2_SUPERTILE_READ_CLIENT_GEOMETRY = 0, MSV2_SUPERTILE_READ_CLIENT_TILES = 1, MSV2_SUPERTILE_READ_CLIENT_COLOUR = 2, MSV2_SUPERTILE_READ_CLIENT_ENTRIES = 3, MSV2_SUPERTILE_READ_CLIENT_SPILL = 4, MSV2_SUPERTILE_READ_CLIENT_CHUNKS = 5 };
+enum { MSV2_SUPERTILE_WRITE_CLIENT_ENTRIES = 0, MSV2_SUPERTILE_WRITE_CLIENT_SPILL = 1, MSV2_SUPERTILE_WRITE_CLIENT_FRAME = 2 };
 
 #endif

@@ -34,7 +34,7 @@ from spec.memory import (
     colour_beats,
 )
 from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
-from spec.records import COUNT_BITS, frame_tiles
+from spec.records import COUNT_BITS, frame_lists
 from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
@@ -231,7 +231,7 @@ def _eye(
     """Simulates an eye's pass, phase after phase."""
     table = _table(eye, memory, where.target_tiles if number else where.tiles)
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
-    latency = _TMU_LATENCY + (COUNT_BITS + frame_tiles(config).bit_length() + 1 if beta is None else 0)
+    latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn = _render(trace, eye, number, config, memory, display, written, plan, where,
                     max(0, counted - 1 + latency - shapes.cycles["geometry"]))
     cycles = {"clear": trace.tiles_y + 1, "table": table, **shapes.cycles, **drawn.cycles}

@@ -28,6 +28,7 @@ from perf.runs import tile_runs
 from perf.stops import stop_entries
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
+from spec.effects import with_two_eyes
 from spec.sources import fingerprint, sources_of
 
 VERSION = 2
@@ -208,7 +209,7 @@ def trace_request(
     if render is not None:
         golden = render()
     elif getattr(args, "stereo", False):
-        golden = render_request(args, request, config.with_(stereo=True))
+        golden = render_request(args, request, with_two_eyes(config))
     else:
         golden = pipeline.render(
             request.model, request.camera, config=config, foveation=request.foveation, background=request.background)

@@ -33,6 +33,14 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.batch_buffer import BatchBuffer
+from rtl.supertiles.buckets import depth_buckets
+from rtl.supertiles.clip import SuperTileClip
+from rtl.supertiles.colour import PairColour
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.supertiles.reader import SuperTileReader
+from rtl.supertiles.record_fetch import RecordFetch
+from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker
@@ -56,7 +64,7 @@ from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
 from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
-from spec.stages import STAGES
+from spec.stages import EVERY_STAGE
 
 TOP = "msv2_top"
 """Name of the whole machine."""
@@ -94,8 +102,10 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
-    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists are those of tiles the same one with lists by super-tile, and V3's records and one
+    eye."""
+    return config if config.supertiles else config.with_(
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -129,7 +139,12 @@ UNITS: dict[str, Unit] = {
     "projection_unit": Unit(ProjectionUnit, "near test and projection together"),
     "saturation_counters": Unit(SaturationCounters, "counts values at the limits of their formats", "machine"),
     "tile_test": Unit(TileTest, "the tiles a splat touches, and the foveation filter"),
+    "supertile_clip": Unit(lambda config: SuperTileClip(_of_supertiles(config)), "boxes of splats cut to super-tiles"),
+    "supertile_test": Unit(lambda config: SuperTileTest(_of_supertiles(config)),
+                           "the super-tiles a splat has intersections with, and the tiles of each"),
     "colour_unit": Unit(ColourUnit, "spherical harmonics to the colours of a splat's levels"),
+    "pair_colour": Unit(lambda config: PairColour(_of_supertiles(config), sh_degree=config.sh_degree),
+                        "spherical harmonics to the splat records of a pair's levels"),
     "level_bounds": Unit(LevelBounds, "octagons around the tiles that splats of each quality bound can touch"),
     "chunk_test": Unit(lambda config: ChunkTest(_of_chunks(config)), "drops chunks of which nothing can be seen"),
     "geometry_reader": Unit(GeometryReader, "Gaussians from memory to projection"),
@@ -144,6 +159,14 @@ UNITS: dict[str, Unit] = {
     "double_buffer": Unit(DoubleBuffer, "sorted groups to the array as a whole, the baseline"),
     "handover": Unit(handover, "the line buffer or the double buffer, whichever the machine has"),
     "splat_fetch": Unit(SplatFetch, "splat records of sorted intersections, through the splat cache"),
+    "depth_buckets": Unit(lambda config: depth_buckets(_of_supertiles(config)), "the list of each pair, by its depth"),
+    "pair_writer": Unit(lambda config: PairWriter(_of_supertiles(config)), "pairs into the pages of their lists"),
+    "supertile_reader": Unit(lambda config: SuperTileReader(_of_supertiles(config)),
+                             "super-tiles for the batch buffer, from counts and the host's table"),
+    "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
+                         "records of sorted pairs, by the headers of their chunks, to projection"),
+    "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
+                         "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
@@ -162,7 +185,7 @@ def named(name: str) -> Unit:
 
 def stage_of(name: str) -> str:
     """The stage that a unit works in (`spec.stages`); of the others, "machine" or "arithmetic". InputError as `named`."""
-    return named(name).serves or next(stage.name for stage in STAGES if name in stage.units)
+    return named(name).serves or next(stage.name for stage in EVERY_STAGE if name in stage.units)
 
 
 def emit(name: str, config: AcceleratorConfig) -> str:

@@ -345,3 +345,6 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
+
+MACHINES = CONFIGS | {config.name: config for config in (TINY_SUPERTILES, SUPERTILES)}
+"""What command lines take as a machine's name: those above, and the next step of V3, until it takes the place of V3."""

@@ -9,8 +9,11 @@ import math
 TILE = 16
 """Tile edge in pixels, in every configuration (paper section 6.3)."""
 
-SUPER_X, SUPER_Y = 8, 2
-"""Columns and rows of tiles in a super-tile (`spec.supertiles`)."""
+SUPER_X = 8
+"""Columns of tiles in a super-tile (`spec.supertiles`)."""
+
+SUPER_Y = 2
+"""Rows of tiles in a super-tile."""
 
 SUPER_TILES = SUPER_X * SUPER_Y
 """Tiles of a super-tile."""

@@ -95,8 +95,25 @@ class EffectPlan:
         return [f"{name:12}{self.state(name):12}{self.reasons[name]}" for name in EFFECTS]
 
 
+def with_two_eyes(config: AcceleratorConfig) -> AcceleratorConfig:
+    """`config` with the warp unit, for frames of two eyes.
+
+    Raises:
+        InputError: a machine with lists by super-tile renders one eye only.
+    """
+    if config.supertiles:
+        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and renders one eye; "
+                         "config 'paper' renders two")
+    return config.with_(stereo=True)
+
+
 def machine_with(config: AcceleratorConfig, active: Collection[str], sh_degree: int) -> AcceleratorConfig:
-    """`config` with those effects and no others; `sh_degree` is the degree of its harmonics, 0 without the effect `sh`."""
+    """`config` with those effects and no others; `sh_degree` is the degree of its harmonics, 0 without the effect `sh`.
+
+    Raises:
+        InputError: see `with_two_eyes`.
+    """
+    config = with_two_eyes(config) if "stereo" in active else config
     levels, depth, stereo = config.levels if "levels" in active else 1, "depth" in active, "stereo" in active
     return config.with_(sh_degree=sh_degree, levels=levels, blend="blend" in active, depth=depth,
                         fine_depth=depth and not stereo, stereo=stereo)

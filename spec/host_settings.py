@@ -47,16 +47,19 @@ class Limit:
         return self.low <= pattern <= self.high
 
 
-def with_every_register(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine with chunks and stereo, too: it has the registers of all machines with the same number formats."""
-    return config.with_(order="spatial", chunks=True, depth=True, stereo=True)
+def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig]:
+    """Two machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
+    and one with lists by super-tile, which excludes stereo. Registers of the second alone have the higher addresses."""
+    chunked = config.with_(lists="tile", order="spatial", chunks=True)
+    return chunked.with_(depth=True, stereo=True), chunked.with_(stereo=False, records="compact", lists="supertile")
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
     """Every number of the frame's settings; the register of setting `number` lies at SETTINGS_BASE + 4 * number. A setting has
     the same number in all machines that have it."""
     own = {f.name for f in frame_settings(config).fields}
-    numbers = [(f, i) for f in frame_settings(with_every_register(config)).fields for i in range(f.count)]
+    every = {f.name: f for machine in with_every_register(config) for f in frame_settings(machine).fields}
+    numbers = [(f, i) for f in every.values() for i in range(f.count)]
     found = tuple(Setting(f, i, number) for number, (f, i) in enumerate(numbers) if f.name in own)
     for setting in found:
         if setting.field.format.width > 32:
@@ -77,7 +80,7 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         Limit("width", 1, config.row_width, "1..row_width"),
         Limit("height", 1, config.row_width, "1..row_width"),
         *([Limit("sh_degree", 0, config.sh_degree, f"0..{config.sh_degree}")] if config.sh_degree < MAX_SH_DEGREE else []),
-        Limit("view_shift", 0, shift, f"0..{shift}"),
+        *([] if config.supertiles else [Limit("view_shift", 0, shift, f"0..{shift}")]),
         *([Limit("display", 1, 1, "1 where `stereo` is", where="stereo")] if config.stereo else []),
     )
 

@@ -29,7 +29,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from spec.command_line import choice, nearest
-from spec.config import CONFIGS, ORDERS, RECORDS, WARP_FILLS, AcceleratorConfig, NumberFormats
+from spec.config import MACHINES, ORDERS, RECORDS, WARP_FILLS, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import NOTATION, Fixed, SmallFloat, parse_format
 from spec.relations import check_relations
@@ -143,7 +143,7 @@ def read_file(path: Path) -> tuple[str | None, dict[str, object]]:
         raise InputError(f"configuration {str(path)!r} is not TOML: {error}") from error
     base, formats = content.pop("config", None), content.pop(FORMATS, {})
     if base is not None and not isinstance(base, str):
-        raise InputError(f"{path}: config {base!r} is not accepted: one of {', '.join(CONFIGS)} is")
+        raise InputError(f"{path}: config {base!r} is not accepted: one of {', '.join(MACHINES)} is")
     if not isinstance(formats, dict):
         raise InputError(f"{path}: {FORMATS} {formats!r} is not accepted: a table [{FORMATS}] is")
     given = content | {f"{FORMATS}.{name}": value for name, value in formats.items()}
@@ -210,7 +210,7 @@ def resolve_config(base: str, sets: Sequence[str] = (), file: Path | None = None
         InputError: a name or a value is not accepted; the message says what is, and which name is nearest.
     """
     of_file, values = read_file(file) if file else (None, {})
-    return changed(CONFIGS[choice("config", of_file or base, CONFIGS)], values | parse_sets(sets))
+    return changed(MACHINES[choice("config", of_file or base, MACHINES)], values | parse_sets(sets))
 
 
 def config_record(config: AcceleratorConfig) -> dict[str, object]:
@@ -232,7 +232,7 @@ def add_config_arguments(
     """
     said = f" (default: {default}{note})" if default else ""
     parser.add_argument("--config", default=default, metavar="NAME|FILE.toml",
-                        help=f"machine: {', '.join(CONFIGS)}, or a TOML file of parameters{said}")
+                        help=f"machine: {', '.join(MACHINES)}, or a TOML file of parameters{said}")
     add_set_argument(parser)
 
 
@@ -296,4 +296,4 @@ def recorded_config(result: Mapping[str, object]) -> AcceleratorConfig:
     record = result.get("configuration")
     if isinstance(record, Mapping):
         return config_from_record(record)
-    return CONFIGS[choice("config", str(result.get("config")), CONFIGS)]
+    return MACHINES[choice("config", str(result.get("config")), MACHINES)]

@@ -35,6 +35,21 @@ CHUNKS_AHEAD = 16
 """Most chunks whose Gaussians have been requested and not all arrived: chunks of 9 Gaussians and more then hide a latency of
 130 cycles. Shorter ones need no more, because the chunk test lets at most one chunk pass every 8 cycles."""
 
+HEADERS_PENDING = 144
+"""Most pairs in the record fetch unit that wait for the header of their chunk or of one before: a header may take 130 cycles to
+come, while a pair enters in every cycle. The others cover the unit's own registers and the bus."""
+
+RECORDS_PENDING = 144
+"""Most pairs of the record fetch unit whose records have been requested: as HEADERS_PENDING, for the records."""
+
+HEADERS_MISSED = 32
+"""Most headers in the record fetch unit that wait until the record of their pair comes: a header in five pairs. `READ_DEPTHS`
+lets as many be outstanding. In frames of real scenes it is a header in twenty pairs or fewer."""
+
+RECORD_BEATS = 256
+"""Most beats of records that wait for the colour unit while their pairs pass projection and tile test. These take about 220
+cycles, in each of which a beat comes."""
+
 COLOUR_LOOKAHEAD = 128
 """Cycles of memory latency that the colour unit hides by reading ahead."""
 
@@ -60,6 +75,10 @@ HEADER_TILES = 64
 
 HEADERS = 16
 """Most headers that wait for the array while the splat fetch unit works ahead of it."""
+
+SUPERTILES_AHEAD = 2
+"""Super-tiles that wait for the batch buffer while pairs behind them are projected again. Each keeps the array for 256 cycles
+or more, and projection, tile test and colours take about as long."""
 
 SORT_CUTS = 8
 """Most chunks of large groups inside the sorter. It holds the intersections of two full chunks, but the last chunk of each

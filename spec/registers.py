@@ -9,8 +9,8 @@ write to a read-only register, and any access to an address without a register, 
     0x400  counters
     0x600  counters of saturated values
 
-A register has the same address in all machines that have it. Where a machine has no chunks or no stereo, the addresses of their
-registers are empty.
+A register has the same address in all machines that have it. Where a machine has no chunks, no stereo or no splat records in
+memory, the addresses of their registers are empty. A memory client's number is its place among those of its own machine.
 
 **A frame.** The host writes the settings, then `control.start`. The machine checks the settings, takes a copy of all of them
 and is busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error`
@@ -43,8 +43,10 @@ REGISTER_ADDRESS_BITS = 12
 MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
-VERSION_MAJOR, VERSION_MINOR = 3, 0
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. Version 2 had
+VERSION_MAJOR, VERSION_MINOR = 4, 0
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. In version 3
+every machine had the settings, memory clients and counters of splat records in memory, which machines with lists by super-tile
+do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had
 no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
 `sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters of
 saturated values."""
@@ -72,8 +74,14 @@ WRITE_CLIENTS = ("entries", "views", "spill", "frame")
 """Clients that write memory, named by the region that they write; the position is the AXI write ID. The region `entries`
 includes the directory of its pages."""
 
+VIEW_CLIENT = "views"
+"""The read client and the write client that machines with lists by super-tile do not have."""
+
 CHUNK_READ_CLIENTS = ("chunks",)
 """Additional read clients of machines with chunks: `chunks` reads the chunks' headers."""
+
+SUPERTILE_STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING, supertiles=True)
+"""The watched stages of machines with lists by super-tile, in the order of the data."""
 
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
@@ -102,7 +110,7 @@ class Phase(Code):
     TABLE = 2
     """The machine reads the table of tiles."""
     GEOMETRY = 3
-    """Projection, tile test, and colours of all Gaussians."""
+    """Projection and tile test of all Gaussians, and their colours, which with super-tiles belong to the next phase."""
     RENDER = 4
     """Merging, sorting and blending of all tiles."""
     DRAIN = 5
@@ -204,10 +212,10 @@ EVENTS = {
     "culled_faint": "Gaussians culled because they are too faint to be seen at any level",
     "culled_outside": "Gaussians culled because their projection is degenerate or touches no tile of the frame",
     "survivors": "Gaussians with at least one intersection",
-    "entries": "intersections written to the tile lists",
+    "entries": "intersections written to the tile lists, or, with super-tiles, those that pairs stand for",
     "filtered": "intersections that the foveation filter dropped",
-    "groups": "groups of merged tiles",
-    "spilled_entries": "intersections written to memory a second time, in sorted runs",
+    "groups": "groups of merged tiles or lists",
+    "spilled_entries": "intersections or pairs written to memory a second time, in sorted runs",
     "fetch_hits": "splat records found in the splat cache",
     "fetch_misses": "splat records read from memory",
     "ops": "ops of the array: splats at a level and backgrounds, once for every block of a tile",
@@ -222,6 +230,18 @@ CHUNK_EVENTS = {
 }
 """Additional events of machines with chunks."""
 
+VIEW_EVENTS = ("fetch_hits", "fetch_misses")
+"""Those of EVENTS that machines with lists by super-tile do not report, because they store no splat records."""
+
+SUPERTILE_EVENTS = {
+    "pairs": "pairs of a splat and a super-tile written to the lists",
+    "header_hits": "pairs whose chunk header was in the header cache, or on its way there",
+    "header_misses": "chunk headers read from memory for pairs",
+    "batches": "batches of pairs given to the array, empty ones included",
+    "visits": "visits of tiles in the array",
+}
+"""Additional events of machines with lists by super-tile."""
+
 STEREO_EVENTS = {
     "warped": "pixels of the target eye to which a pixel of the source eye was warped, background included",
     "filled": "holes of the target eye filled from their neighbours",
@@ -233,29 +253,40 @@ in any case."""
 
 
 def stages(config: AcceleratorConfig) -> tuple[str, ...]:
-    """The stages of a machine whose input streams are counted."""
-    return STAGES + STEREO_STAGES if config.stereo else STAGES
+    """The stages of a machine whose input streams are counted, in the order of the data."""
+    return SUPERTILE_STAGES if config.supertiles else STAGES + STEREO_STAGES if config.stereo else STAGES
+
+
+def _stored(config: AcceleratorConfig, clients: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the clients that a machine has: without splat records in memory none for them."""
+    return tuple(name for name in clients if not (config.supertiles and name == VIEW_CLIENT))
 
 
 def read_clients(config: AcceleratorConfig) -> tuple[str, ...]:
     """The read clients of a machine, in the order of their AXI IDs."""
-    return READ_CLIENTS + CHUNK_READ_CLIENTS if config.chunks else READ_CLIENTS
+    return _stored(config, READ_CLIENTS) + (CHUNK_READ_CLIENTS if config.chunks else ())
 
 
 def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
     """The write clients of a machine, in the order of their AXI IDs."""
-    return WRITE_CLIENTS + STEREO_WRITE_CLIENTS if config.stereo else WRITE_CLIENTS
+    return _stored(config, WRITE_CLIENTS) + (STEREO_WRITE_CLIENTS if config.stereo else ())
 
 
 def events(config: AcceleratorConfig) -> dict[str, str]:
     """Events that the units of a machine report when a frame ends: by name, what is counted."""
     chunks, stereo = CHUNK_EVENTS if config.chunks else {}, STEREO_EVENTS if config.stereo else {}
-    return EVENTS | chunks | stereo | {s.name: s.doc for s in SATURATIONS}
+    supertiles = SUPERTILE_EVENTS if config.supertiles else {}
+    return _common_events(config) | chunks | stereo | supertiles | {s.name: s.doc for s in SATURATIONS}
+
+
+def _common_events(config: AcceleratorConfig) -> dict[str, str]:
+    """Those of EVENTS that a machine reports."""
+    return {name: doc for name, doc in EVENTS.items() if not (config.supertiles and name in VIEW_EVENTS)}
 
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
-    """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks and those of
-    stereo, at the end those of saturated values."""
+    """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks, of stereo
+    and of super-tiles, at the end those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -267,7 +298,11 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         return [Counter(f"{stage}_{what}", f"busy cycles in which stage {stage} {doc}")
                 for stage in names for what, doc in per_stage.items()]
 
+    own = stages(config)
     chunks = (*of_clients("read", CHUNK_READ_CLIENTS), *(Counter(name, doc) for name, doc in CHUNK_EVENTS.items()))
+    supertiles = (
+        *of_stages(tuple(name for name in SUPERTILE_STAGES if name not in STAGES)),
+        *(Counter(name, doc) for name, doc in SUPERTILE_EVENTS.items()))
     stereo = (
         Counter("cycles_target", "cycles of the target eye's pass", 64), *of_clients("write", STEREO_WRITE_CLIENTS),
         *of_stages(STEREO_STAGES), *(Counter(name, doc) for name, doc in STEREO_EVENTS.items()))
@@ -276,10 +311,12 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         Counter("frames", "frames that have ended, however they did"),
         Counter("read_beats", "beats read from memory"),
         Counter("write_beats", "beats written to memory"),
-        *of_clients("read", READ_CLIENTS), *of_clients("write", WRITE_CLIENTS), *of_stages(STAGES),
-        *(Counter(name, doc) for name, doc in EVENTS.items()),
+        *of_clients("read", _stored(config, READ_CLIENTS)), *of_clients("write", _stored(config, WRITE_CLIENTS)),
+        *of_stages(tuple(name for name in STAGES if name in own)),
+        *(Counter(name, doc) for name, doc in _common_events(config).items()),
         *(chunks if config.chunks else ()),
         *(stereo if config.stereo else ()),
+        *(supertiles if config.supertiles else ()),
         *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
 
@@ -294,9 +331,10 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
     parts = {
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
-            config.sh_degree, config.blend, config.chunks, config.compact),
+            config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles),
         "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
-        "machine_frame": (config.row_width,),
+        "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
+        "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
     version = VERSION_MAJOR << 16 | VERSION_MINOR + config.stereo
     values = {"id": MAGIC, "version": version, "fingerprint": fingerprint(config)}
@@ -304,7 +342,7 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
         if register.name in parts:
             values[register.name] = sum(
                 int(value) << bits.low for value, bits in zip(parts[register.name], register.bits, strict=True))
-    return values | {"machine_sort_buffer": config.sort_buffer_bytes, "machine_cache": config.splat_cache_lines}
+    return values | {"machine_sort_buffer": config.sort_buffer_bytes}
 
 
 _IDENTITY = (
@@ -318,13 +356,19 @@ _IDENTITY = (
         Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
         Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
         Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"),
-        Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"))),
+        Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"),
+        Bits("supertiles", 29, 1, "lists by super-tile; no splat record is stored"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
-    Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (Bits("row_width", 0, 16, "widest row in pixels"),)),
+    Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (
+        Bits("row_width", 0, 16, "widest row in pixels"),
+        Bits("list_heads", 16, 15, "lists of a frame; 0 without super-tiles"),
+        Bits("buckets", 31, 1, "super-tiles have several lists each, by depth"))),
     Register("machine_sort_buffer", 0x018, Access.READ_ONLY, "bytes of the double buffer before sorting"),
-    Register("machine_cache", 0x01C, Access.READ_ONLY, "lines of the splat cache"),
+    Register("machine_cache", 0x01C, Access.READ_ONLY, "caches of what the array needs", (
+        Bits("lines", 0, 18, "lines of the splat cache; with super-tiles, of the header cache"),
+        Bits("batch_places", 18, 14, "splat records in each half of the batch buffer; 0 without super-tiles"))),
 )
 
 _CONTROL = (
@@ -368,7 +412,9 @@ def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
 
 def _counter_registers(config: AcceleratorConfig) -> Iterator[Register]:
     own, offset = {counter.name for counter in counters(config)}, COUNTERS_BASE
-    for counter in counters(with_every_register(config)):
+    last = [counter.name for counter in counters(config)[-len(SATURATIONS):]]
+    every = {c.name: c for machine in with_every_register(config) for c in counters(machine) if c.name not in last}
+    for counter in (*every.values(), *counters(config)[-len(SATURATIONS):]):
         offset = SATURATIONS_BASE if counter.name == SATURATIONS[0].name else offset
         halves = {"": ""} if counter.width == 32 else {"_low": ", lower half", "_high": ", upper half"}
         for half, words in halves.items():

@@ -7,7 +7,10 @@ pass one place of the machine. Each record is counted once, when it is transferr
 
     splats    ProjectedSplat records, from projection to the tile test: one for each Gaussian that is not culled
     views     splat records (SplatRecord), from the colour unit to memory: one for each level of the tiles that a
-              splat intersects
+              splat intersects; with super-tiles BatchPlace records, from the colour unit to the batch buffer: one for each
+              level of the tiles of a super-tile that a splat intersects, so a splat counts once for each of its pairs
+
+With super-tiles, splats are counted in the first phase only.
 
 Keys and depths of intersections are those of their splats, and are not counted again.
 """

@@ -3,6 +3,9 @@
 A stage is a part of the way from Gaussians to pixels that reports, counters and the cycle model name. A *unit* is a hardware
 module that can be emitted, synthesised and simulated alone (`rtl.units`); a stage consists of one unit or more.
 
+Machines with lists by super-tile (`spec.supertiles`) have stages of their own, and share the others. Their projection and tile
+test also work in the second phase, on every pair; cycles are counted in the first phase's stage.
+
 Golden modules, RTL modules and test suites are dotted names and not imported here, because `spec` knows nothing of the
 rooms that read it; a test checks that every one of them exists.
 """
@@ -154,12 +157,75 @@ STAGES = (
         units=("warp_divider", "warp_unit"),
         suites=("tb.warp_unit.suite",), test="warp", counters=("warp",)),
 )
-"""Every stage, in the order of the data."""
+"""Every stage of machines with lists by tile, in the order of the data."""
 
 BY_NAME = {stage.name: stage for stage in STAGES}
-"""The stages by name."""
+"""These stages by name."""
+
+_SUPERTILE = (
+    Stage(
+        "supertile_test", "Tile test by super-tile", StagePhase.GEOMETRY,
+        "The super-tiles in which a splat has intersections are found, and later the tiles of one super-tile.",
+        golden=("golden.msv2_ref.supertiles",),
+        rtl=("rtl.tile_lists.table_loader", "rtl.supertiles.clip", "rtl.supertiles.tile_test"),
+        units=("supertile_clip", "supertile_test"),
+        suites=("tb.supertiles.tile_test_suite",), test="supertile_test", counters=("tile_test",)),
+    Stage(
+        "pair_write", "Lists by super-tile, writing", StagePhase.GEOMETRY,
+        "Pairs are assigned to the lists of their super-tile and written, combined to whole beats.",
+        golden=("golden.msv2_ref.supertiles", "golden.msv2_ref.buckets"),
+        rtl=("rtl.supertiles.buckets", "rtl.supertiles.pair_writer"),
+        units=("depth_buckets", "pair_writer"),
+        suites=("tb.supertiles.lists_suite",), test="pair_lists", counters=("entry_write",)),
+    Stage(
+        "supertile_read", "Super-tile reading", StagePhase.RENDERING,
+        "The settings of a super-tile's tiles are read, and its pairs are counted.",
+        golden=("golden.msv2_ref.supertiles",),
+        rtl=("rtl.supertiles.reader",),
+        units=("supertile_reader",),
+        suites=("tb.supertiles.reader_suite",), test="pair_lists"),
+    Stage(
+        "record_fetch", "Record fetch", StagePhase.RENDERING,
+        "The Gaussian's compact record and its chunk's header are read for every pair, and its geometry is decoded.",
+        golden=("golden.host.compact",),
+        rtl=("rtl.supertiles.record_fetch",),
+        units=("record_fetch",),
+        suites=("tb.supertiles.record_fetch_suite",), test="record_fetch", counters=("fetch",)),
+    Stage(
+        "pair_colour", "Colour of pairs", StagePhase.RENDERING,
+        "A pair's colours become a splat record for each level of its tiles.",
+        golden=("golden.msv2_ref.colour", "golden.msv2_ref.supertiles"),
+        rtl=("rtl.supertiles.colour",),
+        units=("pair_colour",),
+        suites=("tb.supertiles.colour_suite",), test="pair_colour", counters=("colour",)),
+    Stage(
+        "batch", "Batch buffer", StagePhase.RENDERING,
+        "Splat records are gathered in batches, and each tile that has any of them is visited.",
+        golden=("golden.msv2_ref.batches",),
+        rtl=("rtl.supertiles.batch_masks", "rtl.supertiles.batch_visits", "rtl.supertiles.batch_buffer"),
+        units=("batch_buffer",),
+        suites=("tb.supertiles.batch_suite",), test="batch", counters=("batch",)),
+    Stage(
+        "batch_array", "Array with kept pixels", StagePhase.RENDERING,
+        "Splats are set up and blended as elsewhere, and the state of a tile's pixels is kept between its visits.",
+        golden=("golden.msv2_ref.array",),
+        rtl=("rtl.vrc_array.batch_setup", "rtl.vrc_array.pixel_state", "rtl.vrc_array.batch_array"),
+        units=("batch_array",),
+        suites=("tb.supertiles.array_suite",), test="batch_array", counters=("array",)),
+)
+
+_OWN = {stage.name: stage for stage in _SUPERTILE}
+
+SUPERTILE_STAGES = tuple((BY_NAME | _OWN)[name] for name in (
+    "chunk_test", "chunk_read", "projection", "supertile_test", "pair_write", "tile_merge", "tile_lists_read", "supertile_read",
+    "sort", "handover", "record_fetch", "pair_colour", "batch", "batch_array", "pixel_write"))
+"""Every stage of machines with lists by super-tile, in the order of the data."""
+
+EVERY_STAGE = (*STAGES, *_SUPERTILE)
+"""The stages of all machines, each once."""
 
 
-def watched(*phases: StagePhase) -> tuple[str, ...]:
+def watched(*phases: StagePhase, supertiles: bool = False) -> tuple[str, ...]:
     """Prefixes of the counters of all stages of these phases, in the order of the data."""
-    return tuple(counter for stage in STAGES if stage.phase in phases for counter in stage.counters)
+    table = SUPERTILE_STAGES if supertiles else STAGES
+    return tuple(counter for stage in table if stage.phase in phases for counter in stage.counters)

@@ -132,7 +132,7 @@ def tile_visit(config: AcceleratorConfig) -> Record:
     return Record("TileVisit", tile_visit.__doc__, (
         *header,
         Field("place", uint(SUPER_PLACES), "number of the tile in its super-tile"),
-        Field("sequence", uint(SEQUENCE_BITS), "number of the super-tile in the frame, its lowest bits"),
+        Field("sequence", uint(SEQUENCE_BITS), "number of the super-tile since the last reset, its lowest bits"),
         Field("fresh", uint(1), "the tile's first visit: its state starts anew; 0: it is loaded"),
         Field("final", uint(1), "the tile's last visit: background and rows follow; 0: its state is stored"),
     ))

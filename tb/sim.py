@@ -23,6 +23,12 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
+from tb.supertiles import array_suite as batch_array
+from tb.supertiles import batch_suite, buckets_suite, clip_suite, record_fetch_suite
+from tb.supertiles import colour_suite as pair_colour
+from tb.supertiles import lists_suite as pair_lists
+from tb.supertiles import reader_suite as supertile_reader
+from tb.supertiles import tile_test_suite as supertile_test
 from tb.tile_lists import suite as lists
 from tb.top import suite as top
 from tb.vrc_array import array_suite as vrc
@@ -42,11 +48,18 @@ UNITS = {
     "warp": {"warp": warp},
     "axi": {"axi": axi},
     "top": {"top": top},
+    "supertile_test": {"supertile_clip": clip_suite, "supertile_test": supertile_test},
+    "pair_lists": {"depth_buckets": buckets_suite, "pair_lists": pair_lists, "supertile_reader": supertile_reader},
+    "record_fetch": {"record_fetch": record_fetch_suite},
+    "pair_colour": {"pair_colour": pair_colour},
+    "batch": {"batch": batch_suite},
+    "batch_array": {"batch_array": batch_array},
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
-decode unit; culling: near test and projection, tile test, colours; lists: tile lists in
-memory; tmu: the tile merge unit; sort: the sorters and the handover to the array; vrc: splat fetch, array and pixel writer;
-warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
+decode unit; culling: near test and projection, tile test, colours; lists: tile lists in memory; tmu: the tile merge unit; sort:
+the sorters and the handover to the array; vrc: splat fetch, array and pixel writer; warp: the warp unit; axi: the bus and the
+registers; top: the whole machine. Of machines with super-tiles, supertile_test: clip and tile test; pair_lists: lists;
+record_fetch: the records of pairs; pair_colour: colours; batch: the batch buffer; batch_array: the array."""
 
 
 EXAMPLES = """\

@@ -19,6 +19,8 @@ from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y
+from spec.effects import with_two_eyes
 from spec.formats import SmallFloat
 from spec.memory import (
     BEAT_BYTES,
@@ -34,13 +36,14 @@ from spec.memory import (
     tile_setting,
 )
 from spec.packing import pack
-from spec.records import gaussian_colour, gaussian_geometry
+from spec.records import frame_lists, gaussian_colour, gaussian_geometry
 
 REGIONS = (
-    "chunks", "geometry", "colour", "tiles", "target_tiles", "views", "directory", "entries", "spill", "frame", "target_frame")
+    "chunks", "geometry", "colour", "tiles", "supertiles", "target_tiles", "views", "directory", "entries", "spill", "frame",
+    "target_frame")
 """The regions in the order in which they lie in memory. The host fills those before `views` (the splat records), and the
-machine writes `views` and those after it. Only machines with chunks have their region, and a frame of one eye has no region of
-the target's."""
+machine writes `views` and those after it. Only machines with chunks have their region, only those with super-tiles have
+`supertiles` and have no `views`, and a frame of one eye has no region of the target's."""
 
 _SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
 
@@ -100,6 +103,11 @@ class MemoryImage:
         return max(region.end for region in self.regions.values())
 
     @property
+    def first_writable(self) -> int:
+        """The first beat that the machine may write."""
+        return self.regions["directory" if self.config.supertiles else "views"].base
+
+    @property
     def pixel_bytes(self) -> int:
         """Number of bytes of one pixel of the frame."""
         return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
@@ -154,6 +162,16 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.nd
     return np.pad(flat, (0, -len(flat) % BEAT_BYTES)).reshape(-1, BEAT_BYTES)
 
 
+def supertile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarray:
+    """The settings of the tiles of each super-tile, (super-tiles * SUPER_TILES * TILE_SETTING_BYTES / BEAT_BYTES, BEAT_BYTES)
+    uint8: the same as in the table of tiles, and 0 for tiles beyond the frame."""
+    columns, rows = -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
+    tiles = tile_bytes(config, registers).reshape(-1, TILE_SETTING_BYTES)[: len(registers.header)]
+    grid = np.zeros((rows * SUPER_Y, columns * SUPER_X, TILE_SETTING_BYTES), np.uint8)
+    grid[: registers.tiles_y, : registers.tiles_x] = tiles.reshape(registers.tiles_y, registers.tiles_x, TILE_SETTING_BYTES)
+    return grid.reshape(rows, SUPER_Y, columns, SUPER_X, TILE_SETTING_BYTES).swapaxes(1, 2).reshape(-1, BEAT_BYTES)
+
+
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
     beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
@@ -165,23 +183,33 @@ def memory_image(
         config: the machine.
         words: the Gaussians.
         registers: camera and frame registers; for two eyes, the source's.
-        entries_beats: beats reserved for the tile lists; `page_beats` says how many a frame needs.
+        entries_beats: beats reserved for the lists of tiles or super-tiles; `page_beats` says how many a frame needs.
         spill_beats: beats reserved for spilled sorted runs; see `spill_beats`.
         beta: merge threshold; 0 merges nothing, and None lets the machine choose it.
         obb: test tiles against bounding boxes instead of the exact ellipse.
         display: write the frame in the format for displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
         second: registers of the target eye, for a frame of two eyes; such a frame always has the format for displays.
+
+    Raises:
+        InputError: two eyes are asked of a machine with super-tiles.
     """
+    if second is not None:
+        with_two_eyes(config)
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
+    if config.supertiles:
+        contents["supertiles"] = supertile_bytes(config, registers)
     if second is not None:
         contents["target_tiles"] = tile_bytes(config, second.target, second.warp)
         display = True
-    shift, tiles = view_shift(registers, *([second.target] if second else [])), len(registers.header)
+    shift = view_shift(registers, *([second.target] if second else []))
+    lists = frame_lists(config) if config.supertiles else len(registers.header)
     pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     beats = {name: len(rows) for name, rows in contents.items()} | {
-        "views": len(words.geometry) << shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
+        "views": len(words.geometry) << shift, "directory": lists * DIRECTORY_BEATS, "entries": entries_beats,
         "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
+    if config.supertiles:
+        del beats["views"]
     if second is not None:
         beats["target_frame"] = beats["frame"]
     regions, base = {}, _FIRST_BEAT
@@ -190,10 +218,12 @@ def memory_image(
         base += beats[name] + _GUARD_BEATS
     settings = {
         **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
-        "view_shift": shift, "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
+        "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
         **{f"{name}_base": region.base for name, region in regions.items()},
         "entries_beats": entries_beats, "spill_beats": spill_beats,
     }
+    if not config.supertiles:
+        settings["view_shift"] = shift
     if words.chunks is not None:
         settings["chunks"] = len(words.chunks)
     if config.stereo:

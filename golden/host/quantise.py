@@ -18,6 +18,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import AMP_MAX, MAX_LEVELS, SH_C0
 from spec.errors import InputError
 from spec.records import INDEX_BITS, gaussian_colour, gaussian_geometry
+from spec.supertiles import CHUNK_BITS
 
 
 class DecodedGeometry(NamedTuple):
@@ -98,7 +99,8 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel, *, order: Ca
         order: how to sort the Gaussians, where it is not as `config.order` says.
 
     Raises:
-        InputError: there are more Gaussians than a Gaussian index, or the counter of a tile's intersections, can hold.
+        InputError: there are more Gaussians than a Gaussian index, or the counter of a tile's intersections, can hold, or more
+            chunks than the number of a chunk.
     """
     if len(model) >= 1 << INDEX_BITS:
         raise InputError(f"{len(model)} Gaussians are not accepted: {INDEX_BITS} bits of index take {(1 << INDEX_BITS) - 1}")
@@ -114,9 +116,16 @@ def quantise_model(config: AcceleratorConfig, model: GaussianModel, *, order: Ca
 
 
 def in_chunks(words: GaussianWords) -> GaussianWords:
-    """The words cut into chunks, and packed where the machine's records are compact. Neither changes their order."""
+    """The words cut into chunks, and packed where the machine's records are compact. Neither changes their order.
+
+    Raises:
+        InputError: there are more chunks than the number of a chunk can hold.
+    """
     config = words.config
     chunks = cut_chunks(config, words.geometry)
+    if config.supertiles and len(chunks) > 1 << CHUNK_BITS:
+        raise InputError(f"{len(chunks)} chunks of Gaussians are not accepted: {CHUNK_BITS} bits of a chunk's number take "
+                         f"{1 << CHUNK_BITS} in a machine with super-tiles")
     if not config.compact:
         return with_opacities(replace(words, chunks=chunks))
     packed, lost = compact.encode(config, chunks, words.geometry, words.colour, words.sh_degree)

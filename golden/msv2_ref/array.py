@@ -100,13 +100,12 @@ def render(
             whole[rendered] = part
         return every
     tiles = len(work.header)
-    colour = np.empty((tiles, TILE, TILE, 3), np.int32)
-    depth, transmittance = np.empty((tiles, TILE, TILE), np.int32), np.empty((tiles, TILE, TILE), np.int32)
+    pixels = _no_pixels(tiles)
     kernel = array_kernel.render_tiles if config.depth else array_kernel.render_tiles_flat
     for_slices(
         kernel, tiles, splats, work, np.asarray(background, np.int32), _mantissas(config),
-        tables.smoothstep_table(config.formats), array_kernel.array_constants(config), colour, depth, transmittance)
-    return Pixels(colour, depth, transmittance)
+        tables.smoothstep_table(config.formats), array_kernel.array_constants(config), *pixels)
+    return pixels
 
 
 def split_conic(config: AcceleratorConfig, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,9 +134,52 @@ def render_tiles(config: AcceleratorConfig, headers: np.ndarray, entries: np.nda
     Raises:
         ValueError: the headers' counts do not sum to the number of entries.
     """
-    start = np.concatenate(([0], np.cumsum(headers["count"], dtype=np.int64)))
-    if start[-1] != len(entries):
-        raise ValueError(f"the headers' counts must sum to the number of entries, {len(entries)}, not {int(start[-1])!r}")
+    total = int(headers["count"].sum(dtype=np.int64))
+    if total != len(entries):
+        raise ValueError(f"the headers' counts must sum to the number of entries, {len(entries)}, not {total!r}")
+    return render(config, *_work_of(config, headers, headers["count"], entries), background)
+
+
+def render_visits(config: AcceleratorConfig, visits: np.ndarray, entries: np.ndarray, background: np.ndarray) -> Pixels:
+    """Runs the array of a machine with super-tiles on its own input records: tiles in pieces, with a state for each place of a
+    super-tile that is kept between them.
+
+    Args:
+        config: the machine.
+        visits: (visits,) TileVisit records. The first visit of a tile is `fresh`, the last one `final`.
+        entries: VisitEntry records in order; an item with `end` follows the last one of every visit.
+        background: (3,) raw `colour`.
+
+    Returns:
+        The pixels of the visits that are `final`, in their order.
+
+    Raises:
+        ValueError: there are not as many items with `end` as visits.
+    """
+    ends = np.flatnonzero(entries["end"])
+    if len(ends) != len(visits) or (len(ends) and ends[-1] + 1 != len(entries)):
+        raise ValueError(f"entries must have {len(visits)} items with `end`, one behind every visit, not {len(ends)!r}")
+    splats, work = _work_of(config, visits, np.diff(ends, prepend=-1) - 1, entries[entries["end"] == 0])
+    places = np.stack([visits[name] for name in ("place", "fresh", "final")], 1).astype(np.int64)
+    out = _no_pixels(int(visits["final"].sum()))
+    kernel = array_kernel.visit_tiles if config.depth else array_kernel.visit_tiles_flat
+    kernel(splats, work, places, np.asarray(background, np.int32), _mantissas(config), tables.smoothstep_table(config.formats),
+           array_kernel.array_constants(config), *out)
+    return out
+
+
+def _no_pixels(tiles: int) -> Pixels:
+    """Space for the pixels of so many tiles."""
+    shape = (tiles, TILE, TILE)
+    return Pixels(np.empty((*shape, 3), np.int32), np.empty(shape, np.int32), np.empty(shape, np.int32))
+
+
+def _work_of(
+    config: AcceleratorConfig, headers: np.ndarray, counts: np.ndarray, entries: np.ndarray,
+) -> tuple[ArraySplats, TileWork]:
+    """The array's work, from records with the fields of TileHeader and of ArraySplat, and the number of entries of each
+    header."""
+    start = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     significand, exponent = decode_conic(config, entries["conic"])
     splats = ArraySplats(
         entries["mean2d"].astype(np.int32), significand, exponent, entries["log2_opacity"].astype(np.int32),
@@ -146,5 +188,4 @@ def render_tiles(config: AcceleratorConfig, headers: np.ndarray, entries: np.nda
     header = np.stack([headers["tile_x"], headers["tile_y"], level, headers["outer"], headers["blend"]], 1)
     use = (entries["use"] @ np.array([1, 2])).astype(np.uint8)
     order = np.arange(len(entries), dtype=np.int32)
-    work = TileWork(header.astype(np.int64), headers["plane"].astype(np.int64), start, order, use)
-    return render(config, splats, work, background)
+    return splats, TileWork(header.astype(np.int64), headers["plane"].astype(np.int64), start, order, use)

@@ -16,7 +16,7 @@ from golden.kernels import compiled
 from golden.msv2_ref.vectors import LANES, any_lane, choose, load, lookup, ramp, store
 from spec import tables
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
+from spec.constants import SUPER_TILES, TILE
 
 _PLANES = 5
 _T, _RED, _GREEN, _BLUE, _FAR = range(0, _PLANES * TILE, TILE)
@@ -222,11 +222,16 @@ def _stopped(state, k):
 
 
 @compiled(inline="always")
-def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, far):
-    """Composites one level of one tile into `state`. `pairs` is memory for a block and must hold finite numbers at first."""
-    rows = state.reshape(TILE, _PLANES * TILE)
-    rows[:] = 0
-    rows[:, _T : _T + TILE] = k.t_max
+def _bank(
+    splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, fresh, final, far,
+):
+    """Composites intersections of one level of one tile into `state`: with `fresh`, the first ones, so that the state starts
+    anew; with `final`, the last ones, so that the background follows. `pairs` is memory for a block and must hold finite
+    numbers at first."""
+    if fresh:
+        rows = state.reshape(TILE, _PLANES * TILE)
+        rows[:] = 0
+        rows[:, _T : _T + TILE] = k.t_max
     least = 0 if outer else (1 << k.alpha_frac) - k.alpha_max_l1
     centre = (TILE // 2 << k.mean_frac) + (1 << (k.mean_frac - 1))
     left, top = (TILE * tile_x << k.mean_frac) + centre, (TILE * tile_y << k.mean_frac) + centre
@@ -236,17 +241,22 @@ def _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, se
         _set_up(pairs, k)
         for j in range(count):
             _composite(state, pairs, j, least, segments, k, far)
-    _composite_background(state, background, k)
+    if final:
+        _composite_background(state, background, k)
 
 
 @compiled
-def _deep_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
-    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, True)
+def _deep_bank(
+    splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, fresh=True, final=True,
+):
+    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, fresh, final, True)
 
 
 @compiled
-def _flat_bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state):
-    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, False)
+def _flat_bank(
+    splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, fresh=True, final=True,
+):
+    _bank(splats, order, use, bank, level, outer, tile_x, tile_y, background, segments, k, pairs, state, fresh, final, False)
 
 
 @compiled(inline="always")
@@ -271,6 +281,14 @@ def _blend(rows, outer_rows, plane, smoothstep, k):
 
 
 @compiled(inline="always")
+def _finish(rows, at, colour, depth, transmittance):
+    """Takes the pixels out of a tile's state."""
+    transmittance[at], depth[at] = rows[:, _T : _T + TILE], rows[:, _FAR : _FAR + TILE]
+    colour[at, :, :, 0], colour[at, :, :, 1] = rows[:, _RED : _RED + TILE], rows[:, _GREEN : _GREEN + TILE]
+    colour[at, :, :, 2] = rows[:, _BLUE : _BLUE + TILE]
+
+
+@compiled(inline="always")
 def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     pairs, state, outer_state = np.ones(_PAIR_ROWS * _BLOCK), np.empty(_STATE, np.int32), np.empty(_STATE, np.int32)
     rows, outer_rows = state.reshape(TILE, _PLANES * TILE), outer_state.reshape(TILE, _PLANES * TILE)
@@ -281,9 +299,7 @@ def _render_tiles(bank_pass, begin, end, splats, work, background, segments, smo
         if blend:
             bank_pass(splats, order, use, 1, level + 1, True, tile_x, tile_y, background, segments, k, pairs, outer_state)
             _blend(rows, outer_rows, work.plane[tile], smoothstep, k)
-        transmittance[tile], depth[tile] = rows[:, _T : _T + TILE], rows[:, _FAR : _FAR + TILE]
-        colour[tile, :, :, 0], colour[tile, :, :, 1] = rows[:, _RED : _RED + TILE], rows[:, _GREEN : _GREEN + TILE]
-        colour[tile, :, :, 2] = rows[:, _BLUE : _BLUE + TILE]
+        _finish(rows, tile, colour, depth, transmittance)
 
 
 @compiled(nogil=True)
@@ -296,3 +312,39 @@ def render_tiles(_slice, begin, end, splats, work, background, segments, smooths
 def render_tiles_flat(_slice, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance):
     """As `render_tiles`, without depth sums, which are 0."""
     _render_tiles(_flat_bank, begin, end, splats, work, background, segments, smoothstep, k, colour, depth, transmittance)
+
+
+@compiled(inline="always")
+def _visit_tiles(bank_pass, splats, work, places, background, segments, smoothstep, k, colour, depth, transmittance):
+    pairs, states, done = np.ones(_PAIR_ROWS * _BLOCK), np.zeros((SUPER_TILES, 2, _STATE), np.int32), 0
+    for visit in range(len(work.header)):
+        tile_x, tile_y, level, outer, blend = work.header[visit]
+        order, use = work.order[work.start[visit] : work.start[visit + 1]], work.use[work.start[visit] : work.start[visit + 1]]
+        place, fresh, final = places[visit, 0], places[visit, 1] > 0, places[visit, 2] > 0
+        state, next_state = states[place, 0], states[place, 1]
+        bank_pass(
+            splats, order, use, 0, level, outer > 0, tile_x, tile_y, background, segments, k, pairs, state, fresh, final)
+        if blend:
+            bank_pass(
+                splats, order, use, 1, level + 1, True, tile_x, tile_y, background, segments, k, pairs, next_state, fresh,
+                final)
+        if final:
+            rows = state.reshape(TILE, _PLANES * TILE)
+            if blend:
+                _blend(rows, next_state.reshape(TILE, _PLANES * TILE), work.plane[visit], smoothstep, k)
+            _finish(rows, done, colour, depth, transmittance)
+            done += 1
+
+
+@compiled
+def visit_tiles(splats, work, places, background, segments, smoothstep, k, colour, depth, transmittance):
+    """Renders tiles in pieces, whose states are kept between them. A piece is a tile of `work`; `places` (pieces, 3) int64 hold
+    for each where its tile's state is kept, whether it is the tile's first one and whether its last. Pixels appear in the order
+    of the last pieces."""
+    _visit_tiles(_deep_bank, splats, work, places, background, segments, smoothstep, k, colour, depth, transmittance)
+
+
+@compiled
+def visit_tiles_flat(splats, work, places, background, segments, smoothstep, k, colour, depth, transmittance):
+    """As `visit_tiles`, without depth sums, which are 0."""
+    _visit_tiles(_flat_bank, splats, work, places, background, segments, smoothstep, k, colour, depth, transmittance)

@@ -23,6 +23,7 @@ from golden.scenes.request import Request, parse_numbers
 from golden.scenes.stereo import StereoPair, check_gaze, scene_scale, stereo_pair, target_gaze, warpable_tiles
 from spec.config import AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG, TILE
+from spec.effects import with_two_eyes
 from spec.stereo import (
     background_transmittance,
     reach,
@@ -197,13 +198,13 @@ def render_request(
         words, foveation: the request's Gaussians and tiles as a plan of effects prepared them; None: those of the request.
 
     Raises:
-        InputError: see `golden.scenes.stereo`.
+        InputError: see `golden.scenes.stereo` and `spec.effects.with_two_eyes`.
     """
     units, assumed = scene_scale(request.model.name, args.units_per_metre)
     pair = stereo_pair(request.camera, ipd_metres=args.ipd, units_per_metre=units, source_eye=args.source)
     target = tuple(parse_numbers("gaze", args.gaze_target, 2)) if args.gaze_target else None
     frame = render_stereo(
-        words or request.model, pair, config=config.with_(stereo=True),
+        words or request.model, pair, config=with_two_eyes(config),
         foveation=foveation or request.foveation, threshold_deg=args.ecc_thresh,
         gaze_target=target, background=request.background, beta=beta)
     for warning in stereo_warnings(frame, assumed):

@@ -10,7 +10,9 @@ from golden.host.quantise import GaussianWords, quantise_model
 from golden.host.registers import FrameRegisters, frame_registers
 from golden.kernels import work_clock
 from golden.msv2_ref import array, projection, sort, tile_merge, tile_test
+from golden.msv2_ref.buckets import Bounds, check_bounds, no_bounds
 from golden.msv2_ref.colour import splat_colours
+from golden.msv2_ref.supertiles import Pairs, find_pairs, list_counts, merge_lists
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, no_foveation
 from golden.scenes.model import GaussianModel
@@ -33,11 +35,13 @@ class Frame:
         words: the DRAM image.
         projected: the projection's result, one row for each Gaussian.
         entries: the intersections of each tile, in rendering order.
-        groups: (tiles,) group of each tile after merging.
+        groups: (tiles,) group of each tile after merging; with super-tiles (lists,) that of each list.
         splats: every Gaussian as the array reads it; only visible ones have colours.
         pixels: finished pixels by tile, raw.
         seconds: wall time by stage.
         rendered: (tiles,) bool: which tiles were rendered; the pixels of the others are 0. None: all tiles.
+        pairs: with super-tiles, the pairs of splats and super-tiles in rendering order.
+        bounds: with super-tiles, the bounds of their lists.
     """
 
     config: AcceleratorConfig
@@ -50,6 +54,8 @@ class Frame:
     pixels: array.Pixels
     seconds: dict[str, float] = field(default_factory=dict)
     rendered: np.ndarray | None = None
+    pairs: Pairs | None = None
+    bounds: Bounds | None = None
 
     def untiled(self, tiled: np.ndarray) -> np.ndarray:
         """A field of `pixels`, which is stored by tile, as (height, width, ...)."""
@@ -152,7 +158,7 @@ class Frame:
 def render(
     model: GaussianModel | GaussianWords, camera: Camera, *, config: AcceleratorConfig = DEFAULT,
     foveation: FoveationMap | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0), beta: int | None = None,
-    obb: bool = False, baseline_px: float | None = None,
+    obb: bool = False, baseline_px: float | None = None, bounds: Bounds | None = None,
 ) -> Frame:
     """Renders one frame with the integer renderer.
 
@@ -166,6 +172,7 @@ def render(
         obb: test tiles against bounding boxes instead of the exact ellipse.
         baseline_px: for a frame that is to be warped, see `golden.host.registers.frame_registers`; only the depth scale
             depends on it.
+        bounds: with super-tiles, the bounds that the frame before left (`golden.msv2_ref.buckets`); None: none.
 
     Raises:
         InputError: the frame is larger than the machine's rows, or more levels are asked for than machine and model have.
@@ -187,12 +194,12 @@ def render(
     begin = clock()
     registers = frame_registers(config, camera, words, foveation, background, baseline_px)
     seconds["culling"] = clock() - begin
-    return render_frame(config, words, registers, beta=beta, obb=obb, seconds=seconds)
+    return render_frame(config, words, registers, beta=beta, obb=obb, seconds=seconds, bounds=bounds)
 
 
 def render_frame(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, beta: int | None = None, obb: bool = False,
-    rendered: np.ndarray | None = None, seconds: dict[str, float] | None = None,
+    rendered: np.ndarray | None = None, seconds: dict[str, float] | None = None, bounds: Bounds | None = None,
 ) -> Frame:
     """The machine's part of rendering a frame, after the host has written the registers.
 
@@ -203,6 +210,7 @@ def render_frame(
         beta, obb: see `render`.
         rendered: (tiles,) bool: tiles to render; None renders all.
         seconds: wall time of the stages before this; the times of this function's stages are added.
+        bounds: see `render`.
     """
     seconds, clock = {} if seconds is None else seconds, work_clock
     begin = clock()
@@ -217,8 +225,15 @@ def render_frame(
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
     tested = tile_test.tested_opacity(config, opacity, words.decoded.opacity)
     entries = tile_test.tile_intersections(config, projected, tested, bound, registers, order, obb=obb, rendered=rendered)
-    counts = np.diff(entries.start)
-    groups = tile_merge.merge_tiles(counts, registers.tiles_x, tile_merge.auto_beta(counts, config) if beta is None else beta)
+    counts, pairs = np.diff(entries.start), None
+    if config.supertiles:
+        pairs = find_pairs(registers, words.chunks, projected.depth_key, entries)
+        bounds = bounds or no_bounds(len(pairs.start) - 1)
+        check_bounds(config, bounds)
+        groups = merge_lists(config, list_counts(pairs, bounds), beta)
+    else:
+        groups = tile_merge.merge_tiles(
+            counts, registers.tiles_x, tile_merge.auto_beta(counts, config) if beta is None else beta)
     seconds["tiles"] = clock() - begin
 
     begin = clock()
@@ -230,9 +245,9 @@ def render_frame(
     seconds["colour"] = clock() - begin
 
     begin = clock()
-    tile_y, tile_x = np.divmod(np.arange(len(counts)), registers.tiles_x)
+    tile_y, tile_x = np.divmod(np.arange(len(registers.header)), registers.tiles_x)
     header = np.ascontiguousarray(np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]]))
     work = array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
     pixels = array.render(config, splats, work, registers.background, rendered)
     seconds["array"] = clock() - begin
-    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered)
+    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered, pairs, bounds)

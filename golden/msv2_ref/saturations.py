@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
@@ -16,6 +17,8 @@ def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
     """(records, ...) raw values of the field that a saturation watches, in the records that its stream transfers."""
     if saturation.stream == "splats":  # as `projection.projected_splats` makes them
         return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
+    if frame.config.supertiles:  # one for each level of the tiles that a pair stands for
+        return FrameBatches(frame).place_records[saturation.field]
     tile = np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))
     pairs = np.unique(np.stack([frame.entries.splat, frame.registers.header[tile, 0]], 1), axis=0)
     return splat_records(frame, MAX_LEVELS)[saturation.field][pairs[:, 0], pairs[:, 1]]

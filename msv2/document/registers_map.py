@@ -13,19 +13,24 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
 from spec.registers import Code, Register
 
-EVERY_MACHINE = with_every_register(PAPER)
-"""The machine of the documents in docs/: it has all registers, and those that not all machines have are marked."""
+EVERY_MACHINE, SUPERTILE_MACHINE = with_every_register(PAPER)
+"""The machines of the documents in docs/, which describe the first and what the second has besides. Together they have all
+registers; those that not all machines have are marked."""
 
 GROUPS = {
     "Identity": 0, "Control": registers.CONTROL_BASE, "Settings": registers.SETTINGS_BASE,
     "Counters": registers.COUNTERS_BASE, "": 1 << registers.REGISTER_ADDRESS_BITS}
 """Headings and the first address of each."""
 
+_SUPERTILE = {register.name: register for register in registers.register_map(SUPERTILE_MACHINE)}
+
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
-    for register in registers.register_map(machine)} | dict.fromkeys(
-        (register.name for register in registers.register_map(PAPER)), "")
+    for what, machine in (("super-tiles", SUPERTILE_MACHINE), ("chunks", PAPER.with_(order="spatial", chunks=True)),
+                          ("stereo", PAPER.with_(stereo=True)))
+    for register in registers.register_map(machine)} | {
+        register.name: "" if register.name in _SUPERTILE else " (not with super-tiles)"
+        for register in registers.register_map(PAPER)}
 """What the documents say behind a register, by its name."""
 
 
@@ -34,7 +39,8 @@ def register_list(config: AcceleratorConfig) -> tuple[Register, ...]:
     everything = registers.register_map(config)
     if config != EVERY_MACHINE:
         return everything
-    return tuple(replace(r, doc=r.doc + _ADDED[r.name]) for r in everything)
+    every = _SUPERTILE | {r.name: r for r in everything}
+    return tuple(replace(r, doc=r.doc + _ADDED[r.name]) for r in sorted(every.values(), key=lambda r: r.offset))
 
 
 def grouped(config: AcceleratorConfig) -> Iterator[tuple[str, list[Register]]]:

@@ -18,10 +18,10 @@ def page() -> str:
     """The page."""
     text = (stages.__doc__ or "").partition("\n\n")[2].strip()
     what = table(("stage", "phase", "what it does"), (
-        (f"`{stage.name}`", stage.phase.value, stage.does) for stage in stages.STAGES))
+        (f"`{stage.name}`", stage.phase.value, stage.does) for stage in stages.EVERY_STAGE))
     where = table(("stage", "golden modules", "RTL modules", "units", "test suites", "`TEST=`", "counters"), (
         (f"`{stage.name}`", _code(stage.golden), _code(stage.rtl), _code(stage.units), _code(stage.suites), f"`{stage.test}`",
-         _code(stage.counters)) for stage in stages.STAGES))
+         _code(stage.counters)) for stage in stages.EVERY_STAGE))
     head = ["# Stages", "", "Written by `python -m msv2.document` from `spec/stages.py`.", ""]
     return "\n".join([*head, text, "", *what, "## Where each stage lives", "", *where]).rstrip() + "\n"
 

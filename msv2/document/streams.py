@@ -42,10 +42,8 @@ def page() -> str:
     rows, payloads = [], {}
     for unit, streams in units.items():
         for tiny, paper in zip(*streams, strict=True):
-            title = tiny.record or f"{NO_RECORD} {unit}.{tiny.name}"
+            title = _title(payloads, unit, tiny, paper)
             payloads.setdefault(title, (tiny, paper))
-            if (tiny.bits, paper.bits) != tuple(one.bits for one in payloads[title]):
-                raise ValueError(f"payloads of {title} must have the same bits everywhere, not {tiny.bits} and {paper.bits}")
             rows.append([f"`{unit}`", f"`{tiny.name}`", tiny.way, f"[{title}](#{_anchor(title)})", tiny.bits, paper.bits])
     lines = [HEAD, "## Streams of the units", "",
              *table(("unit", "stream", "direction", "payload", f"bits in {TINY.name}", f"in {PAPER.name}"), rows),
@@ -53,6 +51,17 @@ def page() -> str:
     for title, both in payloads.items():
         lines += [f"### {title}", "", *_map(*(one.fields for one in both))]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _title(payloads: dict[str, tuple[StreamPort, StreamPort]], unit: str, tiny: StreamPort, paper: StreamPort) -> str:
+    """The heading of a payload. Records of units that only other machines have, such as those with compact records, may have
+    other fields: their heading also names the first unit that has them."""
+    if not tiny.record:
+        return f"{NO_RECORD} {unit}.{tiny.name}"
+    fields = (tiny.fields, paper.fields)
+    known = [tiny.record, *(title for title in payloads if title.startswith(f"{tiny.record} of "))]
+    same = (title for title in known if title not in payloads or tuple(one.fields for one in payloads[title]) == fields)
+    return next(same, f"{tiny.record} of {unit}")
 
 
 def _anchor(title: str) -> str:

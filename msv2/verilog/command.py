@@ -12,6 +12,7 @@ from pathlib import Path
 from msv2.verilog.export import export
 from rtl.units import TOP, UNITS
 from spec.command_line import add_out_argument, command_parser
+from spec.effects import with_two_eyes
 from spec.overrides import add_config_arguments, config_from
 from spec.private import output_folder
 
@@ -39,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     config = config_from(args, DEFAULT_CONFIG)
     with output_folder(args.out, Path(DEFAULT_OUT)) as out:
-        written = export(config.with_(stereo=True) if args.stereo else config, out, args.unit, args.prefix)
+        written = export(with_two_eyes(config) if args.stereo else config, out, args.unit, args.prefix)
         print(f"wrote module {written.top}: {written.files}, {written.waivers}, {written.description}")
         for path in written.documents:
             print(f"wrote {path}")

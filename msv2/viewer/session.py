@@ -32,7 +32,7 @@ from msv2.viewer import numbers, pictures, splat
 from msv2.viewer.state import FLOAT, ONE, SIDE_BY_SIDE, State, fitted
 from perf.model import MemoryModel
 from spec.config import AcceleratorConfig
-from spec.effects import EffectPlan
+from spec.effects import EffectPlan, with_two_eyes
 from spec.recent import Recent
 
 
@@ -188,7 +188,7 @@ class Session:
         if not state.stereo:
             return work.render()
         return render_stereo(
-            work.words, self._pair(state)[0], config=work.config.with_(stereo=True), foveation=work.foveation,
+            work.words, self._pair(state)[0], config=with_two_eyes(work.config), foveation=work.foveation,
             threshold_deg=self._args.ecc_thresh, background=self.background)
 
     def _float_images(self, state: State, exact: bool) -> list[np.ndarray]:

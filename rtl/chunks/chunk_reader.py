@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.shapes import layout
 from rtl.tile_lists.beats import check_config, read_port
-from spec.chunks import CHUNK, header_item
+from spec.chunks import CHUNK, PLACE_BITS, header_item
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES
 from spec.queues import CHUNKS_AHEAD
@@ -18,6 +18,16 @@ from spec.records import gaussian_geometry, gaussian_point
 
 _KEPT = {False: ("count", "first", "end"), True: ("low", "step", "scale_top", "bound", "count", "first", "end")}
 """Fields of a header that wait for the Gaussians, with wide records and with compact ones."""
+
+
+def _kept_layout(config: AcceleratorConfig, item: data.StructLayout) -> data.StructLayout:
+    """What waits of a HeaderItem. With super-tiles it is the chunk's number instead of `first`, and the half of a beat in which
+    the first Gaussian lies."""
+    kept = {name: item[name].shape for name in _KEPT[config.compact]}
+    if config.supertiles:
+        del kept["first"]
+        kept |= {"half": 1, "number": item["number"].shape}
+    return data.StructLayout(kept)
 
 
 class ChunkReader(wiring.Component):
@@ -38,6 +48,7 @@ class ChunkReader(wiring.Component):
         tested: HeaderItem items of the chunks to read, each with 1 to 64 Gaussians; a frame ends with an item with `end`.
         reads, data: read port of memory: two Gaussians per beat with compact records, else one.
         points: GaussianPoint items: those of a chunk in order of their indices, chunks in their order, then one with `end`.
+            With super-tiles, their `index` is that of `spec.supertiles`: chunk << PLACE_BITS | place in the chunk.
         busy: high from the cycle after `start` until `end` is taken.
         error: memory answered with an error since `start`. The items of such beats are undefined, but are passed on.
 
@@ -54,7 +65,7 @@ class ChunkReader(wiring.Component):
             raise ValueError(f"formats must be so short that a GaussianGeometry fits {8 * BEAT_BYTES} bits, not {width!r}")
         self.config = config
         item = layout(header_item(config))
-        self._kept = data.StructLayout({name: item[name].shape for name in _KEPT[config.compact]})
+        self._kept = _kept_layout(config, item)
         self._decode = GeometryDecode(config) if config.compact else None
         super().__init__({
             "start": In(1), "geometry_base": In(BEAT_BITS),
@@ -89,7 +100,8 @@ class ChunkReader(wiring.Component):
             self.tested.ready.eq(headers.w_rdy & ((left == 0) | (left == 1) & self.reads.ready)),
             taken.eq(self.tested.valid & self.tested.ready),
             headers.w_en.eq(taken),
-            headers.w_data.eq(Cat(Value.cast(chunk[name]) for name in self._kept.members)),
+            headers.w_data.eq(Cat(
+                chunk.first[0] if name == "half" else Value.cast(chunk[name]) for name, _ in self._kept)),
         ]
         with m.If(self.reads.valid & self.reads.ready):
             m.d.sync += [left.eq(left - 1), beat.eq(beat + 1)]
@@ -102,7 +114,12 @@ class ChunkReader(wiring.Component):
         come too late in a cycle to be added to."""
         waiting, words = data.View(self._kept, headers.r_data), self.data.payload.word.as_value()
         chunk, present = Signal(self._kept), Signal()
-        index, last, valid, moves, loads = chunk.first, Signal(), Signal(), Signal(), Signal()
+        last, valid, moves, loads = Signal(), Signal(), Signal(), Signal()
+        if self.config.supertiles:
+            counter, half = Signal(PLACE_BITS), chunk.half
+            index = Cat(counter, chunk.number)
+        else:
+            counter, index, half = chunk.first, chunk.first, chunk.first[0]
         codes = self._decode.codes if self._decode else self.points
         m.d.comb += [
             last.eq(chunk.end | (chunk.count == 1)),
@@ -111,20 +128,25 @@ class ChunkReader(wiring.Component):
             loads.eq(headers.r_rdy & (~present | moves & last)),
             headers.r_en.eq(loads),
             codes.valid.eq(valid), codes.payload.index.eq(index), codes.payload.end.eq(chunk.end),
-            self.data.ready.eq(present & ~chunk.end & codes.ready & ((index[0] | last) if self._decode else 1)),
+            self.data.ready.eq(present & ~chunk.end & codes.ready & ((half | last) if self._decode else 1)),
         ]
         with m.If(loads):
             m.d.sync += [chunk.eq(waiting), present.eq(1)]
         with m.Elif(moves):  # `first` and `count` become the index and the number of those that are left
-            m.d.sync += [index.eq(index + 1), chunk.count.eq(chunk.count - 1), present.eq(~last)]
+            m.d.sync += [counter.eq(counter + 1), chunk.count.eq(chunk.count - 1), present.eq(~last)]
+        if self.config.supertiles:
+            with m.If(loads):
+                m.d.sync += counter.eq(0)
+            with m.Elif(moves):
+                m.d.sync += half.eq(~half)
         if self._decode:
             m.submodules.decode = self._decode
             wiring.connect(m, self._decode.points, wiring.flipped(self.points))
-            half = Mux(index[0], words[len(words) // 2:], words[: len(words) // 2])
+            record = Mux(half, words[len(words) // 2:], words[: len(words) // 2])
             m.d.comb += [
                 *(Value.cast(codes.payload[name]).eq(Value.cast(chunk[name]))
                   for name in ("low", "step", "scale_top", "bound")),
-                Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, half))]  # without a valid beat these words may change
+                Value.cast(codes.payload.word).eq(Mux(chunk.end, 0, record))]  # without a valid beat these words may change
         else:
             record = gaussian_geometry(self.config)
             m.d.comb += Cat(codes.payload[f.name] for f in record.fields).eq(Mux(chunk.end, 0, words[: record.width]))

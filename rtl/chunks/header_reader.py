@@ -24,7 +24,8 @@ class ChunkHeaderReader(wiring.Component):
         start: strobe; it must not come while `busy`. Settings are stable from then on.
         chunks_base, chunks: the beat of the first header, and the number of chunks; 0 gives only the item with `end`.
         reads, data: read port of memory; one beat per chunk.
-        headers: HeaderItem items; the one with `end` is 0 besides.
+        headers: HeaderItem items; the one with `end` is 0 besides. With super-tiles, `number` counts the chunks of the model,
+            lost ones too.
         busy: high from the cycle after `start` until `end` is taken.
         error: memory answered with an error since `start`. Chunks whose header is lost are left out, because a reader must not
             wait for Gaussians that nobody has counted.
@@ -61,6 +62,10 @@ class ChunkHeaderReader(wiring.Component):
             self.headers.valid.eq(self.busy & (end | self.data.valid & ~words.error)),
             self.data.ready.eq(self.busy & ~end & (self.headers.ready | words.error)),
         ]
+        if self.config.supertiles:
+            number = Signal.like(item.number)
+            m.d.comb += item.number.eq(Mux(end, 0, number))
+            m.d.sync += number.eq(Mux(self.start, 0, number + moves))
         with m.If(self.headers.valid & self.headers.ready & end):
             m.d.sync += self.busy.eq(0)
         with m.If(self.start):

@@ -68,7 +68,7 @@ class CompactRecordWriter(wiring.Component):
             moves.eq(~self.busy | free),
             sums.ready.eq(~rest.any() | moves & last),
         ]
-        opacities, colours = self._codes(m, coarse, level, above)
+        opacities, colours = level_codes(m, sums.payload.codes, coarse, level, above)
         with m.If(moves):
             m.d.sync += self.busy.eq(sums.valid & rest.any())
         with m.If(moves & sums.valid & rest.any()):
@@ -88,24 +88,27 @@ class CompactRecordWriter(wiring.Component):
                 self.writes.payload.word.as_value().eq(self._record(held))]
         return m
 
-    def _codes(self, m: Module, coarse: Value, *both: Value) -> tuple[list[Signal], list[Signal]]:
-        """The codes of the opacities and of the base colours of a level and of the one above, both one-hot."""
-        codes = self.sums.payload.codes
-        opacities = [Signal(OPACITY_BITS, name=f"opacity_code_{i}") for i in range(2)]
-        colours = [Signal(dc_bits(False), name=f"dc_code_{i}") for i in range(6)]
-        for i, at in enumerate(both):
-            places = Cat(at & coarse.replicate(MAX_LEVELS), Cat(at[0], at[1], at[2:].any()) & (~coarse).replicate(3))
-            m.d.comb += opacities[i].eq(_chosen(places, codes.opacity, 0, 1, (OPACITY_BITS, OPACITY_BITS)))
-            for c in range(3):
-                m.d.comb += colours[3 * i + c].eq(_chosen(places, codes.dc, c, 3, (dc_bits(True), dc_bits(False))))
-        return opacities, colours
-
     def _record(self, held: data.View) -> Value:
         """The splat record."""
         values = {name: Value.cast(held[name]) for name in (*_UNCHANGED, "log2_opacity")}
         values["colour"] = Cat(
             rounded_colour(self.config, held.total[i % 3], held.dc[i]) for i in range(6))
         return Cat(values[name] for name, _ in layout(splat_record(self.config)))
+
+
+def level_codes(m: Module, codes: data.View, coarse: Value, *both: Value) -> tuple[list[Signal], list[Signal]]:
+    """The codes of the opacities and of the base colours, r, g, b, of a level and of the one above, both one-hot.
+
+    `codes` are the splat's (`rtl.culling.compact_sum.codes_layout`); `coarse` is high where it has a coarse record.
+    """
+    opacities = [Signal(OPACITY_BITS, name=f"opacity_code_{i}") for i in range(2)]
+    colours = [Signal(dc_bits(False), name=f"dc_code_{i}") for i in range(6)]
+    for i, at in enumerate(both):
+        places = Cat(at & coarse.replicate(MAX_LEVELS), Cat(at[0], at[1], at[2:].any()) & (~coarse).replicate(3))
+        m.d.comb += opacities[i].eq(_chosen(places, codes.opacity, 0, 1, (OPACITY_BITS, OPACITY_BITS)))
+        for c in range(3):
+            m.d.comb += colours[3 * i + c].eq(_chosen(places, codes.dc, c, 3, (dc_bits(True), dc_bits(False))))
+    return opacities, colours
 
 
 def _chosen(places: Value, codes: Value, first: int, step: int, bits: tuple[int, int]) -> Value:

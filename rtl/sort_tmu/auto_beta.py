@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.sort_tmu.tile_counters import total_bits
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, frame_tiles
+from spec.records import COUNT_BITS, frame_lists
 
 
 class AutoBeta(wiring.Component):
@@ -22,7 +22,7 @@ class AutoBeta(wiring.Component):
     The quotient is computed by restoring division.
 
     Parameters:
-        config: the machine; only `row_width` and `sort_buffer_bytes` are used.
+        config: the machine; `sort_buffer_bytes` and `row_width` are used, or with lists by super-tile `list_heads`.
 
     Ports:
         start: strobe that begins a division; it may only come while none is under way.
@@ -40,7 +40,7 @@ class AutoBeta(wiring.Component):
         super().__init__({
             "start": In(1),
             "total": In(total_bits(config)),
-            "filled": In(range(frame_tiles(config) + 1)),
+            "filled": In(range(frame_lists(config) + 1)),
             "beta": Out(COUNT_BITS),
             "done": Out(1),
         })

@@ -32,7 +32,7 @@ class GroupTiles(wiring.Component):
     """Gives every tile of a frame, in tile order, the group that it belongs to.
 
     Parameters:
-        config: the machine; only `row_width` is used.
+        config: the machine; only `row_width` is used, or with lists by super-tile `list_heads`.
 
     Ports:
         beta: merge threshold, 1 or more; must be stable from the cycle before a frame's first count until its last one.

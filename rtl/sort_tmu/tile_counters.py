@@ -27,24 +27,24 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout, shape
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_index
+from spec.records import COUNT_BITS, frame_lists, intersection_tile, list_index
 
 
 def tile_count_layout(config: AcceleratorConfig) -> data.StructLayout:
     """The counter of one tile as the sweep delivers it, and whether the tile is the last of its row and of the frame."""
-    return data.StructLayout({"tile": shape(tile_index(config)), "count": COUNT_BITS, "row_ends": 1, "frame_ends": 1})
+    return data.StructLayout({"tile": shape(list_index(config)), "count": COUNT_BITS, "row_ends": 1, "frame_ends": 1})
 
 
 def total_bits(config: AcceleratorConfig) -> int:
     """Bits of the number of intersections of a frame."""
-    return COUNT_BITS + frame_tiles(config).bit_length()
+    return COUNT_BITS + frame_lists(config).bit_length()
 
 
 class TileCounters(wiring.Component):
     """Counts the intersections of each tile of a frame.
 
     Parameters:
-        config: the machine; only `row_width` is used.
+        config: the machine; only `row_width` is used, or with lists by super-tile `list_heads`.
         count_bits: bits of a counter.
 
     Ports:
@@ -74,7 +74,7 @@ class TileCounters(wiring.Component):
         if not 1 <= count_bits <= COUNT_BITS:
             raise ValueError(f"count_bits must be in 1..{COUNT_BITS}, not {count_bits!r}")
         self.config, self.count_bits = config, count_bits
-        tiles = frame_tiles(config)
+        tiles = frame_lists(config)
         super().__init__({
             "hits": In(stream.Signature(layout(intersection_tile(config)))),
             "tiles_x": In(range(tiles + 1)),
@@ -91,7 +91,7 @@ class TileCounters(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        depth = frame_tiles(self.config)
+        depth = frame_lists(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])
         write, read = counters.write_port(), counters.read_port()
         clearing, counted = Signal(range(depth)), self._sum(m)

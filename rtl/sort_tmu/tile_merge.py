@@ -11,15 +11,16 @@ from rtl.sort_tmu.auto_beta import AutoBeta
 from rtl.sort_tmu.group_tiles import GroupTiles
 from rtl.sort_tmu.tile_counters import TileCounters
 from spec.config import AcceleratorConfig
-from spec.records import COUNT_BITS, frame_tiles, intersection_tile, tile_group
+from spec.records import COUNT_BITS, frame_lists, intersection_tile, tile_group
 
 
 class TileMergeUnit(wiring.Component):
     """A pipeline of two stages, `TileCounters` and `GroupTiles`; `AutoBeta` runs between them, before the sweep of the
-    counters.
+    counters. In machines with lists by super-tile, lists take the place of tiles, and a frame is one row.
 
     Parameters:
-        config: the machine; `row_width` (frames of up to that many pixels squared) and `sort_buffer_bytes` are used.
+        config: the machine; `row_width` (frames of up to that many pixels squared) and `sort_buffer_bytes` are used, and with
+            lists by super-tile `list_heads` instead of `row_width`.
         count_bits: bits of a tile's counter; a full counter stays full and raises `saturated`.
 
     Ports:
@@ -44,7 +45,7 @@ class TileMergeUnit(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config, self._counters = config, TileCounters(config, count_bits=count_bits)
-        tiles = frame_tiles(config)
+        tiles = frame_lists(config)
         super().__init__({
             "hits": In(stream.Signature(layout(intersection_tile(config)))),
             "groups": Out(stream.Signature(layout(tile_group(config)))),

@@ -52,19 +52,19 @@ from spec.records import frame_tiles, intersection, intersection_item, intersect
 UNIT_BITS = BEAT_BITS - (FIRST_PAGE_BEATS - 1).bit_length()
 """Bits of a page's first unit."""
 
-_PAGE_LOW, _BEAT_LOW = (FIRST_PAGE_ENTRIES - 1).bit_length(), (BEAT_ENTRIES - 1).bit_length()
+PAGE_LOW, BEAT_LOW = (FIRST_PAGE_ENTRIES - 1).bit_length(), (BEAT_ENTRIES - 1).bit_length()
 """Bits of a place's position in its unit, and in its beat."""
 
 
-def _several(value: Value) -> Value:
+def several(value: Value) -> Value:
     """Whether more than one bit is set, without a carry chain."""
     if len(value) == 1:
         return Const(0, 1)
     low, high = value[: len(value) // 2], value[len(value) // 2 :]
-    return _several(low) | _several(high) | low.any() & high.any()
+    return several(low) | several(high) | low.any() & high.any()
 
 
-class _Slot(NamedTuple):
+class Slot(NamedTuple):
     """The pipeline stage in which an intersection's page is chosen."""
 
     valid: Signal
@@ -74,6 +74,28 @@ class _Slot(NamedTuple):
     begins: Signal  # the place begins a page other than the first
     again: Signal  # the item before had the same tile
     next_tile: Value  # tile of the item in the stage before
+
+
+def page_origins(m: Module, tiles: int, slot: Slot, free: Signal, advance: Signal, begins: Value) -> Signal:
+    """The origin for the intersection in the slot, from a memory of `tiles` origins; it is stored for the tile where a page
+    `begins`."""
+    m.submodules.origins = origins = memory.Memory(shape=UNIT_BITS, depth=tiles, init=[])
+    write, read = origins.write_port(), origins.read_port()
+    before, origin = Signal(UNIT_BITS, reset_less=True), Signal(UNIT_BITS)
+    units = slot.place[PAGE_LOW:]
+    with m.If(slot.begins):
+        m.d.comb += origin.eq(free - units)
+    with m.Elif(units == 1):  # a first page
+        m.d.comb += origin.eq(slot.item.tile - 1)
+    with m.Else():
+        m.d.comb += origin.eq(Mux(slot.again, before, read.data))
+    m.d.comb += [
+        read.addr.eq(slot.next_tile), read.en.eq(advance),
+        write.addr.eq(slot.item.tile), write.data.eq(origin), write.en.eq(begins),
+    ]
+    with m.If(advance):
+        m.d.sync += before.eq(origin)
+    return origin
 
 
 class IntersectionWriter(wiring.Component):
@@ -141,7 +163,7 @@ class IntersectionWriter(wiring.Component):
         m.d.comb += passed.eq(slot.valid & slot.item.end & advance)
         return m
 
-    def _places(self, m: Module, advance: Signal, passed: Signal, begun: Signal) -> _Slot:
+    def _places(self, m: Module, advance: Signal, passed: Signal, begun: Signal) -> Slot:
         """Finds the places of intersections, and clears all places. Returns the slot, in which the page is chosen. `passed`:
         the frame's end leaves the slot.
 
@@ -161,7 +183,7 @@ class IntersectionWriter(wiring.Component):
         valid, entry, inside, again = Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal()
         again_later, place = Signal(), Signal(bits)
         summed, before = Signal(bits, reset_less=True), Signal(bits, reset_less=True)  # not yet in the memory
-        slot = _Slot(
+        slot = Slot(
             Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal(bits, reset_less=True), Signal(reset_less=True),
             Signal(reset_less=True), entry.tile)
         m.d.comb += [
@@ -192,15 +214,15 @@ class IntersectionWriter(wiring.Component):
             m.d.sync += [again.eq(inside & (entry.tile == item.tile)), summed.eq(place + 1)]
             m.d.sync += [again_later.eq(slot.inside & (slot.item.tile == item.tile)), before.eq(summed)]
             m.d.sync += [slot.valid.eq(valid), slot.item.eq(entry), slot.inside.eq(inside), slot.place.eq(place)]
-            m.d.sync += slot.begins.eq(~_several(place) & ~place[_PAGE_LOW])
+            m.d.sync += slot.begins.eq(~several(place) & ~place[PAGE_LOW])
             m.d.sync += slot.again.eq(slot.inside & (slot.item.tile == entry.tile))
         return slot
 
-    def _pages(self, m: Module, slot: _Slot, advance: Signal, begun: Signal) -> None:
+    def _pages(self, m: Module, slot: Slot, advance: Signal, begun: Signal) -> None:
         """Finds the page of the intersection in the slot, allocates it where it begins there, and drives both outputs."""
         m.submodules.hit_buffer = hits = Buffer(self.hits.payload.shape())
         wiring.connect(m, hits.source, wiring.flipped(self.hits))
-        units = slot.place[_PAGE_LOW:]
+        units = slot.place[PAGE_LOW:]
         free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # the first free unit, and the number of free units
         fits, works, links, linked = Signal(), Signal(), Signal(), Signal()
         roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k units fit; no carry chain
@@ -209,7 +231,7 @@ class IntersectionWriter(wiring.Component):
             works.eq(slot.inside & fits),
             links.eq(works & slot.begins & ~linked),
         ]
-        origin = self._origin(m, slot, free, advance, advance & works & slot.begins)
+        origin = page_origins(m, frame_tiles(self.config), slot, free, advance, advance & works & slot.begins)
         room, quiet = self._requests(m, slot, links, works & (links | hits.sink.ready), origin, free)
         passes, hit = Signal(), slot.item.end | ~slot.inside | works
         m.d.comb += [
@@ -231,28 +253,8 @@ class IntersectionWriter(wiring.Component):
             with m.If(works & slot.begins):
                 m.d.sync += [free.eq(free + units), left.eq(left - units)]
 
-    def _origin(self, m: Module, slot: _Slot, free: Signal, advance: Signal, begins: Value) -> Signal:
-        """The origin for the intersection in the slot; it is stored for the tile where a page `begins`."""
-        m.submodules.origins = origins = memory.Memory(shape=UNIT_BITS, depth=frame_tiles(self.config), init=[])
-        write, read = origins.write_port(), origins.read_port()
-        before, origin = Signal(UNIT_BITS, reset_less=True), Signal(UNIT_BITS)
-        units = slot.place[_PAGE_LOW:]
-        with m.If(slot.begins):
-            m.d.comb += origin.eq(free - units)
-        with m.Elif(units == 1):  # a first page
-            m.d.comb += origin.eq(slot.item.tile - 1)
-        with m.Else():
-            m.d.comb += origin.eq(Mux(slot.again, before, read.data))
-        m.d.comb += [
-            read.addr.eq(slot.next_tile), read.en.eq(advance),
-            write.addr.eq(slot.item.tile), write.data.eq(origin), write.en.eq(begins),
-        ]
-        with m.If(advance):
-            m.d.sync += before.eq(origin)
-        return origin
-
     def _requests(
-        self, m: Module, slot: _Slot, links: Signal, sends: Value, origin: Signal, free: Signal,
+        self, m: Module, slot: Slot, links: Signal, sends: Value, origin: Signal, free: Signal,
     ) -> tuple[Value, Value]:
         """Sends the write of an intersection or, with `links`, of the pointer to the page that it begins. Returns whether the
         write is taken, and whether all writes are in memory."""
@@ -260,9 +262,9 @@ class IntersectionWriter(wiring.Component):
         wiring.connect(m, writes.source, wiring.flipped(self.writes))
         request, room = writes.sink.payload, writes.sink.ready
         p = Pipeline(m, load=slot.valid & sends, advance=room)
-        units, entry = slot.place[_PAGE_LOW:], Cat(slot.item[f.name] for f in intersection(self.config).fields)
+        units, entry = slot.place[PAGE_LOW:], Cat(slot.item[f.name] for f in intersection(self.config).fields)
         page = Cat(units[1 : 1 + self.slots], Const(0, DIRECTORY_SLOTS - self.slots))  # one-hot where a page begins
-        pairs = ((slot.place[:_BEAT_LOW] == i).replicate(WORDS // BEAT_ENTRIES) for i in range(BEAT_ENTRIES))
+        pairs = ((slot.place[:BEAT_LOW] == i).replicate(WORDS // BEAT_ENTRIES) for i in range(BEAT_ENTRIES))
         parts = [page[i : i + WORDS] for i in range(0, DIRECTORY_SLOTS, WORDS)]
         pointer = Cat(Const(0, BEAT_BITS - UNIT_BITS), free, Const(0, 32 - BEAT_BITS))
         valid = p.control("valid", slot.valid & sends)
@@ -273,7 +275,7 @@ class IntersectionWriter(wiring.Component):
                        p.data("pair", Cat(*pairs)))
         unit = p.reg("unit", lambda x, y: (x + y)[:UNIT_BITS], p.data("origin", origin).to(1), p.data("units", units))
         linked_at = p.data("linked_at", slot.item.tile * DIRECTORY_BEATS + sum(part.any() * i for i, part in enumerate(parts)))
-        low = p.data("low", slot.place[_BEAT_LOW:_PAGE_LOW])
+        low = p.data("low", slot.place[BEAT_LOW:PAGE_LOW])
         relative = p.reg("relative", lambda link, at, unit, low: Mux(link, at, Cat(low, unit)), linking, linked_at, unit, low)
         base = p.reg("base", lambda link: Mux(link, self.directory_base, self.entries_base), linking.to(unit.stage))
         beat = p.reg("beat", lambda base, x: (base + x)[:BEAT_BITS], base, relative)

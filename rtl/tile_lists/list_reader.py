@@ -25,7 +25,8 @@ class ListReader(wiring.Component):
     that in which they were written.
 
     Parameters:
-        config: the machine; `row_width` matters here.
+        config: the machine; `row_width` matters here, or with lists by super-tile `list_heads`. Their lists take the place of
+            tiles.
 
     Ports:
         tiles: TileGroup items of every tile of a frame, in order. A tile's count is the number of its intersections in memory.

@@ -20,7 +20,7 @@ from rtl.tile_lists.entry_writer import UNIT_BITS
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES, DIRECTORY_BEATS, DIRECTORY_SLOTS, FIRST_PAGE_BEATS, FIRST_PAGE_ENTRIES, WORDS
 from spec.queues import LIST_POINTERS, LIST_TILES
-from spec.records import COUNT_BITS, tile_group, tile_index
+from spec.records import COUNT_BITS, list_index, tile_group
 
 _UNIT_LOW = BEAT_BITS - UNIT_BITS
 """Bits of a beat's position in its unit."""
@@ -31,7 +31,7 @@ _SECOND_PAGE = FIRST_PAGE_ENTRIES.bit_length()
 
 def listed_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A tile with intersections; `last`: no further tile with intersections of its group follows."""
-    return data.StructLayout({"tile": shape(tile_index(config)), "count": COUNT_BITS, "last": 1})
+    return data.StructLayout({"tile": shape(list_index(config)), "count": COUNT_BITS, "last": 1})
 
 
 def wanted_layout() -> data.StructLayout:

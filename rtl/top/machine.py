@@ -13,18 +13,25 @@ from rtl.axi.counters import PerformanceCounters
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
-from rtl.top import geometry_phase, render_phase
+from rtl.top import bin_phase, gather_phase, geometry_phase, render_phase
+from rtl.top.bin_phase import BinPhase
 from rtl.top.controller import FrameController
+from rtl.top.gather_phase import GatherPhase
+from rtl.top.geometry_phase import GeometryPhase
+from rtl.top.render_phase import RenderPhase
 from spec.config import AcceleratorConfig
 from spec.queues import READ_DEPTHS
 from spec.registers import ErrorCode, events, read_clients, stages, write_clients
+
+FirstPhase, SecondPhase = GeometryPhase | BinPhase, RenderPhase | GatherPhase
 
 
 class Machine(wiring.Component):
     """The accelerator: an AXI4-Lite slave for commands, an AXI4 master to memory, and an interrupt.
 
-    A frame passes the phases of `FrameController`. docs/machine.md describes what the host does, docs/registers.md the
-    registers. Only `rst` resets bus and registers; the other units are also reset after a failed frame.
+    A frame passes the phases of `FrameController`. Machines with lists by super-tile have other units in both phases:
+    `BinPhase`, `GatherPhase`. docs/machine.md describes what the host does, docs/registers.md the registers. Only `rst` resets
+    bus and registers; the other units are also reset after a failed frame.
 
     Parameters:
         config: the machine.
@@ -53,7 +60,8 @@ class Machine(wiring.Component):
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
         renamed = DomainRenamer("units")
-        geometry, render = geometry_phase.GeometryPhase(self.config), render_phase.RenderPhase(self.config)
+        geometry: FirstPhase = (BinPhase if self.config.supertiles else GeometryPhase)(self.config)
+        render: SecondPhase = (GatherPhase if self.config.supertiles else RenderPhase)(self.config)
         m.submodules.geometry, m.submodules.render = renamed(geometry), renamed(render)
 
         bus.join(m, self, registers, "s_axi", "s_axil")
@@ -62,6 +70,8 @@ class Machine(wiring.Component):
         self._control(m, registers, controller, master, geometry, render)
         if self.config.stereo:
             self._two_eyes(m, registers, controller, geometry, render)
+        if self.config.supertiles:
+            self._super_tiles(m, controller, geometry, render)
         self._memory(m, renamed, master, geometry, render)
         if self.config.counters:
             self._count(m, registers, controller, master, geometry, render)
@@ -69,7 +79,7 @@ class Machine(wiring.Component):
 
     def _control(
         self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
-        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+        geometry: FirstPhase, render: SecondPhase,
     ) -> None:
         """Connects control signals and ranks failures; bus errors come first, because they may cause the other failures."""
         for unit in (geometry, render):
@@ -100,9 +110,23 @@ class Machine(wiring.Component):
             registers.read_errors.eq(master.read_errors), registers.write_errors.eq(master.write_errors),
         ]
 
+    def _super_tiles(self, m: Module, controller: FrameController, bin_: BinPhase, gather: GatherPhase) -> None:
+        """Connects what both phases use. `rendering` changes while nothing of a frame is in the units of the first phase."""
+        rendering = Signal()
+        with m.If(controller.start_render):
+            m.d.sync += rendering.eq(1)
+        with m.Elif(controller.clear):
+            m.d.sync += rendering.eq(0)
+        for name in ("merged", "gathered", "supertiles"):
+            wiring.connect(m, getattr(gather, name), getattr(bin_, name))
+        for name in ("listed", "tested"):
+            wiring.connect(m, getattr(bin_, name), getattr(gather, name))
+        m.d.comb += [
+            bin_.rendering.eq(rendering), gather.list_count.eq(bin_.list_count),
+            bin_.sorted_item.eq(gather.sorted_item), bin_.sorted_taken.eq(gather.sorted_taken)]
+
     def _two_eyes(
-        self, m: Module, registers: RegisterFile, controller: FrameController, geometry: geometry_phase.GeometryPhase,
-        render: render_phase.RenderPhase,
+        self, m: Module, registers: RegisterFile, controller: FrameController, geometry: GeometryPhase, render: RenderPhase,
     ) -> None:
         """Selects position, table and frame of the target eye in its pass, and connects the mask of its tiles.
 
@@ -121,10 +145,14 @@ class Machine(wiring.Component):
 
     def _memory(
         self, m: Module, renamed: DomainRenamer, master: AxiMaster,
-        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+        geometry: FirstPhase, render: SecondPhase,
     ) -> None:
-        """Connects clients to the bus. Both phases read the table of tiles, one after the other, so they share one client."""
-        phases = ((geometry, geometry_phase.readers(self.config)), (render, render_phase.READERS))
+        """Connects clients to the bus. Some regions are read in both phases, the one after the other, so these share a client:
+        the table of tiles and, with super-tiles, the headers of chunks."""
+        first, second, own_writers = (
+            (bin_phase.READERS, gather_phase.READERS, bin_phase.WRITERS) if self.config.supertiles else
+            (geometry_phase.readers(self.config), render_phase.READERS, geometry_phase.WRITERS))
+        phases = ((geometry, first), (render, second))
         for place, name in enumerate(read_clients(self.config)):
             queue = ReadQueue(self.config, READ_DEPTHS[name])
             m.submodules[f"queue_{name}"] = renamed(queue)
@@ -133,7 +161,7 @@ class Machine(wiring.Component):
             wiring.connect(m, queue.requests, master.reads[place])
             wiring.connect(m, master.beats[place], queue.beats)
         for place, name in enumerate(write_clients(self.config)):
-            unit = geometry if name in geometry_phase.WRITERS else render
+            unit = geometry if name in own_writers else render
             wiring.connect(m, getattr(unit, f"writes_{name}"), master.writes[place])
             m.d.comb += getattr(unit, f"idle_{name}").eq(master.writes_idle[place])
 
@@ -157,10 +185,12 @@ class Machine(wiring.Component):
 
     def _count(
         self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
-        geometry: geometry_phase.GeometryPhase, render: render_phase.RenderPhase,
+        geometry: FirstPhase, render: SecondPhase,
     ) -> None:
         m.submodules.counters = counters = PerformanceCounters(self.config)
-        if stages(self.config) != geometry_phase.STAGES + render_phase.stages(self.config):
+        own = (bin_phase.STAGES + gather_phase.STAGES if self.config.supertiles else
+               geometry_phase.STAGES + render_phase.stages(self.config))
+        if stages(self.config) != own:
             raise ValueError(f"stages must be those of both phases, in order, not {stages(self.config)!r}")
         if self.config.stereo:
             m.d.comb += [counters.target.eq(controller.target), counters.next_pass.eq(controller.next_pass)]

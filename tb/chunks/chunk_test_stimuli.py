@@ -60,7 +60,7 @@ class Case:
     def tested(self) -> np.ndarray:
         """The items that must leave the unit."""
         return np.concatenate([
-            header_items(self.config, headers[self.judged(i).read]) for i, headers in enumerate(self.frames)])
+            header_items(self.config, headers, self.judged(i).read) for i, headers in enumerate(self.frames)])
 
     @property
     def observed(self) -> dict[str, int]:
@@ -82,11 +82,14 @@ class Case:
         return found | {"bounds": sum(bits << i * width for i, bits in enumerate(octagons))}
 
 
-def header_items(config: AcceleratorConfig, headers: np.ndarray) -> np.ndarray:
-    """The items of a frame with these headers; the last one is the frame's `end`."""
-    items = np.zeros(len(headers) + 1, header_item(config).dtype)
+def header_items(config: AcceleratorConfig, headers: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
+    """The items of those headers of a frame that are `kept`, (N,) bool, or of all; the last one is the frame's `end`."""
+    numbers = np.arange(len(headers)) if kept is None else np.flatnonzero(kept)
+    items = np.zeros(len(numbers) + 1, header_item(config).dtype)
     for name in headers.dtype.names:
-        items[name][:-1] = headers[name]
+        items[name][:-1] = headers[name][numbers]
+    if config.supertiles:
+        items["number"][:-1] = numbers
     items["end"][-1] = 1
     return items
 

@@ -9,7 +9,7 @@ import numpy as np
 from rtl.chunks.level_bounds import octagon_layout
 from rtl.culling.frame import COUNTER_BITS
 from spec.chunks import TEST_INTERVAL, TESTED_CHUNKS, header_item
-from spec.config import V3, AcceleratorConfig
+from spec.config import TINY_SUPERTILES, V3, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import frame_settings
 from tb.chunks.chunk_test_stimuli import KINDS, SETTINGS, Case, case_of, mixed_case, model_case, uniform_case
@@ -21,10 +21,10 @@ from tb.common.playback import Playback, Stream
 NARROW = V3.with_(name="v3_narrow", records="wide", row_width=256, support_sigma=None, stereo=True)
 """A machine with narrower frames and a wider margin."""
 
-VARIANTS: dict[str, AcceleratorConfig] = {"v3": V3, "v3_narrow": NARROW}
+VARIANTS: dict[str, AcceleratorConfig] = {"v3": V3, "v3_narrow": NARROW, "tiny_supertiles": TINY_SUPERTILES}
 """Configurations that can be tested."""
 
-DISTINCT = ("v3", "v3_narrow")
+DISTINCT = ("v3", "v3_narrow", "tiny_supertiles")
 """Configurations with different units."""
 
 PORTS = ("headers", "tested")

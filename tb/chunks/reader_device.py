@@ -45,6 +45,6 @@ class ReaderDevice(Bench):
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The device of a configuration, emitted, with a file at each stream."""
-    device, name = ReaderDevice(config), f"chunk-reader-{config.records}"
+    device, name = ReaderDevice(config), f"chunk-reader-{config.records}-{config.lists}"
     return device.playback(
         name, "reader_device", emitted("reader_device", config, lambda config: to_verilog(device, "reader_device")))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.host import compact
-from spec.chunks import CHUNK, header_item
+from spec.chunks import CHUNK, PLACE_BITS, header_item
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES, read_data, read_request
 from spec.packing import pack
@@ -100,10 +100,14 @@ def case(
     tested, reads, beats, points = [], [], [], []
     for counts in frames:
         chunks, rows, memory = _model(config, rng, counts, first)
-        chosen = chunks[rng.random(len(chunks)) < read]
+        numbers = np.flatnonzero(rng.random(len(chunks)) < read)
+        chosen = chunks[numbers]
         items = np.zeros(len(chosen) + 1, header_item(config).dtype)
         for field in chunks.dtype.names:
             items[field][:-1] = chosen[field]
+        if config.supertiles:
+            items["number"][:-1] = numbers
+            rows["index"] = np.repeat((np.arange(len(chunks)) << PLACE_BITS) - chunks["first"], chunks["count"]) + rows["index"]
         items["end"][-1] = 1
         tested.append(items)
         for begin, count in zip(chosen["first"].tolist(), chosen["count"].tolist(), strict=True):

@@ -49,20 +49,22 @@ class Bench(wiring.Component):
         m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in self.settings if name in own]
         m.d.comb += [getattr(self, name).eq(getattr(unit, name)) for name in self.observed if name in own]
 
-    def delay_answers(self, m: Module, unit: wiring.Component, most: int) -> None:
-        """Passes `data` to the unit, each item at the earliest `delay` + 1 cycles after its request left `reads`.
+    def delay_answers(self, m: Module, unit: wiring.Component, most: int, client: str = "") -> None:
+        """Passes `data` to the unit, each item at the earliest `delay` + 1 cycles after its request left `reads`. A unit with
+        several read ports has a `client` behind these names, such as "_colour".
 
         The requests go to a file, and the answers come from a file. This file can stand for the memory because the requests are
         compared with the golden ones, so it is known in advance which beats they read. `most` is the largest `delay`.
         """
         age, due = Signal(most + 1), Signal(16)
-        left, answered = self.reads.valid & self.reads.ready, self.data.valid & self.data.ready
+        reads, data, to, delay = (getattr(owner, name + client) for owner, name in (
+            (self, "reads"), (self, "data"), (unit, "data"), (self, "delay")))
+        left, answered = reads.valid & reads.ready, data.valid & data.ready
         m.d.comb += [
-            unit.data.payload.eq(self.data.payload), unit.data.valid.eq(self.data.valid & due.any()),
-            self.data.ready.eq(unit.data.ready & due.any()),
+            to.payload.eq(data.payload), to.valid.eq(data.valid & due.any()), data.ready.eq(to.ready & due.any()),
         ]
         # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
-        m.d.sync += [age.eq(left << self.delay | age >> 1), due.eq(due + age[0] - answered)]
+        m.d.sync += [age.eq(left << delay | age >> 1), due.eq(due + age[0] - answered)]
 
     def playback(self, name: str, module: str, verilog: str | None = None) -> Playback:
         """The bench with a file at each stream.

@@ -4,19 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
+from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.pipeline import Frame
+from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 
 RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
-"""Clients of the memory that work in the rendering phase."""
+"""Clients of the memory that work in the rendering phase of machines with lists by tile."""
+
+GATHER_READS = ("entries", "spill", "colour")
+"""The same in machines with lists by super-tile, without the few beats of `tiles` and `chunks`, of which both phases read."""
+
+
+def render_reads(config: AcceleratorConfig) -> tuple[str, ...]:
+    """Read clients whose beats belong to the rendering phase."""
+    return GATHER_READS if config.supertiles else RENDER_READS
 
 
 def array_ops(frame: Frame) -> int:
     """Upper bound on the operations of the array: one for each level that uses an intersection, and one per level for the
-    background of a rendered tile; each of them for every block of a tile."""
+    background of a rendered tile; with super-tiles, a load for each visit, and a store for all but a tile's last. Each of them
+    counts for every block of a tile."""
     blend = frame.headers["blend"].astype(int)
-    return frame.config.blocks * int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
+    ops = int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
+    if frame.config.supertiles:
+        final = FrameBatches(frame).visits.final
+        ops += 2 * len(final) - int(final.sum())
+    return frame.config.blocks * ops
+
+
+def least_cycles(frame: Frame) -> int:
+    """A number of cycles below those of any frame like this one: what the array takes or, with super-tiles, projection, which
+    tiles that stop early do not spare."""
+    if frame.pairs is None:
+        return array_ops(frame)
+    return frame.config.point_interval * (int(frame.read.sum()) + len(frame.pairs.splat))
 
 
 def bound_cycles(
@@ -38,5 +61,5 @@ def bound_cycles(
     memory = max(read_beats, write_beats) if bytes_per_cycle is None else (
         (read_beats + write_beats) * BEAT_BYTES / bytes_per_cycle)
     array = max(sum(map(array_ops, eyes)) // frame.config.blocks, ops)
-    entries = sum(len(eye.entries.splat) for eye in eyes)
+    entries = sum(len((eye.entries if eye.pairs is None else eye.pairs).splat) for eye in eyes)
     return {"sort": entries, "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}

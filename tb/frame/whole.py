@@ -17,13 +17,17 @@ from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 from spec.registers import read_clients, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
-from tb.frame.bound import RENDER_READS, RENDER_WRITES, bound_cycles
+from tb.frame.bound import RENDER_WRITES, bound_cycles, render_reads
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun, play_frames
 
 _SHOWN = 10
+
+_COMMON = ("culled_outside", "spilled_entries", "ops", "skipped")
+_UNCERTAIN = {False: (*_COMMON[:2], "fetch_hits", "fetch_misses", *_COMMON[2:]), True: (*_COMMON, "visits")}
+"""Events that the golden frame does not determine, without and with super-tiles."""
 
 
 def simulate_machine(
@@ -79,7 +83,7 @@ def performance(
     """Cycles, beats and utilisation of a frame, or of both eyes together where `second` is the target eye's frame."""
     r, config = result.registers, frame.config
     watched = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in stages(config)}
-    bounds = bound_cycles(frame, r["ops"], _beats(r, "read", RENDER_READS), _beats(r, "write", RENDER_WRITES),
+    bounds = bound_cycles(frame, r["ops"], _beats(r, "read", render_reads(config)), _beats(r, "write", RENDER_WRITES),
                           speed.bytes_per_cycle, second=second)
     render = r["cycles_render"]
     return {
@@ -89,8 +93,7 @@ def performance(
         "bound_cycles": max(bounds.values()), "bounds": bounds,
         "utilisation": round(max(bounds.values()) / render, 4) if render else None,
         "stage_cycles": watched, "stalls": {stage: cycles["blocked"] for stage, cycles in watched.items()},
-        "events": {name: r[name] for name in (*expected_events(frame), "culled_outside", "spilled_entries", "fetch_hits",
-                                              "fetch_misses", "ops", "skipped")},
+        "events": {name: r[name] for name in (*expected_events(frame), *_UNCERTAIN[config.supertiles])},
         "dram_bytes": {
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in read_clients(config)},

@@ -8,7 +8,7 @@ import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
-from spec.records import INDEX_BITS, chunk_item, frame_tiles
+from spec.records import INDEX_BITS, chunk_item, frame_lists
 
 ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
 """The orders in which the intersections of a chunk may arrive."""
@@ -30,9 +30,9 @@ def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int
     """(count, 3) intersections of up to `tiles` neighbouring tiles, in one of ORDERS. No two have the same tile and index,
     except in the order "equal"."""
     keys = 2 if order == "ties" else config.formats.depth_key.raw_max + 1
-    tile = rng.integers(frame_tiles(config)) + rng.integers(0, tiles, count)
+    tile = rng.integers(frame_lists(config)) + rng.integers(0, tiles, count)
     index = rng.choice(1 << INDEX_BITS - 6, count, replace=False) * 64 + rng.integers(0, 64, count)
-    chunk = np.stack([np.minimum(tile, frame_tiles(config) - 1), rng.integers(0, keys, count), index], 1)
+    chunk = np.stack([np.minimum(tile, frame_lists(config) - 1), rng.integers(0, keys, count), index], 1)
     if order == "equal":
         chunk[:] = chunk[:1]
     if order in ("sorted", "reversed", "zigzag"):

@@ -1,1 +1,12 @@
-"""Tests of the units in `rtl.supertiles`."""
+"""Tests of the units in `rtl.supertiles`, and of the array that takes visits.
+
+    tile_test_*     the tile test in both phases of a frame
+    clip_*          boxes cut to super-tiles
+    colour_*        the colour unit
+    buckets_*       depth buckets over several frames
+    lists_*         the writer of pairs, whose lists are read back from memory
+    reader_*        the super-tiles
+    record_fetch_*  record fetch, with the golden decoder and the cache that `golden.msv2_ref.fetch` models
+    batch_*         the batch buffer
+    array_*         the array
+"""

@@ -6,11 +6,13 @@ import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
 from golden.msv2_ref import projection
-from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
+from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.frame_memory import display_pixels, frame_pixels, list_lengths
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
 from spec.memory import page_beats
+from tb.frame.bound import array_ops
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -38,8 +40,8 @@ def frame_run(
 
 
 def room(frame: Frame) -> tuple[int, int]:
-    """The beats that a golden frame needs for its tile lists and for its spilled runs."""
-    counts = np.diff(frame.entries.start)
+    """The beats that a golden frame needs for its lists and for its spilled runs."""
+    counts = list_lengths(frame)
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
@@ -64,17 +66,31 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
 def expected_events(frame: Frame) -> dict[str, int]:
     """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
     reason = frame.projected.reason
-    chunks = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    more = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
+    if frame.config.supertiles:
+        more |= FrameBatches(frame).events
     return {
         "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
         "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
         "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **chunks, **frame_saturations(frame)}
+        "pixels": frame.registers.width * frame.registers.height, **more, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
-    return wrong_counters(expected_events(frame), result) if frame.config.counters else []
+    if not frame.config.counters:
+        return []
+    return wrong_counters(expected_events(frame), result) + (_wrong_visits(frame, result) if frame.config.supertiles else [])
+
+
+def _wrong_visits(frame: Frame, result: FrameResult) -> list[str]:
+    """Describes a number of visits that no frame can have. Every tile has a last one; the others, and ops, depend on when the
+    tiles' pixels stop."""
+    visits = FrameBatches(frame).visits
+    limits = {"visits": (int(visits.final.sum()), len(visits.final)), "ops": (0, array_ops(frame)),
+              "skipped": (0, len(frame.entries.splat))}
+    return [f"counter {name} must be in {low}..{high}, not {result.registers[name]!r}"
+            for name, (low, high) in limits.items() if not low <= result.registers[name] <= high]
 
 
 def wrong_counters(events: dict[str, int], result: FrameResult) -> list[str]:

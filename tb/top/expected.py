@@ -19,7 +19,8 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
 
     In the geometry phase the headers of chunks, every Gaussian or those of the chunks that are not skipped, the tile table,
     and the colours of the survivors are read, and the survivors' splat records and the tile lists are written; memory limits
-    this phase, or the units of a small machine. The rendering phase reads each splat record at least once.
+    this phase, or the units of a small machine. The rendering phase reads each splat record at least once; with super-tiles,
+    the Gaussian of each pair.
 
     Args:
         frame: the golden frame of the eye.
@@ -37,6 +38,10 @@ def expected_pass(frame: Frame, speed: MemorySpeed, *, display: bool, pixels: in
     reads = headers + -(-points // (2 if config.compact else 1)) + survivors * colour_beats(config, frame.words.sh_degree)
     reads += -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES)
     writes = records + count + tiles
+    if frame.pairs is not None:  # pairs are written combined, and records are read for each of them in the rendering phase
+        count = len(frame.pairs.splat)
+        reads -= survivors * colour_beats(config, frame.words.sh_degree)
+        writes, records = -(-count // BEAT_ENTRIES), count * colour_beats(config, frame.words.sh_degree)
     memory = max(reads, writes) if speed.bytes_per_cycle is None else (reads + writes) * BEAT_BYTES / speed.bytes_per_cycle
     written = r.width * r.height if pixels is None else pixels
     rows = -(-written * (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // BEAT_BYTES)

@@ -202,7 +202,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
         "passes": [asdict(item) for item in run.expected or (_pixels_only(image),)],
         "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
-            **run.speed.signals, "first_writable": BEAT_BYTES * image.regions["views"].base,
+            **run.speed.signals, "first_writable": BEAT_BYTES * image.first_writable,
             "watch_first": BEAT_BYTES * frame.base, "watch_end": BEAT_BYTES * frame.end},
         "writes": [
             *((registers[name], value) for name, value in setting_writes(image.config, image, run.changes).items()),

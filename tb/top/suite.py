@@ -10,14 +10,24 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import BALANCED, DEFAULT, PAPER, SHORT_FORMATS, TINY, V3, AcceleratorConfig
+from spec.config import (
+    BALANCED,
+    DEFAULT,
+    PAPER,
+    SHORT_FORMATS,
+    SUPERTILES,
+    TINY,
+    TINY_SUPERTILES,
+    V3,
+    AcceleratorConfig,
+)
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import CHUNK_READ_CLIENTS, WRITE_CLIENTS, ErrorCode, read_clients
+from spec.registers import CHUNK_READ_CLIENTS, ErrorCode, read_clients, write_clients
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
-from tb.frame.bound import array_ops
+from tb.frame.bound import least_cycles
 from tb.top.check import frame_run
 from tb.top.device import Machine, machine
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
@@ -34,11 +44,13 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4),
     "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree),
     "tiny_v3": TINY_V3, "tiny_chunks": TINY_V3.with_(name="tiny_chunks", records="wide"),
-    "tiny_v3_stereo": TINY_V3.with_(name="tiny_v3_stereo", stereo=True), "v3": V3}
+    "tiny_v3_stereo": TINY_V3.with_(name="tiny_v3_stereo", stereo=True), "v3": V3,
+    "tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES,
+    "tiny_supertiles_baseline": TINY_SUPERTILES.with_(name="tiny_supertiles_baseline", incremental=False, buckets=False)}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_v3", "tiny_chunks",
-            "tiny_v3_stereo")
+            "tiny_v3_stereo", "tiny_supertiles", "tiny_supertiles_baseline")
 """Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines
 are simulated with whole frames (`tb.frame`)."""
 
@@ -73,19 +85,23 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     def add(*frames: PlannedFrame, reset: bool = False) -> None:
         plan.extend([*frames, planned(scene, f"after: {frames[-1].name}", reset=reset)])
 
-    least = array_ops(scene.frame)  # no frame takes fewer cycles
+    least = least_cycles(scene.frame)  # no frame takes fewer
     for cycles in (1, 40, 250, least // 3, 2 * least // 3, least - 1):
         add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
         add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
     for name in ("geometry", "tiles", "colour", *(CHUNK_READ_CLIENTS if config.chunks else ())):
         clients = {"error_clients": 1 << read_clients(config).index(name)}
         add(failing(scene, name, ErrorCode.READ_ERROR, clients))
-    for name in ("entries", "views", "frame"):
-        clients = {"error_clients": 1 << 16 + WRITE_CLIENTS.index(name)}
-        add(failing(scene, name, ErrorCode.WRITE_ERROR, clients))
-    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + WRITE_CLIENTS.index("spill")}))
+    if config.supertiles:
+        add(failing(scene, "supertiles", ErrorCode.READ_ERROR, {"error_clients": 1 << read_clients(config).index("tiles")}))
+    writers = write_clients(config)
+    for name in (name for name in writers if name != "spill"):
+        add(failing(scene, name, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(name)}))
+    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index("spill")}))
     numbers = {setting.name: setting.number for setting in settings(config)}
     for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27)):
+        if name not in numbers:
+            continue
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
         add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
     first_pages = {"entries_beats": FIRST_PAGE_BEATS}

@@ -19,7 +19,7 @@ from golden.host.memory_image import MemoryImage
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
-from spec.config import TINY
+from spec.config import TINY, AcceleratorConfig
 from spec.errors import InputError
 from spec.host_settings import settings, with_every_register
 from spec.images import IMAGE_MAGIC, IMAGE_VERSION, RECORD_FORMATS, record_format
@@ -157,9 +157,10 @@ def test_settings_are_those_of_the_host_with_moved_bases(library: ctypes.CDLL, i
 
 
 @needs_gcc
-def test_every_base_is_moved(library: ctypes.CDLL) -> None:
-    """Of a machine with all registers: whatever setting is an address in memory, and no other."""
-    registers, machine = Registers(library), with_every_register(TINY)
+@pytest.mark.parametrize("machine", with_every_register(TINY), ids=["stereo", "super-tiles"])
+def test_every_base_is_moved(library: ctypes.CDLL, machine: AcceleratorConfig) -> None:
+    """Of the machines with all registers: whatever setting is an address in memory, and no other."""
+    registers = Registers(library)
     at = {setting.name: SETTINGS_BASE + 4 * setting.number for setting in settings(machine)}
     head = [IMAGE_MAGIC, IMAGE_VERSION, record_format(machine), fingerprint(machine), len(at), 0, 1, 1, 4, 0, 0]
     data = np.array([*head, *(word for offset in at.values() for word in (offset, 5))], "<u4").tobytes()

@@ -15,7 +15,9 @@ from spec.config import (
     PRECISE,
     PRESETS,
     SHORT_FORMATS,
+    SUPERTILES,
     TINY,
+    TINY_SUPERTILES,
     V3,
     AcceleratorConfig,
     NumberFormats,
@@ -25,10 +27,11 @@ RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "sh_degree": (0, 3), "culling_units": (1, 8),
     "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
-    "warp_columns": (64, 8192),
+    "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
-FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks")
-POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns")
+FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets")
+POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
+                 "header_lines", "batch_places")
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -76,6 +79,7 @@ def test_flags_are_bools(name):
     ("name", "", ValueError), ("name", "a/b", ValueError), ("name", None, TypeError), ("name", 3, TypeError),
     ("warp_fill", "all", ValueError), ("warp_fill", None, ValueError), ("warp_fill", [], ValueError),
     ("order", "random", ValueError), ("order", None, ValueError), ("records", "narrow", ValueError), ("records", 2, ValueError),
+    ("lists", "supertiles", ValueError), ("lists", None, ValueError),
 ])
 def test_other_parameters_are_checked(name, bad, error):
     with pytest.raises(error) as caught:
@@ -99,9 +103,19 @@ def test_chunks_need_an_order_and_compact_records_need_chunks():
         PAPER.with_(order="spatial", records="compact")
 
 
+def test_lists_by_super_tile_need_compact_records_and_one_eye():
+    assert not V3.supertiles and V3.with_(lists="supertile").supertiles
+    assert SUPERTILES == V3.with_(name="supertiles", lists="supertile")
+    assert TINY_SUPERTILES.supertiles and TINY_SUPERTILES.blocks == TINY.blocks
+    with pytest.raises(ValueError, match=r"^records must be 'compact' in a machine with lists by super-tile, not 'wide'$"):
+        V3.with_(lists="supertile", records="wide")
+    with pytest.raises(ValueError, match=r"^stereo must be False in a machine with lists by super-tile: `paper` renders two"):
+        V3.with_(lists="supertile", stereo=True)
+
+
 def test_every_parameter_is_covered_here():
     assert {f.name for f in fields(AcceleratorConfig)} == {
-        *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records"}
+        *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records", "lists"}
 
 
 def test_frozen_keyword_only_and_hashable():

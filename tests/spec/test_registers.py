@@ -12,7 +12,7 @@ import pytest
 from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, registers
-from spec.config import CONFIGS, DEFAULT, PAPER, TINY
+from spec.config import CONFIGS, DEFAULT, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
@@ -21,8 +21,9 @@ from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access,
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)
-EVERY = host_settings.with_every_register(PAPER).with_(name="every")
-MAPS = {config.name: registers.register_map(config) for config in (*CONFIGS.values(), STEREO, EVERY)}
+EVERY = host_settings.with_every_register(PAPER)[0].with_(name="every")
+MAPS = {config.name: registers.register_map(config)
+        for config in (*CONFIGS.values(), STEREO, SUPERTILES, TINY_SUPERTILES, EVERY)}
 
 
 @pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
@@ -60,17 +61,55 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 
 
 def test_a_register_has_one_address_in_all_machines():
-    """Where a machine has no chunks or no stereo, the addresses of their registers are empty."""
-    every = {r.name: r.offset for r in MAPS["every"]}
+    """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
+    every = {r.name: r.offset for name in ("every", "supertiles") for r in MAPS[name]}
+    assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3", "stereo") for r in MAPS[name]}
+    assert set(every) == {r.name for name in ("v3", "stereo", "supertiles") for r in MAPS[name]}
     added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3", "stereo")}
     assert added["v3"] == {"chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
     assert every["chunks"] == every["frame_base"] + 4 and every["stereo"] == every["reach_1"] + 4
     assert every["read_beats_chunks"] == every["pixels"] + 4 and every["cycles_target_low"] == every["chunks_skipped"] + 4
     assert registers.read_clients(EVERY) == (*registers.READ_CLIENTS, "chunks") == registers.read_clients(CONFIGS["v3"])
     assert registers.read_clients(STEREO) == registers.READ_CLIENTS
+
+
+def test_what_machines_with_super_tiles_have_besides_and_what_they_lack():
+    v3, own = ({r.name: r.offset for r in MAPS[name]} for name in ("v3", "supertiles"))
+    assert set(v3) - set(own) == {
+        "view_shift", "views_base", "read_beats_views", "write_beats_views", "fetch_hits", "fetch_misses"}
+    added = {name for name in own if name not in v3}
+    assert added == {"supertiles_base", "batch_busy", "batch_starved", "batch_blocked", *registers.SUPERTILE_EVENTS}
+    stereo = {r.offset for r in MAPS["every"]}
+    assert not stereo & {own[name] for name in added} and own["supertiles_base"] > max(
+        r.offset for r in MAPS["every"] if r.format)
+    assert registers.read_clients(SUPERTILES) == ("geometry", "tiles", "colour", "entries", "spill", "chunks")
+    assert registers.write_clients(SUPERTILES) == ("entries", "spill", "frame")
+    assert registers.stages(SUPERTILES) == registers.SUPERTILE_STAGES == (
+        "geometry", "projection", "tile_test", "entry_write", "list_read", "sort", "handover", "fetch", "colour", "batch",
+        "array", "pixel_write")
+    assert [c.name for c in registers.counters(SUPERTILES)] == [
+        name.removesuffix("_low") for name, offset in own.items() if offset >= COUNTERS_BASE and not name.endswith("_high")]
+    assert not {"fetch_hits", "fetch_misses"} & registers.events(SUPERTILES).keys()
+    assert [limit.setting for limit in host_settings.limits(SUPERTILES)] == ["near", "depth_scale", "width", "height"]
+
+
+def test_identity_of_machines_with_super_tiles():
+    parts = {r.name: r.bits for r in MAPS["tiny_supertiles"]}
+
+    def value(config, name, bits):
+        found = next(b for b in parts[name] if b.name == bits)
+        return (registers.identity(config)[name] & found.mask) >> found.low
+
+    for config in (SUPERTILES, TINY_SUPERTILES, TINY_SUPERTILES.with_(buckets=False), V3, PAPER):
+        own = config.supertiles
+        assert value(config, "machine_array", "supertiles") == own
+        assert value(config, "machine_frame", "row_width") == config.row_width
+        assert value(config, "machine_frame", "list_heads") == own * config.list_heads
+        assert value(config, "machine_frame", "buckets") == (own and config.buckets)
+        assert value(config, "machine_cache", "lines") == (config.header_lines if own else config.splat_cache_lines)
+        assert value(config, "machine_cache", "batch_places") == own * config.batch_places
 
 
 def test_a_setting_that_does_not_fit_is_refused():
@@ -134,12 +173,15 @@ def test_identity_tells_machines_apart():
 
 def test_the_page_shows_everything():
     page = document_registers.page()
-    for r in MAPS["every"]:
+    for r in {r.offset: r for name in ("supertiles", "every") for r in MAPS[name]}.values():
         assert re.search(rf"^\| 0x{r.offset:03X} \|.* `{r.name}` \|", page, re.MULTILINE), r.name
         assert all(f"`.{bits.name}`" in page for bits in r.bits if not r.format)
-        having = {name for name in ("paper", "v3", "stereo") if r.name in {other.name for other in MAPS[name]}}
+        having = {name for name in ("paper", "v3", "stereo", "supertiles") if r.name in {other.name for other in MAPS[name]}}
         line, = (line for line in page.splitlines() if line.startswith(f"| 0x{r.offset:03X} |"))
-        assert ("only with chunks" in line, "only with stereo" in line) == (having == {"v3"}, having == {"stereo"}), r.name
+        told = {"only with chunks": {"v3", "supertiles"}, "only with stereo": {"stereo"},
+                "only with super-tiles": {"supertiles"},
+                "not with super-tiles": {"paper", "v3", "stereo"}}
+        assert {words for words in told if words in line} == {words for words, names in told.items() if names == having}, r.name
     for value in (*Phase, *ErrorCode):
         assert f"| {int(value)} | `{value.name}` |" in page
 
@@ -148,7 +190,7 @@ def test_the_header_shows_everything():
     header = document_registers.header()
     macros = re.findall(r"^#define (\w+) (\S+)$", header, re.MULTILINE)
     assert len(dict(macros)) == len(macros)
-    for r in MAPS["every"]:
+    for r in (*MAPS["every"], *MAPS["supertiles"]):
         assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
     assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
     assert (Phase.width(), ErrorCode.width()) == (3, 4)
@@ -161,7 +203,8 @@ def test_the_header_compiles(tmp_path):
     probe.write_text('#include "msv2_registers.h"\n#include "msv2_registers.h"\n'
                      "int main(void) { return MSV2_FRAME_BASE != MSV2_SETTINGS_BASE + 4 * (MSV2_SETTINGS_COUNT - 1)\n"
                      "    || MSV2_ERROR_ABORTED != 7 || MSV2_READ_CLIENT_VIEWS != MSV2_READ_CLIENTS - 1\n"
-                     "    || MSV2_READ_CLIENT_CHUNKS != MSV2_CHUNKS_READ_CLIENTS - 1; }\n")
+                     "    || MSV2_READ_CLIENT_CHUNKS != MSV2_CHUNKS_READ_CLIENTS - 1\n"
+                     "    || MSV2_SUPERTILE_READ_CLIENT_CHUNKS != 5 || MSV2_SUPERTILE_WRITE_CLIENT_FRAME != 2; }\n")
     program = tmp_path / "probe"
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{ROOT / 'docs'}", probe, "-o", program],
                    check=True)

@@ -10,7 +10,7 @@ import pytest
 from rtl.units import UNITS
 from spec import registers
 from spec.sources import module_file
-from spec.stages import BY_NAME, STAGES, StagePhase, watched
+from spec.stages import BY_NAME, EVERY_STAGE, STAGES, SUPERTILE_STAGES, StagePhase, watched
 from tb.sim import UNITS as TESTS
 
 NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read",
@@ -19,11 +19,14 @@ NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_
 
 def test_the_stages_in_the_order_of_the_data():
     assert tuple(stage.name for stage in STAGES) == NAMES == tuple(BY_NAME)
-    phases = [stage.phase for stage in STAGES]
-    assert phases == sorted(phases, key=list(StagePhase).index)
+    for table in (STAGES, SUPERTILE_STAGES):
+        phases = [stage.phase for stage in table]
+        assert phases == sorted(phases, key=list(StagePhase).index)
+    names = [stage.name for stage in EVERY_STAGE]
+    assert len(set(names)) == len(names) and set(EVERY_STAGE) == {*STAGES, *SUPERTILE_STAGES}
 
 
-@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
+@pytest.mark.parametrize("stage", EVERY_STAGE, ids=lambda stage: stage.name)
 def test_every_module_that_a_stage_names_exists(stage):
     for name in (*stage.golden, *stage.rtl, *stage.suites):
         assert module_file(name), f"{stage.name}: {name}"
@@ -31,7 +34,7 @@ def test_every_module_that_a_stage_names_exists(stage):
     assert all(name.startswith(("golden.msv2_ref.", "golden.host.compact")) for name in stage.golden) and stage.suites
 
 
-@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
+@pytest.mark.parametrize("stage", EVERY_STAGE, ids=lambda stage: stage.name)
 def test_a_stage_without_a_golden_module_only_moves_data(stage):
     assert stage.golden or stage.name == "handover"
 

@@ -39,9 +39,11 @@ from spec.queues import (
 from spec.records import (
     COUNT_BITS,
     INDEX_BITS,
+    frame_lists,
     frame_tiles,
     gaussian_point,
     intersection,
+    list_index,
     pixel_row,
     projected_splat,
     surviving_splat,
@@ -129,14 +131,14 @@ def _lists(config: AcceleratorConfig) -> Iterator[Store]:
     yield Store("entry_writer", "origins", LISTS, tiles, unit)
     yield Store("entry_writer", "places", LISTS, tiles, (FIRST_PAGE_ENTRIES << DIRECTORY_SLOTS + 1).bit_length())
     yield Store("list_reader", "pointers", LISTS, LIST_POINTERS - 1, unit)
-    yield Store("list_reader", "waiting", LISTS, LIST_TILES - 1, COUNT_BITS + tile_index(config).width + 1)
+    yield Store("list_reader", "waiting", LISTS, LIST_TILES - 1, COUNT_BITS + list_index(config).width + 1)
     yield Store("header_maker", "headers", LISTS, HEADERS - 1, tile_header(config).width)
     yield Store("header_maker", "waiting", LISTS, 2 * -(-config.row_width // TILE) + HEADER_TILES - 1, COUNT_BITS + 1)
 
 
 def _sorting(config: AcceleratorConfig) -> Iterator[Store]:
     entry = intersection(config).width
-    yield Store("tile_merge_unit", "counters", SORTING, frame_tiles(config), COUNT_BITS)
+    yield Store("tile_merge_unit", "counters", SORTING, frame_lists(config), COUNT_BITS)
     stage = entry + 3
     for k in range(config.sort_chunk.bit_length() - 1):
         if (2 << k) * stage > FLIP_FLOP_BITS:

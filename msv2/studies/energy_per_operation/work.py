@@ -12,7 +12,7 @@ from golden.msv2_ref.pipeline import Frame
 from msv2.studies.energy_per_operation.gates import Window
 from msv2.studies.energy_per_operation.setup_ops import setup_ops
 from spec.config import AcceleratorConfig
-from spec.records import array_splat, chunk_item, frame_tiles, pixel_op, tile_header
+from spec.records import array_splat, chunk_item, frame_lists, pixel_op, tile_header
 from tb.common.exact import Planned, planned
 from tb.common.playback import Playback, Stream
 from tb.culling import colour_device, colour_suite
@@ -93,7 +93,7 @@ def tile_merge(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Intersections are counted and tiles grouped. The window begins after the unit has cleared its counters."""
     plan = tmu_suite.plan_of(config, tmu.case_of(frame, name, None))
     return Work("tile_merge_unit", "entry", _moved("hits"), tmu_suite.playback(config), plan,
-                Window(frame_tiles(config) + 200, 500, whole=True))
+                Window(frame_lists(config) + 200, 500, whole=True))
 
 
 def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:

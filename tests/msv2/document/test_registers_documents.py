@@ -8,16 +8,24 @@ from xml.etree import ElementTree
 import pytest
 
 from msv2.document.registers import MAKERS
-from msv2.document.registers_map import EVERY_MACHINE, register_list, words_of
-from spec.config import TINY, AcceleratorConfig
-from spec.registers import Access, register_map
+from msv2.document.registers_map import EVERY_MACHINE, SUPERTILE_MACHINE, register_list, words_of
+from spec.config import TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.registers import Access, Register, register_map
 
-MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "every": EVERY_MACHINE}
+MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "super_tiles": TINY_SUPERTILES,
+            "every": EVERY_MACHINE}
+
+
+def registers_of(config: AcceleratorConfig) -> dict[str, Register]:
+    """The registers by name; EVERY_MACHINE stands for all machines."""
+    more = register_map(SUPERTILE_MACHINE) if config == EVERY_MACHINE else ()
+    return {r.name: r for r in (*more, *register_map(config))}
 
 
 def table_of(config: AcceleratorConfig) -> dict[str, tuple[int, dict[str, tuple[int, int]]]]:
     """Address and bits (low, width) of every register; a register without bits is one number of 32."""
-    return {r.name: (r.offset, {b.name: (b.low, b.width) for b in r.bits} or {"value": (0, 32)}) for r in register_map(config)}
+    return {name: (r.offset, {b.name: (b.low, b.width) for b in r.bits} or {"value": (0, 32)})
+            for name, r in registers_of(config).items()}
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -30,7 +38,7 @@ def test_systemrdl_compiles_and_agrees_with_the_table(name: str, tmp_path: Path)
     registers = list(compiler.elaborate().top.registers())
     assert {r.inst_name: (r.absolute_address, {f.inst_name: (f.low, f.width) for f in r.fields()})
             for r in registers} == table_of(config)
-    access = {r.name: r.access for r in register_map(config)}
+    access = {name: r.access for name, r in registers_of(config).items()}
     for register in registers:
         assert register.get_property("regwidth") == 32
         for field in register.fields():
@@ -67,5 +75,6 @@ def test_svd_agrees_with_the_table(name: str) -> None:
 def test_documents_of_a_machine_name_only_its_registers() -> None:
     for make in MAKERS.values():
         assert "target_position" not in make(TINY).lower() and "target_position" in make(EVERY_MACHINE).lower()
-        for what in ("chunks", "stereo"):
-            assert f"only with {what}" not in make(TINY) and f"only with {what}" in make(EVERY_MACHINE)
+        assert "batch_busy" not in make(TINY).lower() and "batch_busy" in make(EVERY_MACHINE).lower()
+        for what in ("only with chunks", "only with stereo", "only with super-tiles", "not with super-tiles"):
+            assert what not in make(TINY) and what in make(EVERY_MACHINE)

@@ -11,7 +11,7 @@ from amaranth.sim import Simulator
 from golden.msv2_ref.chunk_test import level_bounds
 from rtl.chunks.chunk_test import ChunkTest
 from rtl.chunks.level_bounds import SIDES, LevelBounds
-from spec.config import PAPER, TINY, V3
+from spec.config import PAPER, TINY, TINY_SUPERTILES, V3
 from tb.chunks import chunk_graph_suite, chunk_test_suite
 from tb.common.exact import problems
 from tests.helpers.rtl_streams import assert_rejected
@@ -52,6 +52,14 @@ def test_every_reason_and_every_box_is_the_golden_one(tmp_path):
     rows = np.concatenate([item.expected["source"] for item in plan])
     for name in ("behind", "outside_x", "filtered", "nothing", "skipped"):
         assert 50 < rows[name].sum() < len(rows) - 50, name
+
+
+@pytest.mark.long
+def test_chunks_keep_their_numbers_with_super_tiles(tmp_path):
+    plan = chunk_test_suite.full_plan(TINY_SUPERTILES, 3)
+    assert chunk_test_suite.run_plan(TINY_SUPERTILES, plan, tmp_path).failures == {}
+    numbers = np.concatenate([item.expected["tested"]["number"] for item in plan])
+    assert numbers.max() > 900
 
 
 @pytest.mark.long

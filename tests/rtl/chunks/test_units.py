@@ -13,7 +13,7 @@ from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.chunks.header_reader import ChunkHeaderReader
 from spec.chunks import chunk_header, header_item
-from spec.config import PAPER, V3, NumberFormats
+from spec.config import PAPER, TINY_SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.formats import SQ, SmallFloat
 from spec.records import gaussian_geometry
 from tb.chunks import decode_suite, reader_suite
@@ -68,12 +68,14 @@ def test_faults_are_found(decoded):
         assert problems(item, replace(recording, outputs={"points": wrong})), name
 
 
+@pytest.mark.parametrize("config", [V3, TINY_SUPERTILES], ids=lambda config: config.name)
 @pytest.mark.parametrize("late", [0, 60])
 @pytest.mark.parametrize("pauses", [0.0, 0.4])
-def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, pauses: float):
-    rng, header, item = random.Random(late), chunk_header(V3), header_item(V3)
+def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, pauses: float, config: AcceleratorConfig):
+    rng, header, item = random.Random(late), chunk_header(config), header_item(config)
     rows = [rng.getrandbits(header.width) for _ in range(40)]
-    dut, states = ChunkHeaderReader(V3), []
+    numbered = [row | i << header.width if config.supertiles else row for i, row in enumerate(rows)]
+    dut, states = ChunkHeaderReader(config), []
 
     def each(ctx, cycle):
         ctx.set(dut.start, cycle in (3, 250 + late))
@@ -82,7 +84,7 @@ def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, p
     moves = play(dut, {"data": [*beats_of(rows, 1, (7,)), *beats_of(rows, 1)]}, {"reads": pauses, "headers": pauses},
                  600 + late, setup={"chunks_base": 77, "chunks": 40}, each=each, late=late, pauses=pauses, seed=late)
     end = item.pack({**item.unpack(0), "end": 1})
-    assert words_of(moves, "headers") == [*rows[:7], *rows[8:], end, *rows, end]
+    assert words_of(moves, "headers") == [*numbered[:7], *numbered[8:], end, *numbered, end]
     assert words_of(moves, "reads") == [77 + i for i in range(40)] * 2
     assert states[249 + late] == (0, 1) and states[3] == (0, 0) and states[-1] == (0, 0) and states[10] == (1, 0)
     if not pauses:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spec.config import PAPER, TINY
+from spec.config import PAPER, TINY, TINY_SUPERTILES
 from spec.errors import InputError
 from tb import sim
 from tb.common.exact import problems
@@ -38,6 +38,11 @@ def test_tiny_is_exact_and_fast_enough(tiny):
     assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 5000
     if suite is sort:
         assert all("1.0000 entries a cycle" in line for line in sort.figures(TINY, plan, outcome))
+
+
+def test_lists_of_supertiles_are_counted_and_grouped(tmp_path):
+    plan = tmu.unit_plan(TINY_SUPERTILES, 0)
+    assert tmu.run_plan(TINY_SUPERTILES, plan, tmp_path).failures == {}
 
 
 def test_faults_are_found(tiny):

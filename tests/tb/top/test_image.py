@@ -104,7 +104,7 @@ def test_chunks_and_records_lie_by_index(sh, records):
 def test_chunks_lie_first_and_the_settings_name_them():
     frame = frame_of(config=V3)
     image = image_of(frame)
-    assert list(image.regions) == [name for name in REGIONS if not name.startswith("target")]
+    assert list(image.regions) == [name for name in REGIONS if not name.startswith(("target", "supertiles"))]
     assert image.settings["chunks"] == len(frame.words.chunks) == image.regions["chunks"].beats == 5
     assert image.settings["chunks_base"] == image.regions["chunks"].base < image.regions["geometry"].base
     assert image.settings["gaussians"] == 300 and image.regions["geometry"].beats == 150
@@ -133,7 +133,7 @@ def test_tiles_lie_row_by_row():
 def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift, config):
     frame = frame_of(gaze, levels, 2, size, config=config)
     image = image_of(frame)
-    absent = ("target", *(() if config.chunks else ("chunks",)))
+    absent = ("target", "supertiles", *(() if config.chunks else ("chunks",)))
     places = [image.regions[name] for name in REGIONS if not name.startswith(absent)]
     assert len(places) == len(image.regions)
     if config.chunks:
@@ -219,7 +219,7 @@ def test_the_second_eye_has_a_table_and_a_frame_of_its_own(source_eye):
     assert [[row["level"], row["blend"]] for row in rows] == target.header[:, :2].tolist()
     first = [record.unpack(int.from_bytes(row.tobytes(), "little")) for row in image.contents["tiles"].reshape(-1, 8)]
     assert not any(row["warp"] for row in first)
-    places = [image.regions[name] for name in REGIONS if name != "chunks"]
+    places = [image.regions[name] for name in REGIONS if name not in ("chunks", "supertiles")]
     assert len(image.regions) == len(places) and all(a.end < b.base for a, b in pairwise(places))
     patterns = setting_writes(config, image, {})
     assert first_illegal(config, patterns) is None

@@ -1,0 +1,80 @@
+"""Cuts the boxes of splats that are projected again to the super-tiles of their pairs."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.shapes import layout
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y
+from spec.records import COUNT_BITS, TILE_BITS, projected_splat
+from spec.supertiles import check_supertiles, supertile
+
+_PLACES = {"x": SUPER_X.bit_length() - 1, "y": SUPER_Y.bit_length() - 1}
+"""Bits of a tile's column and row in its super-tile."""
+
+
+class SuperTileClip(wiring.Component):
+    """In the second phase, gives every splat the part of its box that lies in the super-tile of its pair. In the first phase
+    splats pass unchanged.
+
+    Parameters:
+        config: the machine, with super-tiles.
+
+    Ports:
+        splats: ProjectedSplat items; in the second phase those of pairs, super-tile by super-tile.
+        supertiles: SuperTile items in the same order, of which only `x`, `y` and `pairs` matter. Each holds for as many splats
+            as it has pairs, and is taken before the first of them.
+        clipped: ProjectedSplat items, in order. A box always has a tile in its super-tile, because its splat has an
+            intersection there.
+        rendering: the phase is the second one; changes only while the unit is empty.
+        busy: a splat is inside.
+
+    Throughput: one splat a cycle, also where the super-tile changes; a super-tile without pairs takes a cycle, in which no
+    splat is taken. Latency: one cycle; and one cycle from a super-tile to its first splat where the unit had no pairs left.
+    Here the super-tiles A, B and C have 2, 0 and 1 pairs::
+
+        cycle               0     1     2     3     4     5
+        supertiles        < A  >< B        >< C  >
+        supertiles.ready  ~~~~~~______~~~~~~~~~~~~~~~~~~~~~~
+        splats                  < a0 >< a1 >< c0       >
+        splats.ready      ______~~~~~~~~~~~~______~~~~~~____
+        clipped                       < a0 >< a1 >      < c0 >
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        check_supertiles(config)
+        splats = stream.Signature(layout(projected_splat(config)))
+        super().__init__({
+            "splats": In(splats), "supertiles": In(stream.Signature(layout(supertile(config)))), "clipped": Out(splats),
+            "rendering": In(1), "busy": Out(1)})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        left, final, taken = Signal(COUNT_BITS), Signal(), Signal()  # splats of the super-tile that are to come, and the last
+        start = {axis: Signal(TILE_BITS, name=f"start_{axis}", reset_less=True) for axis in "xy"}
+        out, item, tile = self.clipped, self.splats.payload, self.supertiles.payload
+        m.d.comb += [
+            final.eq(left == 1),
+            self.splats.ready.eq((~out.valid | out.ready) & (~self.rendering | left.any())),
+            taken.eq(self.splats.valid & self.splats.ready),
+            self.supertiles.ready.eq(self.rendering & (~left.any() | taken & final)),
+            self.busy.eq(out.valid),
+        ]
+        with m.If(out.ready):
+            m.d.sync += out.valid.eq(0)
+        with m.If(taken):
+            m.d.sync += [out.valid.eq(1), out.payload.eq(item), left.eq(left - self.rendering)]
+            for axis, places in _PLACES.items():
+                first, last, begin = item[f"first_{axis}"], item[f"last_{axis}"], start[axis][places:]
+                with m.If(self.rendering & (first[places:] != begin)):  # the box begins before the super-tile
+                    m.d.sync += out.payload[f"first_{axis}"].eq(begin << places)
+                with m.If(self.rendering & (last[places:] != begin)):  # it ends behind it
+                    m.d.sync += out.payload[f"last_{axis}"].eq((begin << places) | ((1 << places) - 1))
+        with m.If(self.supertiles.valid & self.supertiles.ready):
+            m.d.sync += [left.eq(tile.pairs), start["x"].eq(tile.x), start["y"].eq(tile.y)]
+        return m

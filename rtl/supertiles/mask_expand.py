@@ -1,0 +1,61 @@
+"""Gives splats that lie in one super-tile each the mask of its tiles."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import Cat, Module, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.tile_expand import kept_record
+from rtl.shapes import layout
+from rtl.stream import Buffer
+from rtl.supertiles.group_walk import tested_group
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X
+from spec.queues import LEVEL_GROUP
+from spec.records import surviving_splat
+
+
+class MaskExpand(wiring.Component):
+    """Makes survivors of splats whose boxes lie in one super-tile, and so in one group, each.
+
+    Parameters:
+        config: the machine, with super-tiles.
+
+    Ports:
+        groups: `tested_group` items, one per splat. None has `end`.
+        splats: `kept_record` items, one per splat; each is taken with its group.
+        survivors: SurvivingSplat items, one per splat, in order.
+
+    Throughput: one splat a cycle. Latency: one cycle.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        super().__init__({
+            "groups": In(stream.Signature(tested_group(config))),
+            "splats": In(stream.Signature(layout(kept_record(config)))),
+            "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
+        })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.leaving = leaving = Buffer(self.survivors.payload.shape())
+        wiring.connect(m, leaving.source, wiring.flipped(self.survivors))
+        item, kept, survivor = self.groups.payload, self.splats.payload, leaving.sink.payload
+        m.d.comb += [
+            self.groups.ready.eq(self.splats.valid & leaving.sink.ready),
+            self.splats.ready.eq(self.groups.valid & leaving.sink.ready),
+            leaving.sink.valid.eq(self.groups.valid & self.splats.valid),
+            survivor.mask.eq(Cat(_either(row) for row in item.passed)),
+            survivor.levels.eq(item.levels),
+            *(survivor[name].eq(kept[name]) for name in kept.shape().members if name in survivor.shape().members),
+        ]
+        return m
+
+
+def _either(row: Value) -> Value:
+    """The tiles of a group's super-columns, of which only one has any."""
+    return reduce(or_, (row[begin : begin + SUPER_X] for begin in range(0, LEVEL_GROUP, SUPER_X)))

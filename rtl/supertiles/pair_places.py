@@ -1,0 +1,89 @@
+"""Decodes the levels of compact records, rounds sums to colours, and makes the places of pairs."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.chunks.decode_colour import base_colour, opacity
+from rtl.culling.compact_sum import compact_sum_layout
+from rtl.culling.compact_views import level_codes
+from rtl.culling.views import rounded_colour
+from rtl.shapes import layout, shape
+from spec.compact import COARSE_BOUND
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS
+from spec.harmonics import sum_format
+from spec.supertiles import batch_place
+
+_UNCHANGED = ("mean2d", "conic", "depth", "bound", "mask")
+
+
+class PairPlaces(wiring.Component):
+    """Makes a splat record for every level among the tiles of a pair.
+
+        sums --> codes of a level and of the one above, decoded --> base colours added, rounded --> places
+
+    Parameters:
+        config: the machine, with super-tiles.
+        carried: layout of the data that is carried with the sums: levels, and what a place takes unchanged.
+
+    Ports:
+        sums: `compact_sum_layout` items, one per pair; each is taken with the pair's last level, or at once where it has no
+            level.
+        places: BatchPlace items, pair by pair, for each pair the lowest level first.
+
+    Throughput: one place a cycle. Latency: 2 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, carried: data.StructLayout) -> None:
+        self.config = config
+        super().__init__({
+            "sums": In(stream.Signature(compact_sum_layout(config, carried))),
+            "places": Out(stream.Signature(layout(batch_place(config)))),
+        })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        n, sums, splat, places = self.config.formats, self.sums, self.sums.payload.carried, self.places
+        done, rest, level, above = (Signal(MAX_LEVELS, name=name) for name in ("done", "rest", "level", "above"))
+        there, free, moves, last = Signal(), Signal(), Signal(), Signal()
+        coarse = splat.bound == COARSE_BOUND
+        held = Signal(data.StructLayout({
+            "total": data.ArrayLayout(shape(sum_format(n)), 3), "dc": data.ArrayLayout(shape(n.sh_dc), 6),
+            "log2_opacity": data.ArrayLayout(shape(n.log2_opacity), 2), "level": 2, "last": 1,
+            **{name: splat[name].shape() for name in _UNCHANGED}}), reset_less=True)
+        m.d.comb += [
+            rest.eq(splat.levels & ~done),
+            level.eq(Cat(rest[i] & ~rest[:i].any() for i in range(MAX_LEVELS))),  # one-hot: the lowest that is left
+            above.eq(Cat(Const(0, 1), level[:-2], level[-2:].any())),  # the level above, if any
+            last.eq(~(rest & ~level).any()),
+            free.eq(~places.valid | places.ready),
+            moves.eq(~there | free),
+            sums.ready.eq(~rest.any() | moves & last),
+        ]
+        opacities, colours = level_codes(m, sums.payload.codes, coarse, level, above)
+        with m.If(moves):
+            m.d.sync += there.eq(sums.valid & rest.any())
+        with m.If(moves & sums.valid & rest.any()):
+            m.d.sync += [
+                done.eq(done | level), held.level.eq(Cat(level[1] | level[3], level[2] | level[3])), held.last.eq(last),
+                held.total.eq(sums.payload.total), *(held[name].eq(splat[name]) for name in _UNCHANGED)]
+            m.d.sync += [held.log2_opacity[i].eq(opacity(self.config, code)) for i, code in enumerate(opacities)]
+            m.d.sync += [held.dc[i].eq(base_colour(self.config, code, coarse, sums.payload.codes.dc_range))
+                         for i, code in enumerate(colours)]
+        with m.If(sums.valid & sums.ready):
+            m.d.sync += done.eq(0)
+        with m.If(free):
+            m.d.sync += places.valid.eq(there)
+        with m.If(free & there):
+            m.d.sync += Value.cast(places.payload).eq(self._place(held))
+        return m
+
+    def _place(self, held: data.View) -> Value:
+        """The place."""
+        values = {name: Value.cast(held[name]) for name in (*_UNCHANGED, "log2_opacity", "level", "last")}
+        values["colour"] = Cat(
+            rounded_colour(self.config, held.total[i % 3], held.dc[i]) for i in range(6))
+        return Cat(values[name] for name, _ in layout(batch_place(self.config)))

@@ -1,0 +1,196 @@
+"""The tile test of machines with super-tiles: pairs of splats and super-tiles in the first phase of a frame, masks of tiles in
+the second."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.datapath import Datapath
+from rtl.culling.tile_columns import row_columns
+from rtl.culling.tile_expand import kept_record
+from rtl.shapes import layout, shape
+from rtl.supertiles.event_count import count
+from rtl.supertiles.group_walk import GroupWalk
+from rtl.supertiles.level_table import SuperLevelTable
+from rtl.supertiles.mask_expand import MaskExpand
+from rtl.supertiles.pair_expand import PairExpand
+from rtl.supertiles.super_rows import SuperRows, carried_row
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.memory import frame_settings
+from spec.queues import COUNTER_BITS, LEVEL_GROUP, TILE_TEST_BESIDE
+from spec.records import TILE_BITS, projected_splat, surviving_splat, tile_level
+from spec.supertiles import check_supertiles, supertile_pair
+
+_COUNTS = ("touched", "filtered", "entries", "survivors_count")
+
+
+class SuperTileTest(wiring.Component):
+    """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. `SuperRows`
+    takes the box of a splat apart into super-rows, the ellipse test finds the columns that the splat touches in each tile row,
+    and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in the first
+    phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the rest.
+
+        splats --> SuperRows --> ellipse --> GroupWalk --> PairExpand --> pairs        first phase
+                                                 ^     |
+        table --------------------> SuperLevelTable    +-> MaskExpand --> survivors    second phase
+
+    Parameters:
+        config: the machine, with super-tiles; `point_interval`, `row_width` and formats matter here.
+
+    Ports:
+        splats: ProjectedSplat items. They are taken while the level table is full. The first phase ends with `end`, which does
+            not come in the second. In the second phase boxes lie in one super-tile each (`SuperTileClip`).
+        table: TileLevel items, one per tile of the frame, row-major. They are taken before a frame's splats.
+        rendering: the phase is the second one; changes only while `busy` is low.
+        pairs: SuperTilePair items of the first phase, splat by splat in the order of the input, for each splat by the number of
+            the super-tile; then `end`.
+        survivors: SurvivingSplat items of the second phase, one for every splat, in order; `end` is 0.
+        width, height, obb: settings as in `frame_settings`.
+        touched: number of intersections of the first phase before the foveation filter. filtered: how many of them the filter
+            rejects. entries: how many it passes. survivors_count: number of splats with a pair. All start from 0 with `clear`,
+            do not change in the second phase, and are valid from two cycles after the transfer of the item with `end`.
+        filled: the level table is full: from the transfer of its last item until `clear`.
+        busy: splats are inside, or items that have not been taken.
+        clear: strobe between frames: the level table empties, and counts restart.
+
+    Which tiles a splat touches, and what the foveation filter passes, is as in `rtl.culling.tile_test.TileTest`. A group is
+    what lies in a super-row within 16 columns, the first a multiple of 16. Groups reach from the first to the last column that
+    the splat touches in any of the two tile rows.
+
+    Throughput: a super-row every `point_interval` cycles, a group a cycle, and in the first phase a pair a cycle, each without
+    waiting for the others; so a splat of the second phase, which has one super-row and one group, takes `point_interval`
+    cycles. A super-row in which nothing is touched takes the time of a group. Latency from a splat to its first group: 5 cycles
+    more than the latency of the ellipse test, which has a schedule of 58 cycles for PAPER's rates; 2 cycles more to a pair, and
+    one to a survivor. Storage: `SuperLevelTable`, and a queue of splats.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        check_supertiles(config)
+        self.config = config
+        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_row(config))
+        settings = {f.name: shape(f.format) for f in frame_settings(config).fields}
+        super().__init__({
+            "splats": In(stream.Signature(layout(projected_splat(config)))),
+            "table": In(stream.Signature(layout(tile_level(config)))),
+            "rendering": In(1),
+            "pairs": Out(stream.Signature(layout(supertile_pair(config)))),
+            "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
+            **{name: In(settings[name]) for name in ("width", "height", "obb")},
+            **{name: Out(COUNTER_BITS) for name in _COUNTS},
+            "filled": Out(1),
+            "busy": Out(1),
+            "clear": In(1),
+        })
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.levels = levels = SuperLevelTable(self.config)
+        m.submodules.rows = rows = SuperRows(self.config)
+        m.submodules.ellipse = ellipse = self._ellipse
+        m.submodules.walk = walk = GroupWalk(self.config)
+        m.submodules.expand = expand = PairExpand(self.config)
+        m.submodules.masks = masks = MaskExpand(self.config)
+        wiring.connect(m, wiring.flipped(self.table), levels.table)
+        wiring.connect(m, expand.pairs, wiring.flipped(self.pairs))
+        wiring.connect(m, masks.survivors, wiring.flipped(self.survivors))
+        m.d.comb += [
+            levels.enable.eq(walk.enable), levels.row.eq(walk.row), levels.group.eq(walk.group), walk.levels.eq(levels.levels),
+            levels.clear.eq(self.clear), self.filled.eq(levels.filled), walk.obb.eq(self.obb),
+            ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
+        self._sizes(m, levels, expand)
+        self._enter(m, rows, walk, expand, masks)
+        self._test(m, rows, walk)
+        self._part(m, walk, expand, masks)
+        return m
+
+    def _sizes(self, m: Module, levels: SuperLevelTable, expand: PairExpand) -> None:
+        """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""
+        tiles_x, tiles_y, supers_x = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1), Signal.like(expand.supers_x)
+        places = TILE.bit_length() - 1
+        m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places),
+                     supers_x.eq((tiles_x + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
+        m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
+
+    def _enter(self, m: Module, rows: SuperRows, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
+        """Sends splats to `SuperRows` and into the queue."""
+        kept = layout(kept_record(self.config))
+        m.submodules.queue = queue = SyncFIFOBuffered(
+            width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
+        splat, may, taken, ending = Signal(kept), Signal(), Signal(), Signal()
+        m.d.comb += [
+            may.eq(self.filled & queue.w_rdy),
+            rows.splats.valid.eq(self.splats.valid & may),
+            rows.splats.payload.eq(self.splats.payload),
+            self.splats.ready.eq(rows.splats.ready & may),
+            taken.eq(self.splats.valid & self.splats.ready),
+            queue.w_en.eq(taken & ~self.splats.payload.end),
+            queue.w_data.eq(Cat(Value.cast(self.splats.payload[name]) for name in kept.members)),
+            Value.cast(splat).eq(queue.r_data),
+            *(expand.splats.payload[name].eq(splat[name]) for name in expand.splats.payload.shape().members),
+            masks.splats.payload.eq(splat),
+            *(unit.splats.valid.eq(queue.r_rdy) for unit in (expand, masks)),
+            queue.r_en.eq(expand.splats.ready | masks.splats.ready),
+            self.busy.eq(queue.level.any() | ending | expand.busy | self.pairs.valid | self.survivors.valid),
+        ]
+        with m.If(taken & self.splats.payload.end):
+            m.d.sync += ending.eq(1)
+        with m.If(walk.groups.valid & walk.groups.ready & walk.groups.payload.end):
+            m.d.sync += ending.eq(0)
+
+    def _test(self, m: Module, rows: SuperRows, walk: GroupWalk) -> None:
+        """Connects super-rows to the ellipse test, and the ellipse test to `GroupWalk`."""
+        item, splat, ellipse = rows.rows.payload, rows.rows.payload.splat, self._ellipse
+        operands, found = ellipse.sink.payload, ellipse.source.payload
+        m.d.comb += [
+            ellipse.sink.valid.eq(rows.rows.valid),
+            rows.rows.ready.eq(ellipse.sink.ready),
+            Cat(operands.l1, operands.l2, operands.l3).eq(Value.cast(splat.conic)),
+            operands.mean_x.eq(splat.mean2d[0]),
+            operands.mean_y.eq(splat.mean2d[1]),
+            operands.opacity.eq(splat.log2_opacity),
+            operands.carried.eq(item.carried),
+            walk.rows.valid.eq(ellipse.source.valid),
+            ellipse.source.ready.eq(walk.rows.ready),
+            walk.rows.payload.carried.eq(found.carried),
+        ]
+        for i in range(SUPER_Y):
+            m.d.comb += [
+                operands[f"row_{i}"].eq(item.carried.row * SUPER_Y + i),
+                walk.rows.payload.first[i].eq(found[f"first_{i}"]),
+                walk.rows.payload.last[i].eq(found[f"last_{i}"]),
+                walk.rows.payload.none[i].eq(found[f"none_{i}"]),
+            ]
+
+    def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
+        """Sends groups to the part of the phase, and counts in the first."""
+        item, first = walk.groups.payload, Signal()
+        m.d.comb += [
+            expand.groups.payload.eq(item),
+            masks.groups.payload.eq(item),
+            expand.groups.valid.eq(walk.groups.valid & ~self.rendering),
+            masks.groups.valid.eq(walk.groups.valid & self.rendering),
+            walk.groups.ready.eq(Mux(self.rendering, masks.groups.ready, expand.groups.ready)),
+            first.eq(expand.groups.valid & expand.groups.ready),
+        ]
+        most = range(SUPER_Y * LEVEL_GROUP + 1)
+        touched, filtered, passed, lives = (Signal(most, name=f"{name}_now") for name in _COUNTS)
+        m.d.sync += [
+            *(now.eq(Mux(first, _ones(tiles), 0)) for now, tiles in (
+                (touched, item.touched), (filtered, item.touched.as_value() & ~item.passed.as_value()), (passed, item.passed))),
+            lives.eq(expand.lives)]
+        for name, amount in zip(_COUNTS, (touched, filtered, passed, lives), strict=True):
+            count(m, getattr(self, name), amount, self.clear)
+
+
+def _ones(tiles: Value) -> Value:
+    """The number of bits that are set."""
+    bits = list(Value.cast(tiles))
+    while len(bits) > 1:
+        bits = [sum(bits[i + 1 : i + 2], bits[i]) for i in range(0, len(bits), 2)]
+    return bits[0]

@@ -1,0 +1,191 @@
+"""The first phase of machines with super-tiles: from Gaussians in memory to lists of pairs in memory."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.chunks.chunk_reader import ChunkReader
+from rtl.chunks.chunk_test import ChunkTest
+from rtl.chunks.header_reader import ChunkHeaderReader
+from rtl.chunks.level_bounds import LevelBounds
+from rtl.shapes import layout
+from rtl.supertiles.buckets import depth_buckets
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.tile_lists.table_loader import TableLoader
+from rtl.top import splat_path
+from rtl.top.ports import connect_settings, phase_ports
+from rtl.top.splat_path import SplatPath
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.records import (
+    TILE_BITS,
+    chunk_item,
+    frame_lists,
+    gaussian_point,
+    intersection_tile,
+    list_group,
+    surviving_splat,
+    tile_group,
+)
+from spec.registers import CHUNK_EVENTS, CHUNK_READ_CLIENTS
+from spec.supertiles import check_supertiles, supertile
+
+READERS = ("geometry", "tiles", *CHUNK_READ_CLIENTS)
+WRITERS = ("entries",)
+"""Memory clients of this phase, by the names of `spec.registers`."""
+
+STAGES = ("geometry", *splat_path.STAGES, "entry_write")
+"""Stages of this phase whose input streams are watched by the performance counters."""
+
+_COUNTS = ("points", "pairs", *splat_path.COUNTS, *CHUNK_EVENTS)
+
+_COLUMN, _ROW = (SUPER_X * TILE).bit_length() - 1, (SUPER_Y * TILE).bit_length() - 1
+"""log2 of a super-tile's width and height in pixels."""
+
+
+class BinPhase(wiring.Component):
+    """Chunk reader, projection, tile test, depth buckets and pair writer::
+
+        chunks ─► ChunkHeaderReader ─► ChunkTest ─► ChunkReader ─► SplatPath ─► depth_buckets ─► PairWriter ─► entries
+                                           ▲    geometry ─┘            ▲                             └─► hits
+        tiles ─► TableLoader ─┬─► LevelBounds                          │
+                              └────────────────────────────────────────┘
+
+    `SplatPath` and the buckets also serve the second phase, which uses them through the ports below.
+
+    Parameters:
+        config: the machine, with super-tiles.
+
+    Ports:
+        settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
+        clear: strobe before a frame.
+        start_table, start: strobes, in this order; the second may come once `table_done` is high.
+        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: IntersectionTile items for the tile merge unit, a list for each pair; the frame's `end` follows when the last pair
+            is in memory.
+        table_done: the table of tiles has been read since `clear`.
+        done: all Gaussians of the frame have passed, and its pairs are in memory.
+        full: the pairs need more memory than there is.
+        ready: nothing is being cleared, and lists have their bounds.
+        stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
+        points, pairs, culled_near, culled_faint, culled_outside, survivors, entries, filtered, chunks_read, chunks_skipped,
+        saturated_means, saturated_depths, saturated_keys: counts of the frame's first phase.
+
+    For the second phase:
+        rendering: level: the second phase.
+        gathered, supertiles, tested: see `SplatPath`.
+        merged: TileGroup items of all lists, in order. listed: the same as ListGroup items.
+        sorted_item, sorted_taken: what leaves the sorter, and whether it does, which sets the next frame's bounds.
+        list_count: number of lists; valid from `ready` on.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        super().__init__({
+            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS), "start_table": In(1), "table_done": Out(1),
+            "hits": Out(stream.Signature(layout(intersection_tile(config)))), "full": Out(1), "rendering": In(1),
+            "gathered": In(stream.Signature(layout(gaussian_point(config)))),
+            "supertiles": In(stream.Signature(layout(supertile(config)))),
+            "tested": Out(stream.Signature(layout(surviving_splat(config)))),
+            "merged": In(stream.Signature(layout(tile_group(config)))),
+            "listed": Out(stream.Signature(layout(list_group(config)))),
+            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1),
+            "list_count": Out(range(frame_lists(config) + 1))})
+        check_supertiles(config)
+        self.config = config
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.reader = reader = ChunkReader(self.config)
+        m.submodules.loader = loader = TableLoader(self.config)
+        m.submodules.path = path = SplatPath(self.config)
+        m.submodules.buckets = buckets = depth_buckets(self.config)
+        m.submodules.writer = writer = PairWriter(self.config)
+        for unit in (reader, loader, writer):
+            connect_settings(m, self, unit)
+        wiring.connect(m, loader.levels, path.table)
+        wiring.connect(m, reader.points, path.points)
+        wiring.connect(m, path.binned, buckets.pairs)
+        wiring.connect(m, buckets.entries, writer.entries)
+        wiring.connect(m, writer.hits, wiring.flipped(self.hits))
+        for name in ("gathered", "supertiles"):
+            wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(path, name))
+        wiring.connect(m, path.tested, wiring.flipped(self.tested))
+        wiring.connect(m, wiring.flipped(self.merged), buckets.groups)
+        wiring.connect(m, buckets.listed, wiring.flipped(self.listed))
+        for name, unit in (("geometry", reader), ("tiles", loader)):
+            wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
+        wiring.connect(m, writer.writes, wiring.flipped(self.writes_entries))
+        m.d.comb += [
+            path.settings.eq(self.settings), path.clear.eq(self.clear), path.rendering.eq(self.rendering),
+            reader.start.eq(self.start), loader.start.eq(self.start_table),
+            writer.writes_idle.eq(self.idle_entries), writer.list_count.eq(buckets.list_count),
+            buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
+            self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
+        self._test_chunks(m, loader, reader)
+        self._begin(m, buckets, writer.busy)
+        self._follow(m, loader, path)
+        watched = (reader.data, writer.entries)
+        m.d.comb += [
+            self.stage_valid.eq(Cat(watched[0].valid, path.stage_valid, watched[1].valid)),
+            self.stage_ready.eq(Cat(watched[0].ready, path.stage_ready, watched[1].ready))]
+        if self.config.counters:
+            self._count(m, reader, path)
+        return m
+
+    def _test_chunks(self, m: Module, loader: TableLoader, reader: ChunkReader) -> None:
+        """Reads the headers of chunks and gives the reader those that pass the chunk test."""
+        m.submodules.headers = headers = ChunkHeaderReader(self.config)
+        m.submodules.bounds = bounds = LevelBounds(self.config)
+        m.submodules.chunk_test = test = ChunkTest(self.config)
+        for unit in (headers, bounds, test):
+            connect_settings(m, self, unit)
+        wiring.connect(m, headers.reads, wiring.flipped(self.reads_chunks))
+        wiring.connect(m, wiring.flipped(self.data_chunks), headers.data)
+        wiring.connect(m, headers.headers, test.headers)
+        wiring.connect(m, test.tested, reader.tested)
+        levels = loader.levels
+        m.d.comb += [
+            headers.start.eq(self.start), bounds.clear.eq(self.clear),
+            bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
+        if self.config.counters:
+            m.d.comb += [self.chunks_read.eq(test.chunks_read), self.chunks_skipped.eq(test.chunks_skipped)]
+
+    def _begin(self, m: Module, buckets: wiring.Component, writing: Value) -> None:
+        """Counts the frame's super-tiles, row by row, and then gives the lists their bounds. Until the number of lists is known
+        the phase is not ready."""
+        columns, rows, count = Signal(TILE_BITS), Signal(TILE_BITS), Signal.like(buckets.supertile_count)
+        counting, settling, waits = Signal(), Signal(2), ~buckets.busy & (rows == 0)
+        with m.If(self.clear):
+            m.d.sync += [
+                columns.eq((self.settings.width + ((1 << _COLUMN) - 1)) >> _COLUMN),
+                rows.eq((self.settings.height + ((1 << _ROW) - 1)) >> _ROW), count.eq(0), counting.eq(1)]
+        with m.Elif(rows != 0):
+            m.d.sync += [rows.eq(rows - 1), count.eq(count + columns)]
+        with m.Elif(waits):
+            m.d.sync += counting.eq(0)
+        m.d.sync += settling.eq(Cat(buckets.clear, settling))
+        m.d.comb += [
+            buckets.supertile_count.eq(count), buckets.clear.eq(counting & waits),
+            self.ready.eq(~counting & ~settling.any() & ~writing)]
+
+    def _follow(self, m: Module, loader: TableLoader, path: SplatPath) -> None:
+        """Follows the ends of table and frame."""
+        written = Signal()
+        with m.If(loader.done):
+            m.d.sync += self.table_done.eq(1)
+        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+            m.d.sync += written.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [self.table_done.eq(0), written.eq(0)]
+        m.d.comb += self.done.eq(written & ~path.busy)
+
+    def _count(self, m: Module, reader: ChunkReader, path: SplatPath) -> None:
+        for name, items in (("points", reader.points), ("pairs", path.binned)):
+            with m.If(items.valid & items.ready & ~items.payload.end):
+                m.d.sync += getattr(self, name).eq(getattr(self, name) + 1)
+            with m.If(self.clear):
+                m.d.sync += getattr(self, name).eq(0)
+        m.d.comb += [getattr(self, name).eq(getattr(path, name)) for name in splat_path.COUNTS]

@@ -1,0 +1,208 @@
+"""The second phase of machines with super-tiles: from lists of pairs and Gaussians in memory to pixels in memory."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.saturations import SaturationCounters
+from rtl.shapes import layout
+from rtl.sort_tmu.handover import handover
+from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
+from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.stream import Broadcast, Fork
+from rtl.supertiles.batch_buffer import BatchBuffer
+from rtl.supertiles.colour import PairColour
+from rtl.supertiles.reader import SuperTileReader
+from rtl.supertiles.record_fetch import RecordFetch
+from rtl.tile_lists.list_reader import ListReader
+from rtl.top.ports import connect_settings, phase_ports, watch
+from rtl.vrc_array.batch_array import BatchArray
+from rtl.vrc_array.pixel_writer import PixelWriter
+from spec.config import AcceleratorConfig
+from spec.queues import OUTPUT_DRAINS, SUPERTILES_AHEAD
+from spec.records import (
+    chunk_item,
+    frame_lists,
+    gaussian_point,
+    intersection_tile,
+    list_group,
+    surviving_splat,
+    tile_group,
+)
+from spec.registers import CHUNK_READ_CLIENTS
+from spec.saturations import SATURATIONS
+from spec.supertiles import check_supertiles, supertile
+
+READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS), ("spill", "frame")
+"""Memory clients of this phase, by the names of `spec.registers`."""
+
+STAGES = ("list_read", "sort", "handover", "fetch", "colour", "batch", "array", "pixel_write")
+"""Stages of this phase whose input streams are watched by the performance counters."""
+
+_SATURATED = tuple(s.name for s in SATURATIONS if s.stream == "views")
+
+_COUNTS = (
+    "groups", "spilled_entries", "header_hits", "header_misses", "batches", "visits", "ops", "skipped", "pixels", *_SATURATED)
+
+
+class GatherPhase(wiring.Component):
+    """Tile merge unit, list reader, sorter, record fetch, colour unit, batch buffer, array and pixel writer::
+
+                                          entries        spill              chunks, colour
+                                             ▼             ▼                      ▼
+        hits ─► TileMergeUnit ─► merged   ListReader ─► HierarchicalSorter ─► RecordFetch ─► gathered
+                                    ┆        ▲                                    └─ beats ──────────┐
+        listed ─► gate ─► Fork ──────────────┤                                                       ▼
+                                             ▼                                          tested ─► PairColour
+        tiles ──────────────────────► SuperTileReader ─┬─► supertiles                                │ places
+                                                       └───────────► queue ─────────────────► BatchBuffer
+                                                                                         done ▲      │ visits, entries
+                                                          frame ◄─ PixelWriter ◄─────────── BatchArray
+
+    The streams that end here with a name pass through units of the first phase, which both phases use: `merged` comes back as
+    `listed`, with the ends of super-tiles, `gathered` as `tested`, projected and tested again, for which it needs `supertiles`.
+    Neither reader of lists keeps the other waiting for ever: that of super-tiles takes all lists of a frame without waiting,
+    and ListReader has space for more lists than a super-tile has, so that a super-tile comes before its pairs.
+
+    Parameters:
+        config: the machine, with super-tiles; `incremental` selects the handover behind the sorter.
+
+    Ports:
+        settings, tiles_x, tile_count: settings of the frame and its numbers of tiles.
+        clear: strobe before a frame.
+        start: strobe; what the first phase wrote is in memory.
+        list_count: number of the frame's lists.
+        reads_NAME, data_NAME: the memory clients of READERS; writes_NAME, idle_NAME: those of WRITERS.
+        hits: the list of every pair; it comes during the first phase.
+        merged, listed: TileGroup items of all lists, and the same lists as ListGroup items.
+        sorted_item, sorted_taken: what leaves the sorter, and whether it does.
+        gathered: GaussianPoint items of sorted pairs. tested: a SurvivingSplat for each of them.
+        supertiles: a SuperTile for each super-tile of the frame, in order.
+        counted: all hits of the frame have come since `clear`.
+        done: all pixels of the frame are in memory.
+        overflow: a group did not fit the spill region.
+        saturated: a list has more pairs than can be counted, or a pair's list is not one of the frame.
+        ready: nothing is being cleared.
+        stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
+        groups, spilled_entries, header_hits, header_misses, batches, visits, ops, skipped, pixels,
+        saturated_colours: counts of the frame.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        super().__init__({
+            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+            "list_count": In(range(frame_lists(config) + 1)),
+            "hits": In(stream.Signature(layout(intersection_tile(config)))),
+            "merged": Out(stream.Signature(layout(tile_group(config)))),
+            "listed": In(stream.Signature(layout(list_group(config)))),
+            "sorted_item": Out(layout(chunk_item(config))), "sorted_taken": Out(1),
+            "gathered": Out(stream.Signature(layout(gaussian_point(config)))),
+            "tested": In(stream.Signature(layout(surviving_splat(config)))),
+            "supertiles": Out(stream.Signature(layout(supertile(config)))),
+            "counted": Out(1), "overflow": Out(1), "saturated": Out(1)})
+        check_supertiles(config)
+        self.config = config
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.tile_merge = merge = TileMergeUnit(self.config)
+        m.submodules.reader = reader = ListReader(self.config)
+        m.submodules.sorter = sorter = HierarchicalSorter(self.config)
+        m.submodules.handover = buffer = handover(self.config)
+        m.submodules.fetch = fetch = RecordFetch(self.config)
+        m.submodules.colour = colour = PairColour(self.config, sh_degree=self.config.sh_degree)
+        m.submodules.batches = batches = BatchBuffer(self.config)
+        rows = OUTPUT_DRAINS * self.config.cores_y if self.config.incremental else None
+        m.submodules.array = array = BatchArray(self.config, lines=rows)
+        m.submodules.writer = writer = PixelWriter(self.config)
+        for unit in (reader, sorter, fetch, colour, batches, array, writer):
+            connect_settings(m, self, unit)
+        m.d.comb += [
+            merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
+            merge.tiles_x.eq(self.list_count), merge.tile_count.eq(self.list_count),
+            *(unit.clear.eq(self.clear) for unit in (reader, sorter, fetch, batches))]
+        wiring.connect(m, wiring.flipped(self.hits), merge.hits)
+        wiring.connect(m, merge.groups, wiring.flipped(self.merged))
+        self._super_tiles(m, reader, batches)
+        wiring.connect(m, reader.groups, sorter.groups)
+        wiring.connect(m, sorter.sorted, buffer.sink)
+        wiring.connect(m, buffer.source, fetch.sorted)
+        wiring.connect(m, fetch.points, wiring.flipped(self.gathered))
+        wiring.connect(m, wiring.flipped(self.tested), colour.survivors)
+        wiring.connect(m, fetch.beats, colour.data)
+        wiring.connect(m, colour.places, batches.places)
+        wiring.connect(m, batches.visits, array.visits)
+        wiring.connect(m, batches.entries, array.entries)
+        wiring.connect(m, array.pixels, writer.rows)
+        for name, unit in (("entries", reader), ("spill", sorter)):
+            wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
+        for name in ("chunks", "colour"):
+            wiring.connect(m, getattr(fetch, f"reads_{name}"), wiring.flipped(getattr(self, f"reads_{name}")))
+            wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), getattr(fetch, f"data_{name}"))
+        for name, unit in (("spill", sorter), ("frame", writer)):
+            wiring.connect(m, unit.writes, wiring.flipped(getattr(self, f"writes_{name}")))
+            m.d.comb += unit.writes_idle.eq(getattr(self, f"idle_{name}"))
+        m.d.comb += [
+            batches.done.eq(array.done), batches.current.eq(array.current), writer.begin.eq(self.start),
+            self.sorted_item.eq(sorter.sorted.payload), self.sorted_taken.eq(sorter.sorted.valid & sorter.sorted.ready),
+            self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
+            self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)]
+        watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, array.entries,
+                        writer.rows))
+        if self.config.counters:
+            self._count(m, sorter, fetch, colour, batches, array, writer)
+        return m
+
+    def _super_tiles(self, m: Module, reader: ListReader, batches: BatchBuffer) -> None:
+        """Holds lists back until `start`, sends them to both readers, and each super-tile to the batch buffer and out."""
+        m.submodules.fork = fork = Fork(self.listed.payload.shape())
+        m.submodules.supertiles = made = SuperTileReader(self.config)
+        m.submodules.broadcast = broadcast = Broadcast(made.supertiles.payload.shape())
+        m.submodules.queue = queue = SyncFIFOBuffered(width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD)
+        connect_settings(m, self, made)
+        counted, open_ = Signal(), Signal()
+        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+            m.d.sync += counted.eq(1)
+        with m.If(self.start):
+            m.d.sync += open_.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [counted.eq(0), open_.eq(0)]
+        lists, ahead = fork.sources[0], broadcast.sources[1]
+        m.d.comb += [
+            self.counted.eq(counted),
+            fork.sink.payload.eq(self.listed.payload), fork.sink.valid.eq(self.listed.valid & open_),
+            self.listed.ready.eq(fork.sink.ready & open_),
+            reader.tiles.valid.eq(lists.valid), lists.ready.eq(reader.tiles.ready),
+            *(reader.tiles.payload[name].eq(lists.payload[name]) for name in reader.tiles.payload.shape().members),
+            made.clear.eq(self.clear), broadcast.wanted.eq(0b11),
+            queue.w_data.eq(ahead.payload), queue.w_en.eq(ahead.valid), ahead.ready.eq(queue.w_rdy),
+            batches.supertiles.payload.eq(queue.r_data), batches.supertiles.valid.eq(queue.r_rdy),
+            queue.r_en.eq(batches.supertiles.ready)]
+        wiring.connect(m, fork.sources[1], made.lists)
+        wiring.connect(m, made.supertiles, broadcast.sink)
+        wiring.connect(m, broadcast.sources[0], wiring.flipped(self.supertiles))
+        wiring.connect(m, made.reads, wiring.flipped(self.reads_tiles))
+        wiring.connect(m, wiring.flipped(self.data_tiles), made.data)
+
+    def _count(
+        self, m: Module, sorter: HierarchicalSorter, fetch: RecordFetch, colour: PairColour, batches: BatchBuffer,
+        array: BatchArray, writer: PixelWriter,
+    ) -> None:
+        m.submodules.saturations = counts = SaturationCounters(self.config)
+        lists, places = self.listed, colour.places
+        with m.If(lists.valid & lists.ready & lists.payload.last):
+            m.d.sync += self.groups.eq(self.groups + 1)
+        ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # counts up to the previous frame
+        with m.If(self.clear):
+            m.d.sync += [self.groups.eq(0), ops.eq(array.ops), skipped.eq(array.skipped)]
+        m.d.comb += [
+            counts.clear.eq(self.clear), counts.views.eq(places.payload.as_value()[: counts.views.shape().size]),
+            counts.views_move.eq(places.valid & places.ready),
+            *(getattr(self, name).eq(getattr(counts, name)) for name in _SATURATED),
+            self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped),
+            self.spilled_entries.eq(sorter.spilled), self.header_hits.eq(fetch.hits), self.header_misses.eq(fetch.misses),
+            self.batches.eq(batches.batches), self.visits.eq(batches.visits_count), self.pixels.eq(writer.pixels)]

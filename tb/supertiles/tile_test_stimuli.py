@@ -1,0 +1,211 @@
+"""Stimuli of the tile test by super-tiles: frames of splats, and their pairs, as they come back in the second phase.
+
+What is expected follows from the intersections of whole frames, which `golden.msv2_ref.tile_test` finds without knowing of
+super-tiles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from golden.msv2_ref.tile_test import TileTest, tile_test
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
+from spec.queues import LEVEL_GROUP
+from spec.records import projected_splat, surviving_splat, tile_level
+from spec.supertiles import supertile_pair
+from tb.culling.tile_test_stimuli import Case
+
+
+class PairsFound(NamedTuple):
+    """The pairs of a frame, in the order in which the first phase emits them.
+
+    Attributes:
+        splat: (P,) rows of the frame's splats.
+        supertile: (P,) numbers of super-tiles.
+        mask: (P,) masks of the super-tile's tiles with an intersection.
+        levels: (P,) masks of the levels of these tiles.
+    """
+
+    splat: np.ndarray
+    supertile: np.ndarray
+    mask: np.ndarray
+    levels: np.ndarray
+
+
+def supers_x(width: int) -> int:
+    """Columns of super-tiles of a frame."""
+    return -(-width // (TILE * SUPER_X))
+
+
+def pairs_of(test: TileTest, index: np.ndarray, levels: np.ndarray, width: int) -> PairsFound:
+    """The pairs to which a frame's intersections belong; `index` has the (rising) indices of its splats."""
+    row, column = np.divmod(test.entries["tile"][:-1].astype(np.int64), -(-width // TILE))
+    splat = np.searchsorted(index, test.entries["index"][:-1])
+    supertile = row // SUPER_Y * supers_x(width) + column // SUPER_X
+    place = row % SUPER_Y * SUPER_X + column % SUPER_X
+    count = int(supertile.max(initial=0)) + 1
+    found, of = np.unique(splat * count + supertile, return_inverse=True)
+    mask, used = np.zeros(len(found), np.int64), np.zeros(len(found), np.int64)
+    np.bitwise_or.at(mask, of, 1 << place)
+    np.bitwise_or.at(used, of, 1 << levels[test.entries["tile"][:-1], 0])
+    return PairsFound(found // count, found % count, mask, used)
+
+
+def clipped(splats: np.ndarray, supertile: np.ndarray, width: int) -> np.ndarray:
+    """ProjectedSplat records with their boxes cut to super-tiles."""
+    cut = splats.copy()
+    row, column = np.divmod(supertile, supers_x(width))
+    for axis, begin, size in (("x", column * SUPER_X, SUPER_X), ("y", row * SUPER_Y, SUPER_Y)):
+        cut[f"first_{axis}"] = np.maximum(cut[f"first_{axis}"], begin)
+        cut[f"last_{axis}"] = np.minimum(cut[f"last_{axis}"], begin + size - 1)
+    return cut
+
+
+@dataclass(frozen=True)
+class SuperCase:
+    """Consecutive frames of one size, each in both phases.
+
+    Attributes:
+        base: the frames' splats and levels.
+        again: whether the pairs come in the second phase; otherwise it has none.
+    """
+
+    base: Case
+    again: bool = True
+
+    @property
+    def name(self) -> str:
+        """The case's name, for messages."""
+        return self.base.name
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The machine's configuration."""
+        return self.base.config
+
+    @cached_property
+    def golden(self) -> list[TileTest]:
+        """The golden renderer's intersections of each frame."""
+        return self.base.golden
+
+    @cached_property
+    def found(self) -> list[PairsFound]:
+        """The pairs of each frame."""
+        return [pairs_of(test, splats["index"], levels, self.base.width)
+                for test, (splats, levels) in zip(self.golden, self.base.frames, strict=True)]
+
+    @cached_property
+    def second(self) -> list[np.ndarray]:
+        """The rows of `found` of each frame in the order of the second phase: by super-tile, depth key and index."""
+        orders = []
+        for found, (splats, _) in zip(self.found, self.base.frames, strict=True):
+            keys = (found.splat, splats["depth_key"][found.splat], found.supertile)
+            orders.append(np.lexsort(keys) if self.again else np.zeros(0, np.int64))
+        return orders
+
+    @cached_property
+    def returning(self) -> list[np.ndarray]:
+        """The splats of each frame's second phase."""
+        return [clipped(splats[found.splat[order]], found.supertile[order], self.base.width)
+                for found, order, (splats, _) in zip(self.found, self.second, self.base.frames, strict=True)]
+
+    @property
+    def inputs(self) -> dict[str, np.ndarray]:
+        """Items of the bench's input streams."""
+        end = np.zeros(1, projected_splat(self.config).dtype)
+        end["end"] = 1
+        tables = self.base.inputs["table"].astype(tile_level(self.config).dtype)
+        parts = [part for (splats, _), back in zip(self.base.frames, self.returning, strict=True)
+                 for part in (splats, end, back, end)]
+        return {"splats": np.concatenate(parts), "table": tables}
+
+    @property
+    def expected(self) -> dict[str, np.ndarray]:
+        """Items of the output streams."""
+        pairs, survivors = [], []
+        for (splats, _), found, order in zip(self.base.frames, self.found, self.second, strict=True):
+            items = np.zeros(len(found.splat) + 1, supertile_pair(self.config).dtype)
+            items["supertile"][:-1], items["end"][-1] = found.supertile, 1
+            for name in ("index", "depth_key"):
+                items[name][:-1] = splats[name][found.splat]
+            pairs.append(items)
+            back = np.zeros(len(order), surviving_splat(self.config).dtype)
+            for name in {*splats.dtype.names} & {*back.dtype.names} - {"end"}:
+                back[name] = splats[name][found.splat[order]]
+            back["levels"], back["mask"] = found.levels[order], found.mask[order]
+            survivors.append(back)
+        return {"pairs": np.concatenate(pairs), "survivors": np.concatenate(survivors)}
+
+    @property
+    def observed(self) -> dict[str, int]:
+        """Plain outputs after the last frame."""
+        golden, found = self.golden[-1], self.found[-1]
+        return {
+            "touched": golden.touched, "filtered": golden.filtered, "entries": golden.touched - golden.filtered,
+            "survivors_count": len(np.unique(found.splat)), "filled": 1, "busy": 0}
+
+    def cycles(self) -> list[tuple[int, int]]:
+        """(first phase, second phase): least cycles of each frame's phases, without latencies."""
+        return [(self._first_cycles(splats, levels, found), self.config.point_interval * len(order))
+                for (splats, levels), found, order in zip(self.base.frames, self.found, self.second, strict=True)]
+
+    def _first_cycles(self, splats: np.ndarray, levels: np.ndarray, found: PairsFound) -> int:
+        """Super-rows enter at their interval, and are walked through a group a cycle. The pairs of a super-row leave one a
+        cycle while the walk goes on; its last group waits until those of the super-row before have left."""
+        rows, groups = self._groups(splats, levels)
+        most = int(rows[:, 1].max(initial=0)) + 1
+        pairs = np.bincount(found.splat * most + found.supertile // supers_x(self.base.width), minlength=len(splats) * most)
+        walked = free = 0
+        for k, (cost, emits) in enumerate(zip(groups.tolist(), pairs[rows[:, 0] * most + rows[:, 1]].tolist(), strict=True)):
+            walked = max(k * self.config.point_interval, walked) + cost
+            if emits:
+                walked = max(walked, free)
+                free = walked + emits
+        return max(walked, free)
+
+    def _groups(self, splats: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((R, 2) the splat and number of each super-row of a box, (R,) its groups): from the first to the last column that the
+        splat touches, whatever the level."""
+        first, last = splats["first_y"] // SUPER_Y, splats["last_y"] // SUPER_Y
+        count = last - first + 1
+        splat = np.repeat(np.arange(len(splats)), count)
+        row = first[splat] + np.arange(len(splat)) - np.repeat(np.cumsum(count) - count, count)
+        touched = tile_test(self.config, splats, np.zeros_like(levels), self.base.width, self.base.height, obb=self.base.obb)
+        tiles_x = -(-self.base.width // TILE)
+        tile_row, column = np.divmod(touched.entries["tile"][:-1].astype(np.int64), tiles_x)
+        of = np.searchsorted(splats["index"], touched.entries["index"][:-1])
+        at = (np.cumsum(count) - count)[of] + tile_row // SUPER_Y - first[of]
+        low, high = np.full(len(splat), tiles_x), np.full(len(splat), -1)
+        np.minimum.at(low, at, column // LEVEL_GROUP)
+        np.maximum.at(high, at, column // LEVEL_GROUP)
+        return np.stack([splat, row], 1), np.maximum(high - low + 1, 1)
+
+
+def numbered(case: Case) -> Case:
+    """The case with indices that differ and rise in each frame."""
+    frames = []
+    for splats, levels in case.frames:
+        splats = splats.copy()
+        splats["index"] = np.arange(len(splats))
+        frames.append((splats, levels))
+    return replace(case, frames=tuple(frames))
+
+
+def wide_case(config: AcceleratorConfig, rng: np.random.Generator, splats: np.ndarray, name: str) -> SuperCase:
+    """Boxes of one row of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
+    splats, width, tiles = splats.copy(), config.row_width, -(-config.row_width // TILE)
+    splats["bound"], splats["first_x"], splats["last_x"] = MAX_LEVELS - 1, 0, tiles - 1
+    splats["first_y"] = splats["last_y"] = rng.integers(0, 4, len(splats))
+    levels = np.zeros((4 * tiles, 2), np.int64)
+    return SuperCase(Case(name, config, width, 4 * TILE, ((splats, levels),), obb=True))
+
+
+def tiles_met(case: SuperCase) -> np.ndarray:
+    """(SUPER_TILES,) how often each place of a super-tile is in a mask."""
+    masks = np.concatenate([found.mask for found in case.found])
+    return (masks[:, None] >> np.arange(SUPER_TILES) & 1).sum(0)

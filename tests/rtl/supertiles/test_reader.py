@@ -1,0 +1,59 @@
+"""The super-tile reader: exact in every frame, and a whole frame's lists are taken while nothing else moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rtl.supertiles.reader import SuperTileReader
+from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.records import frame_supertiles, list_group
+from tb.common.exact import problems
+from tb.supertiles import reader_suite as suite
+from tests.helpers.rtl_ports import play
+from tests.helpers.rtl_streams import assert_rejected
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    plan = suite.unit_plan(TINY_SUPERTILES, 0)
+    return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("tiny"))
+
+
+def test_tiny_is_exact_and_fast_enough(tiny):
+    plan, outcome = tiny
+    assert outcome.failures == {}
+    assert outcome.runs == sum(item.run.abort is None for item in plan) > 25 and outcome.items > 5000
+    assert len(suite.figures(TINY_SUPERTILES, plan, outcome)) == 3
+
+
+def test_faults_are_found(tiny):
+    plan, outcome = tiny
+    item = next(item for item in plan if item.name == "lists without end")
+    for port, rows in item.expected.items():
+        for name in rows.dtype.names:
+            wrong = rows.copy()
+            wrong[name][3] ^= 1
+            found = problems(replace(item, expected={port: wrong}), outcome.recordings[item.name])
+            assert len(found) == 1 and found[0].startswith(f"{port} 3: ")
+
+
+def test_a_whole_frames_lists_are_taken_while_nothing_moves():
+    record, count = list_group(TINY_SUPERTILES), frame_supertiles(TINY_SUPERTILES)
+    ends = np.sort(np.random.default_rng(0).choice(127, count - 1, replace=False)).tolist()
+    rows = [record.pack({"tile": t, "count": t, "group": 0, "last": 0, "ends": t in ends or t == 127}) for t in range(128)]
+    moves = play(SuperTileReader(TINY_SUPERTILES), {"lists": rows}, {"reads": 1.0, "supertiles": 1.0}, 140,
+                 setup={"supertiles_base": 5, "width": 512, "height": 512})
+    assert len(moves["lists"]) == 128
+
+
+def test_machines_without_supertiles_are_rejected():
+    assert_rejected(lambda: SuperTileReader(TINY), ValueError, "tile")
+
+
+@pytest.mark.long
+def test_the_machines_reader_is_exact(tmp_path):
+    plan = suite.full_plan(SUPERTILES, 1)
+    assert suite.run_plan(SUPERTILES, plan, tmp_path).failures == {}
