@@ -34,10 +34,10 @@ from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.supertiles.buckets import depth_buckets
-from rtl.supertiles.pair_writer import PairWriter
-from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.colour import PairColour
+from rtl.supertiles.pair_writer import PairWriter
+from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
