@@ -33,6 +33,7 @@ from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
+from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.colour import PairColour
@@ -105,6 +106,8 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
+    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {
@@ -164,6 +167,8 @@ UNITS: dict[str, Unit] = {
                              "super-tiles for the batch buffer, from counts and the host's table"),
     "record_fetch": Unit(lambda config: RecordFetch(_of_supertiles(config)),
                          "records of sorted pairs, by the headers of their chunks, to projection"),
+    "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
+                         "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),

@@ -23,9 +23,6 @@ from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
-from tb.supertiles import batch_suite
-from tb.supertiles import reader_suite as supertile_reader
-from tb.supertiles import clip_suite as supertile_clip
 from tb.supertiles import array_suite as batch_array
 from tb.supertiles import batch_suite, clip_suite, record_fetch_suite
 from tb.supertiles import colour_suite as pair_colour
@@ -45,14 +42,10 @@ UNITS = {
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
     "culling": {"projection": projection, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
-    "supertile_test": {"supertile_test": supertile_test, "supertile_clip": supertile_clip},
-    "pair_lists": {"supertile_reader": supertile_reader},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},
     "vrc": {"fetch": fetch, "vrc": vrc, "writer": writer},
     "warp": {"warp": warp},
-    "pair_colour": {"pair_colour": pair_colour},
-    "batch": {"batch": batch_suite},
     "axi": {"axi": axi},
     "top": {"top": top},
     "supertile_test": {"supertile_clip": clip_suite, "supertile_test": supertile_test},
@@ -63,10 +56,6 @@ UNITS = {
     "batch_array": {"batch_array": batch_array},
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
-decode unit; culling: near test and projection, tile test, colours; supertile_test: the tile test by super-tiles; lists: tile
-lists in memory; pair_lists: lists by super-tile; tmu: the tile merge unit; sort: the sorters and the handover to the array;
-vrc: splat fetch, array and pixel writer; pair_colour: colours of pairs; batch: the batch buffer;
-warp: the warp unit; axi: the bus and the registers; top: the whole machine."""
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in memory; tmu: the tile merge unit; sort:
 the sorters and the handover to the array; vrc: splat fetch, array and pixel writer; warp: the warp unit; axi: the bus and the
 registers; top: the whole machine. Of machines with super-tiles, supertile_test: clip and tile test; pair_lists: lists;

@@ -24,9 +24,8 @@ from spec.memory import splat_record
 from spec.queues import COUNTER_BITS
 from spec.supertiles import SEQUENCE_BITS, batch_place, check_supertiles, supertile, tile_visit, visit_entry
 
-LATENCY = 10
-"""Cycles from the transfer of a batch's last place to that of its first entry if nothing waits, the masks of the last places
-have one word, and no batch is being dealt."""
+LATENCY = 9
+"""Cycles from the transfer of a batch's last place to that of its first entry if nothing waits and no batch is being dealt."""
 
 
 class BatchBuffer(wiring.Component):
@@ -50,7 +49,7 @@ class BatchBuffer(wiring.Component):
         busy: a super-tile is inside.
 
     Stop: a tile that has stopped is not visited in a batch that is not its super-tile's last. A visit of a tile that stops
-    meanwhile ends early; up to five more of its entries leave after the cycle in which its bit of `done` is set.
+    meanwhile ends early; at most four of its entries leave from the cycle on in which its bit of `done` is set.
 
     Storage: 2 x batch_places records, for PAPER's formats of 222 bits, in one memory that is read and written in the same cycle
     in different halves; that of BatchMasks; two super-tiles of about 1,000 bits, and two visits. Throughput: one place and one
@@ -85,7 +84,7 @@ class BatchBuffer(wiring.Component):
         wiring.connect(m, dealer.visits, wiring.flipped(self.visits))
         m.d.comb += [
             dealer.done.eq(self.done), dealer.current.eq(self.current),
-            dealer.writing.eq(masks.writing), dealer.read_data.eq(masks.read_data),
+            *(getattr(dealer, name).eq(getattr(masks, name)) for name in ("waiting", "waiting_half", "read_data")),
             *(getattr(masks, name).eq(getattr(dealer, name)) for name in ("read_en", "read_tile", "read_word", "read_half")),
         ]
         released = Signal(2)  # the half whose last place has been read

@@ -63,8 +63,8 @@ class BatchMasks(wiring.Component):
         begin: strobe: the batch is complete and `settled`; another one begins in the next cycle.
         settled: all places that came are in `summary`.
         summary: for each tile one bit a word: whether the word has a place of the tile.
-        writing: one bit a half: words of the half are still to be written.
-        read_en, read_tile, read_word, read_half: reads a word with a bit in `summary`, while its half is not in `writing`.
+        waiting, waiting_half: tiles with a word that is still to be written, and the half of these words.
+        read_en, read_tile, read_word, read_half: reads a word with a bit in `summary`, of a tile that does not wait.
         read_data: the word that was read, from the next cycle until the next read.
 
     Storage: 2 squares of SUPER_TILES x 32 flip-flops; SUPER_TILES x batch_places / 32 flip-flops of `summary`; a memory of
@@ -75,7 +75,7 @@ class BatchMasks(wiring.Component):
         take         <  A  ><  B  >                <  C  >             C is the first place of the next batch
         settled      ~~~~~~~~~~~~~~~________~~~~~~~~~~~~~~
         begin        _______________________~~~~~~~_______
-        writing      _______________________~~~~~~~~~~~~~~~~_          two words
+        waiting                            < A+B  ><  B   >            A's only tile comes first
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -87,7 +87,7 @@ class BatchMasks(wiring.Component):
             "take": In(1), "tiles": In(SUPER_TILES), "closes": In(1), "ready": Out(1),
             "half": In(1), "begin": In(1), "settled": Out(1),
             "summary": Out(data.ArrayLayout(mask_words(config), SUPER_TILES)),
-            "writing": Out(2),
+            "waiting": Out(SUPER_TILES), "waiting_half": Out(1),
             "read_en": In(1), "read_tile": In(SUPER_PLACES), "read_word": In(word_bits(config)), "read_half": In(1),
             "read_data": Out(mask_places(config)),
         })
@@ -121,7 +121,7 @@ class BatchMasks(wiring.Component):
             first.eq(lowest(left)),
             moves.eq(complete & ~(left & ~first).any()),
             write.en.eq(left.any()), write.addr.eq(Cat(word, place_of(first), half)), write.data.eq(select(first, columns)),
-            self.writing.eq(Cat(left.any() & ~half, left.any() & half)),
+            self.waiting.eq(left), self.waiting_half.eq(half),
             read.en.eq(self.read_en), read.addr.eq(Cat(self.read_word, self.read_tile, self.read_half)),
             self.read_data.eq(read.data),
         ]

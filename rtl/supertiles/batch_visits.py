@@ -70,12 +70,13 @@ class BatchVisits(wiring.Component):
             `closes`; it is one with `none` where no visit of the batch comes last, because all tiles that were left have
             stopped.
         done, current: as those of BatchBuffer.
-        writing, read_en, read_tile, read_word, read_half, read_data: of BatchMasks.
+        waiting, waiting_half, read_en, read_tile, read_word, read_half, read_data: of BatchMasks.
         busy: a batch is inside.
 
     Throughput: one item a cycle. A visit has one item more than it has entries. Latency: 4 cycles from a batch to its first
-    item, where its masks have been written; none between visits and between batches, as long as batches come early enough.
-    A visit that ends early costs up to two cycles more.
+    item; no cycle passes between visits or between batches, as long as batches come early enough. A visit that ends early costs
+    up to two cycles more. The memory writes a batch's last words tile by tile, too, and so is ahead of the visits, except where
+    tiles are left out that have stopped.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -88,8 +89,8 @@ class BatchVisits(wiring.Component):
             "visits": Out(stream.Signature(layout(tile_visit(config)))),
             "items": Out(stream.Signature(item_layout(config))),
             "done": In(SUPER_TILES), "current": In(SEQUENCE_BITS),
-            "writing": In(2), "read_en": Out(1), "read_tile": Out(SUPER_PLACES), "read_word": Out(word_bits(config)),
-            "read_half": Out(1), "read_data": In(mask_places(config)),
+            "waiting": In(SUPER_TILES), "waiting_half": In(1), "read_en": Out(1), "read_tile": Out(SUPER_PLACES),
+            "read_word": Out(word_bits(config)), "read_half": Out(1), "read_data": In(mask_places(config)),
             "busy": Out(1),
         })
 
@@ -115,14 +116,14 @@ class BatchVisits(wiring.Component):
         m.submodules.ahead = ahead = Buffer(self.visits.payload.shape())
         wiring.connect(m, ahead.source, wiring.flipped(self.visits))
         batch, valid = Signal(self.batches.payload.shape(), reset_less=True), Signal()
-        left, seen = Signal(SUPER_TILES), Signal(SUPER_TILES)  # tiles to look at; those visited before in their super-tile
+        left, seen = Signal(SUPER_TILES), Signal(SUPER_TILES)  # tiles to visit; those visited before in their super-tile
         wanted, chosen, rest = Signal(SUPER_TILES), Signal(SUPER_TILES), Signal(SUPER_TILES)
         visit, tile, goes = ahead.sink.payload, tiles.payload, Signal()
-        used = Cat(words.any() for words in batch.summary)
+        comes = self.batches.payload
         planes = [Cat(batch.plane[3 * n + k].as_unsigned() for k in range(3)) for n in range(SUPER_TILES)]
         column = (SUPER_X - 1).bit_length()
         m.d.comb += [
-            wanted.eq(left & (batch.final.replicate(SUPER_TILES) | used & ~stopped(batch.sequence))),
+            wanted.eq(left & (batch.final.replicate(SUPER_TILES) | ~stopped(batch.sequence))),
             chosen.eq(lowest(wanted)), rest.eq(wanted & ~chosen),
             tile.words.eq(select(chosen, batch.summary)),
             tile.tile.eq(place_of(chosen)), tile.half.eq(batch.half), tile.sequence.eq(batch.sequence),
@@ -141,7 +142,8 @@ class BatchVisits(wiring.Component):
         with m.If(self.batches.ready):
             m.d.sync += valid.eq(self.batches.valid)
             with m.If(self.batches.valid):
-                m.d.sync += [batch.eq(self.batches.payload), left.eq(self.batches.payload.inside)]
+                used = Cat(words.any() for words in comes.summary)
+                m.d.sync += [batch.eq(comes), left.eq(comes.inside & (comes.final.replicate(SUPER_TILES) | used))]
         return valid
 
     def _choose_words(
@@ -150,11 +152,12 @@ class BatchVisits(wiring.Component):
         """Reads a word a cycle, of those that have a place; returns whether there is a tile."""
         tile, valid = Signal(tiles.payload.shape(), reset_less=True), Signal()
         word, rest, first = Signal(words.payload.shape(), reset_less=True), Signal.like(tile.words), Signal.like(tile.words)
-        is_stopped, final, goes = Signal(), Signal(), Signal()
+        is_stopped, final, waits, goes = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
+            waits.eq(self.waiting.bit_select(tile.tile, 1) & (self.waiting_half == tile.half)),
             is_stopped.eq(stopped(tile.sequence).bit_select(tile.tile, 1)),
             first.eq(lowest(tile.words)), rest.eq(tile.words & ~first), final.eq(is_stopped | ~rest.any()),
-            goes.eq(valid & (~words.valid | words.ready) & ~self.writing.bit_select(tile.half, 1)),
+            goes.eq(valid & (~words.valid | words.ready) & ~waits),
             self.read_en.eq(goes & tile.words.any()),
             self.read_tile.eq(tile.tile), self.read_word.eq(place_of(first)), self.read_half.eq(tile.half),
             tiles.ready.eq(~valid | goes & final), words.payload.eq(word),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from golden.host import compact
-from golden.host.quantise import quantise_model
+from golden.host.quantise import GaussianWords, quantise_model
 from spec.chunks import CHUNK, PLACE_BITS, chunk_header
 from spec.compact import COARSE_BOUND, FINE_LEVELS, OPACITY_BITS, compact_colour
 from spec.config import AcceleratorConfig
@@ -90,8 +90,12 @@ def random_model(
 def cloud_model(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> tuple[Model, np.ndarray]:
     """(model, (N,) points) of a cloud of Gaussians that the host has cut into chunks and encoded. The points are those that the
     first phase reads, from the records of geometry."""
-    words = quantise_model(config, cloud(rng, count))
-    model = Model(words.chunks, words.compact.colour_bytes(), np.arange(len(words.chunks)))
+    return stored_model(config, quantise_model(config, cloud(rng, count)))
+
+
+def stored_model(config: AcceleratorConfig, words: GaussianWords) -> tuple[Model, np.ndarray]:
+    """(model, (N,) points of the first phase) of a model that the host has encoded."""
+    model = Model(words.chunks, replace(words.compact, harmonics=None).colour_bytes(), np.arange(len(words.chunks)))
     return model, decode_stimuli.points(config, words.chunks, words.compact.geometry, model.index)
 
 

@@ -14,6 +14,7 @@ from spec.supertiles import HEADER_WAYS
 from tb.chunks import decode_stimuli
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.scenes import traced_frames, traced_size
 from tb.supertiles.record_fetch_device import MOST_DELAY, playback
 from tb.supertiles.record_fetch_stimuli import (
     DIRECTED,
@@ -24,6 +25,7 @@ from tb.supertiles.record_fetch_stimuli import (
     pooled_case,
     random_case,
     random_model,
+    stored_model,
     walking_case,
 )
 
@@ -208,9 +210,25 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     return plan.runs
 
 
+def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
+    """The pairs of frames of real scenes, in rendering order; points must be those of the first phase."""
+    plan = Plan(config, 0)
+    for name, frame in traced_frames(config, size).items():
+        model, points = stored_model(config, frame.words)
+        item = plan.add(Case("", model, frame.pairs.index.astype(np.int64)), f"traced {name}", delay=DELAY,
+                        sh_degree=frame.words.sh_degree)
+        assert (item.expected["points"] == points[frame.pairs.splat]).all()
+    return plan.runs
+
+
+def quick_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """All runs but those of real scenes."""
+    return [*unit_plan(config, seed), *model_plan(config, seed), *rate_plan(config, seed)]
+
+
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """All runs."""
-    return [*unit_plan(config, seed), *model_plan(config, seed), *rate_plan(config, seed)]
+    return [*quick_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "128x128"))]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:

@@ -37,7 +37,7 @@ LINES = TINY_SUPERTILES.header_lines
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """TINY_SUPERTILES' plan and outcome."""
-    plan = suite.full_plan(TINY_SUPERTILES, 0)
+    plan = suite.quick_plan(TINY_SUPERTILES, 0)
     return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("fetch"))
 
 
@@ -115,6 +115,13 @@ def test_the_strongest_opacity_must_be_found(monkeypatch, tmp_path):
     monkeypatch.setattr(record_fetch, "_larger", lambda a, b: Mux(a > b, b, a))
     failures = _faulty(tmp_path)
     assert len(failures) == len(DIRECTED) and all(found[0].startswith("points") for found in failures.values())
+
+
+def test_traced_frames_of_the_embedded_scene(monkeypatch, tmp_path):
+    monkeypatch.setenv("MSV2_DATA", str(tmp_path / "absent"))
+    plan = suite.traced_plan(TINY_SUPERTILES, "64x48")
+    assert len(plan) == 2 and suite.run_plan(TINY_SUPERTILES, plan, tmp_path / "run").failures == {}
+    assert all(len(item.expected["points"]) > 300 for item in plan)
 
 
 def test_latency_and_the_cycles_of_clearing():
